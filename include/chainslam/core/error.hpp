@@ -1,0 +1,49 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace chainslam {
+
+/// A file or device that could not be read or written as asked.
+///
+/// `what()` is three lines: path and place; what was found; what to do.
+class IoError : public std::runtime_error {
+ public:
+  enum class Kind { input, output };
+
+  struct Report {
+    std::string path;    ///< file or directory as the caller named it
+    std::string place;   ///< "line 12, field qx" or "byte 4096"; empty if the whole file is meant
+    std::string found;   ///< what was found there
+    std::string remedy;  ///< what the user can do
+  };
+
+  IoError(Kind kind, Report report) : std::runtime_error(format(report)), kind_(kind), report_(std::move(report)) {}
+
+  [[nodiscard]] Kind kind() const { return kind_; }
+  [[nodiscard]] const Report& report() const { return report_; }
+
+ private:
+  static std::string format(const Report& report) {
+    return report.path + (report.place.empty() ? "" : ", " + report.place) + "\n  found: " + report.found +
+           "\n  do: " + report.remedy;
+  }
+
+  Kind kind_;
+  Report report_;
+};
+
+/// Throws an `IoError` about something read.
+[[noreturn]] inline void throw_input_error(std::string path, std::string place, std::string found, std::string remedy) {
+  throw IoError(IoError::Kind::input, {std::move(path), std::move(place), std::move(found), std::move(remedy)});
+}
+
+/// Throws an `IoError` about something written.
+[[noreturn]] inline void throw_output_error(std::string path, std::string place, std::string found,
+                                            std::string remedy) {
+  throw IoError(IoError::Kind::output, {std::move(path), std::move(place), std::move(found), std::move(remedy)});
+}
+
+}  // namespace chainslam

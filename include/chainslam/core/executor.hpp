@@ -1,0 +1,52 @@
+#pragma once
+
+#include <algorithm>
+#include <concepts>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+
+namespace chainslam {
+
+/// Runs the chunks of a loop.
+///
+/// `for_chunks(count, grain, body)` calls `body(begin, end)` once for each chunk [c * grain, min((c + 1) * grain, count))
+/// and returns when all are done. Chunks depend on `count` and `grain` alone, never on the number of threads; they may run
+/// at the same time and in any order. The first exception, in chunk order, is rethrown.
+template <class E>
+concept Executor = requires(const E& executor, Index count, Index grain, void (*body)(Index, Index)) {
+  executor.for_chunks(count, grain, body);
+};
+
+/// Runs the chunks one after the other on the calling thread.
+struct Serial {
+  template <std::invocable<Index, Index> Body>
+  void for_chunks(Index count, Index grain, Body&& body) const {
+    for (Index begin = 0; begin < count;) {
+      const Index end = count - begin > grain ? begin + grain : count;
+      body(begin, end);
+      begin = end;
+    }
+  }
+};
+static_assert(Executor<Serial>);
+
+/// Reduces chunks in chunk order, so that any executor and any number of threads give the same bits.
+///
+/// @param chunk    `T chunk(Index begin, Index end)`: the partial result of one chunk.
+/// @param combine  `T combine(T left, T right)`: joins two partial results; applied from the first chunk to the last.
+template <class T, Executor E, std::invocable<Index, Index> Chunk, class Combine>
+[[nodiscard]] T reduce_chunks(const E& executor, Index count, Index grain, T identity, Chunk&& chunk,
+                              Combine&& combine) {
+  if (count <= 0) return identity;
+  const Index chunks = (count - 1) / grain + 1;
+  std::vector<T> partial(static_cast<std::size_t>(chunks), identity);
+  executor.for_chunks(count, grain, [&](Index begin, Index end) {
+    partial[static_cast<std::size_t>(begin / grain)] = chunk(begin, end);
+  });
+  T result = std::move(identity);
+  for (T& part : partial) result = combine(std::move(result), std::move(part));
+  return result;
+}
+
+}  // namespace chainslam

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <chrono>
+#include <cmath>
+#include <compare>
+#include <cstdint>
+
+namespace chainslam {
+
+/// A span of time, in nanoseconds.
+using Duration = std::chrono::nanoseconds;
+
+/// Rounds seconds to the nearest nanosecond.
+[[nodiscard]] inline Duration seconds(double value) {
+  return Duration(static_cast<std::int64_t>(std::llround(value * 1e9)));
+}
+
+[[nodiscard]] constexpr double to_seconds(Duration duration) { return static_cast<double>(duration.count()) * 1e-9; }
+
+/// A point in time: nanoseconds since the data set's own epoch. Never a double: at 1.6e9 s a double's step is 0.24 us.
+class Timestamp {
+ public:
+  constexpr Timestamp() = default;
+  constexpr explicit Timestamp(Duration since_epoch) : since_epoch_(since_epoch) {}
+
+  [[nodiscard]] static constexpr Timestamp from_nanoseconds(std::int64_t value) { return Timestamp(Duration(value)); }
+  [[nodiscard]] static constexpr Timestamp from_microseconds(std::int64_t value) {
+    return Timestamp(std::chrono::microseconds(value));
+  }
+  /// For files that state seconds as a decimal number that was already rounded to a double.
+  [[nodiscard]] static Timestamp from_seconds(double value) { return Timestamp(chainslam::seconds(value)); }
+
+  [[nodiscard]] constexpr std::int64_t nanoseconds() const { return since_epoch_.count(); }
+  [[nodiscard]] constexpr double to_seconds() const { return chainslam::to_seconds(since_epoch_); }
+
+  friend constexpr auto operator<=>(const Timestamp&, const Timestamp&) = default;
+  friend constexpr Duration operator-(Timestamp a, Timestamp b) { return a.since_epoch_ - b.since_epoch_; }
+  friend constexpr Timestamp operator+(Timestamp t, Duration d) { return Timestamp(t.since_epoch_ + d); }
+  friend constexpr Timestamp operator-(Timestamp t, Duration d) { return Timestamp(t.since_epoch_ - d); }
+
+ private:
+  Duration since_epoch_{0};
+};
+
+}  // namespace chainslam

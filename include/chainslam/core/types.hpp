@@ -1,0 +1,42 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <compare>
+#include <concepts>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace chainslam {
+
+/// Counts and positions inside the library. Sizes come in as `std::size_t` and are checked once, at the door, by `to_index`.
+using Index = std::int32_t;
+
+/// Narrows a size to `Index`.
+/// @throws std::invalid_argument if it does not fit; `what` names the thing that was too large.
+template <std::integral Size>
+[[nodiscard]] constexpr Index to_index(Size size, const char* what = "size") {
+  if (!std::in_range<Index>(size)) throw std::invalid_argument(std::string(what) + " exceeds 2^31 - 1");
+  return static_cast<Index>(size);
+}
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+/// An index that knows what it counts, so that a session's number is never taken for a keyframe's.
+template <class Tag>
+struct Id {
+  Index value = -1;
+
+  [[nodiscard]] constexpr bool valid() const { return value >= 0; }
+  friend constexpr auto operator<=>(Id, Id) = default;
+};
+
+/// Keyframes are numbered through all sessions of a map, in the order in which they were added, from 0.
+using KeyframeId = Id<struct KeyframeTag>;
+/// Sessions of a map are numbered in the order in which they were added, from 0.
+using SessionId = Id<struct SessionTag>;
+
+}  // namespace chainslam

@@ -1,0 +1,16 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "chainslam/core/timestamp.hpp"
+
+namespace chainslam {
+
+/// One reading of an inertial unit, in its own frame (`body`).
+struct ImuSample {
+  Timestamp time;
+  Eigen::Vector3d gyro = Eigen::Vector3d::Zero();   ///< angular rate, rad/s
+  Eigen::Vector3d accel = Eigen::Vector3d::Zero();  ///< specific force, m/s^2: +9.81 upwards at rest
+};
+
+}  // namespace chainslam
