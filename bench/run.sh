@@ -1,0 +1,91 @@
+#!/usr/bin/env bash
+# Installs what is missing, builds the benches and runs them.
+set -euo pipefail
+root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+
+usage() {
+  cat <<TEXT
+usage: bench/run.sh [--json FILE] [--peers] [--no-plain] [--smoke] [FILTER]
+  --json FILE   write Google Benchmark's JSON to FILE (all rooms in one)
+  --peers       install PCL, Open3D and Ceres from Debian and build the comparisons with them
+  --no-plain    leave out the second column, compiled for plain x86-64
+  --smoke       each bench once, briefly: do they run?
+  FILTER        a regular expression on names, for instance 'search/kd_tree'
+environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA, CHAINSLAM_JOBS
+TEXT
+}
+
+json="" peers=OFF plain=yes minimum_time=0.5 filter=""
+while [ $# -gt 0 ]; do
+  case "$1" in
+    --json) [ $# -ge 2 ] || { usage >&2; exit 2; }; json="$2"; shift ;;
+    --peers) peers=ON ;;
+    --no-plain) plain=no ;;
+    --no-plain) plain=no ;;
+    --smoke) minimum_time=0.001 plain=no ;;
+    -h | --help) usage; exit 0 ;;
+    -*) usage >&2; echo "bench/run.sh: unknown option $1" >&2; exit 2 ;;
+    *) filter="$1" ;;
+  esac
+  shift
+done
+. "$root/third_party/setup.sh"
+case "$json" in "" | /*) ;; *) json="$PWD/$json" ;; esac
+
+# shellcheck disable=SC2086
+if [ "$peers" = ON ]; then
+  install_packages $packages_build $packages_program $packages_bench $packages_peers
+else
+  install_packages $packages_build $packages_program $packages_bench
+fi
+unpack_data
+[ "$peers" = ON ] || say "skipped" "peers PCL, Open3D and Ceres (bench/run.sh --peers installs and builds them)"
+
+rooms=()
+for file in "$root"/bench/*/*_bench.cpp; do rooms+=("$(basename "$(dirname "$file")")"); done
+mapfile -t rooms < <(printf '%s\n' "${rooms[@]}" | sort -u)
+targets="${rooms[*]/#/bench_}"
+columns=("")
+if [ "$plain" = yes ]; then
+  columns+=(_plain)
+  for room in "${rooms[@]}"; do targets="$targets bench_${room}_plain"; done
+fi
+configure_and_build bench "the benches, -O3" "$targets" -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
+  -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BENCH_PEERS=$peers
+
+results="$build/bench/results"
+rm -rf "$results" && mkdir -p "$results"
+ran=0
+for column in "${columns[@]}"; do
+  say "column" "$([ -z "$column" ] && echo '-O3 -march=native' || echo '-O3, plain x86-64')"
+  for room in "${rooms[@]}"; do
+    "$build/bench/bench/bench_$room$column" --benchmark_filter="${filter:-.}" --benchmark_min_time="$minimum_time" \
+      --benchmark_counters_tabular=true --benchmark_out="$results/$room$column.json" --benchmark_out_format=json \
+      2>"$results/$room$column.log" || { cat "$results/$room$column.log" >&2; fail "bench_$room$column stopped"; }
+    if grep -q '"error_occurred": true' "$results/$room$column.json" 2>/dev/null; then
+      fail "bench_$room$column reports an error (see above)"
+    fi
+    count="$(grep -c '"run_type"' "$results/$room$column.json" 2>/dev/null || true)"
+    ran=$((ran + ${count:-0}))
+  done
+done
+[ "$ran" -gt 0 ] || fail "no bench matches '$filter'" 2
+
+# One JSON file: the context of the first run, and the results of all; plain ones carry "plain/" before their names.
+if [ -n "$json" ]; then
+  {
+    sed -n '1,/"benchmarks": \[/p' "$results/${rooms[0]}.json"
+    first=yes
+    for file in "$results"/*.json; do
+      body="$(sed '1,/"benchmarks": \[/d' "$file" | sed '$d' | sed '$d')"
+      [ -n "${body//[[:space:]]/}" ] || continue
+      case "$file" in *_plain.json) body="$(sed 's|"name": "|"name": "plain/|; s|"run_name": "|"run_name": "plain/|' <<<"$body")" ;; esac
+      [ "$first" = yes ] || echo "    ,"
+      first=no
+      printf '%s\n' "$body"
+    done
+    printf '  ]\n}\n'
+  } >"$json.part" && mv "$json.part" "$json" || fail "cannot write $json"
+  say "json" "$json"
+fi
+say "passed" "$ran benches ran"

@@ -1,0 +1,45 @@
+#!/usr/bin/env bash
+# Installs what is missing, builds the program and runs it: on the embedded town drive, or with your own arguments.
+set -euo pipefail
+root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+. "$root/third_party/setup.sh"
+
+case "${1:-}" in
+  -h | --help)
+    cat <<TEXT
+usage: examples/run.sh [--fresh]       simulate a town drive, map it, check the result, write a report
+       examples/run.sh VERB ARGS...    build the program and run it: chainslam VERB ARGS...
+                                       (examples/run.sh help lists the verbs)
+environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_JOBS
+TEXT
+    exit 0 ;;
+esac
+
+# shellcheck disable=SC2086
+install_packages $packages_build $packages_program
+configure_and_build release "the program" chainslam_program -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
+  -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF
+program="$build/release/examples/chainslam"
+
+if [ $# -gt 0 ] && [ "$1" != --fresh ]; then
+  [ "$1" = help ] && set -- --help
+  exec "$program" "$@"
+fi
+
+demo="$build/demo"
+mkdir -p "$demo" || fail "cannot write to $demo; set CHAINSLAM_BUILD_DIR to a folder that can be written"
+[ "${1:-}" = --fresh ] && rm -rf "$demo/town" "$demo/map"
+if [ -f "$demo/town/README.txt" ]; then
+  say "drive" "$demo/town is there from an earlier run (examples/run.sh --fresh makes it anew)"
+else
+  "$program" simulate town --out "$demo/town" --overwrite || fail "the simulator stopped" $?
+fi
+rm -rf "$demo"/map~*
+status=0
+"$program" map "$demo/town" --out "$demo/map" --overwrite --config "$root/examples/town.toml" || status=$?
+case $status in
+  0) say "passed" "the map meets the bounds of examples/town.toml" ;;
+  5) fail "the map misses a bound of examples/town.toml; see $demo/map/summary.json" 5 ;;
+  *) fail "the mapper stopped with exit code $status" "$status" ;;
+esac
+say "report" "$demo/map/report.html"

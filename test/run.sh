@@ -1,0 +1,142 @@
+#!/usr/bin/env bash
+# Installs what is missing, builds the tests and runs them.
+set -euo pipefail
+root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+
+usage() {
+  cat <<TEXT
+usage: test/run.sh [--quick | --full] [ROOM...]
+  (nothing)   g++ -O2; clang with ASan and UBSan; TSan for what runs in threads; every header alone; consumers
+  --quick     g++ -O2 only, without the long runs: a few minutes
+  --full      all of the default, clang -O2 as well, every bench once, and the example from end to end
+  ROOM        only these rooms (folders of test/), for instance: lie io
+environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA (a folder of real data), CHAINSLAM_JOBS,
+             CHAINSLAM_TEST_SEED (repeat one seed of the property tests)
+TEXT
+}
+
+mode=default
+rooms=()
+for argument in "$@"; do
+  case "$argument" in
+    --quick) mode=quick ;;
+    --full) mode=full ;;
+    -h | --help) usage; exit 0 ;;
+    -*) usage >&2; echo "test/run.sh: unknown option $argument" >&2; exit 2 ;;
+    *) [ -d "$root/test/$argument" ] || { echo "test/run.sh: no folder test/$argument" >&2; exit 2; }
+       rooms+=("$argument") ;;
+  esac
+done
+. "$root/third_party/setup.sh"
+
+passed=0 failed=0 skipped=0 failures=()
+
+# run_step NAME COMMAND...: a step that is not a doctest program; counts as one test.
+run_step() {
+  local name="$1" start=$SECONDS log
+  shift
+  log="$build/logs/${name//[^a-zA-Z0-9_]/_}.log"
+  if "$@" >"$log" 2>&1; then
+    passed=$((passed + 1))
+    say "passed" "$name ($((SECONDS - start)) s)"
+  else
+    failed=$((failed + 1))
+    failures+=("$name: see $log")
+    tail -n 40 "$log"
+    say "FAILED" "$name"
+  fi
+}
+
+# run_programs FOLDER LABEL ROOM...: runs the rooms' doctest programs and adds up their counts.
+run_programs() {
+  local folder="$1" label="$2" room program log start counts
+  shift 2
+  for room in "$@"; do
+    program="$build/$folder/test/test_$room"
+    log="$build/logs/$folder-$room.log"
+    start=$SECONDS
+    local status=0
+    "$program" >"$log" 2>&1 || status=$?
+    skipped=$((skipped + $(grep -c '^SKIPPED' "$log" || true)))
+    grep '^SKIPPED' "$log" | sed 's/^/             /' || true
+    grep '^FIGURE' "$log" | sed 's/^FIGURE/            /' || true
+    counts="$(grep -a '^\[doctest\] test cases:' "$log" | grep -oE '[0-9]+ (passed|failed)' | grep -oE '[0-9]+' | tr '\n' ' ')"
+    read -r ok bad <<<"${counts:-0 1}"
+    if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
+    passed=$((passed + ok)) failed=$((failed + bad))
+    if [ "$bad" -eq 0 ]; then
+      say "passed" "$label $room: $ok tests ($((SECONDS - start)) s)"
+    else
+      failures+=("$label $room: see $log; repeat with $program")
+      grep -aE -A 12 'ERROR|FATAL|Sanitizer|seed' "$log" | head -n 60
+      say "FAILED" "$label $room: $bad of $((ok + bad))"
+    fi
+  done
+}
+
+# slowest FOLDER: the translation units that took longest, so that a heavy one is noticed.
+slowest() {
+  local log="$build/$1/.ninja_log"
+  [ -f "$log" ] || return 0
+  awk -F'\t' 'NR > 1 && $4 ~ /\.o$/ { t[$4] = ($2 - $1) / 1000 } END { for (o in t) printf "%.0f %s\n", t[o], o }' "$log" |
+    sort -rn | head -n 5 | while read -r time object; do say "" "compiled in $time s: ${object##*.dir/}"; done
+}
+
+all_rooms() {
+  local file
+  for file in "$root"/test/*/*_test.cpp; do basename "$(dirname "$file")"; done | sort -u
+}
+
+mkdir -p "$build/logs" || fail "cannot write to $build; set CHAINSLAM_BUILD_DIR to a folder that can be written"
+# shellcheck disable=SC2086
+if [ "$mode" = quick ]; then
+  install_packages $packages_build $packages_program $packages_test
+else
+  install_packages $packages_build $packages_program $packages_test $packages_sanitizers $packages_bench
+fi
+unpack_data
+if [ ${#rooms[@]} -eq 0 ]; then mapfile -t rooms < <(all_rooms); selected=all; else selected=some; fi
+programs="${rooms[*]/#/test_}"
+threaded=""
+for room in core odometry registration slam simulator; do
+  case " ${rooms[*]} " in *" $room "*) threaded="$threaded $room" ;; esac
+done
+[ "$mode" = quick ] && export CHAINSLAM_QUICK=1
+
+common=(-DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_FLAGS_RELEASE=-O2 -DCHAINSLAM_BUILD_BENCH=OFF)
+configure_and_build gcc "g++, -O2" "$programs" "${common[@]}" -DCMAKE_CXX_COMPILER=g++
+slowest gcc
+run_programs gcc "g++" "${rooms[@]}"
+
+if [ "$mode" != quick ]; then
+  # Assertions stay on under the sanitizers; the long real-data runs stay with the fast build.
+  export CHAINSLAM_QUICK=1
+  sanitized=(-DCMAKE_BUILD_TYPE=Sanitized -DCMAKE_CXX_FLAGS_SANITIZED=-O1 -DCHAINSLAM_BUILD_BENCH=OFF
+             -DCMAKE_CXX_COMPILER=clang++-14)
+  configure_and_build asan "clang, ASan + UBSan" "$programs" "${sanitized[@]}" -DCHAINSLAM_SANITIZE=address
+  run_programs asan "ASan" "${rooms[@]}"
+  if [ -n "$threaded" ]; then
+    # shellcheck disable=SC2086
+    configure_and_build tsan "clang, TSan" "$(printf 'test_%s ' $threaded)" "${sanitized[@]}" -DCHAINSLAM_SANITIZE=thread
+    # shellcheck disable=SC2086
+    run_programs tsan "TSan" $threaded
+  fi
+  if [ "$selected" = all ]; then
+    run_step "every header compiles alone" configure_and_build headers "headers" all_verify_interface_header_sets \
+      "${common[@]}" -DCMAKE_VERIFY_INTERFACE_HEADER_SETS=ON
+    run_step "errors at the seams can be read" "$root/test/compile_fail/run.sh" "$root/include"
+    run_step "consumers build" "$root/test/consumer/run.sh" "$build/consumer"
+  fi
+fi
+if [ "$mode" = full ]; then
+  unset CHAINSLAM_QUICK
+  configure_and_build clang "clang, -O2" "$programs" "${common[@]}" -DCMAKE_CXX_COMPILER=clang++-14
+  run_programs clang "clang" "${rooms[@]}"
+  run_step "every bench runs" "$root/bench/run.sh" --smoke
+  run_step "the example runs from end to end" "$root/examples/run.sh"
+fi
+
+for failure in ${failures[@]+"${failures[@]}"}; do say "FAILED" "$failure"; done
+say "time" "$((SECONDS / 60)) min $((SECONDS % 60)) s"
+echo "tests: $passed passed, $failed failed, $skipped skipped"
+[ "$failed" -eq 0 ] && [ "$passed" -gt 0 ]

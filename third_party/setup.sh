@@ -1,0 +1,92 @@
+# Sourced by examples/run.sh, test/run.sh and bench/run.sh: packages, build folder, real data.
+#
+# In:  root  the checkout. Environment: CHAINSLAM_BUILD_DIR, CHAINSLAM_DATA, CHAINSLAM_JOBS (default: all cores).
+# Out: build, jobs; functions say, fail, install_packages, configure_and_build, unpack_data.
+
+build="${CHAINSLAM_BUILD_DIR:-$root/build}"
+jobs="${CHAINSLAM_JOBS:-$(nproc)}"
+
+say() { printf '%-12s %s\n' "$1" "$2"; }
+fail() {
+  say "failed" "$1" >&2
+  exit "${2:-1}"
+}
+
+packages_build="g++ cmake ninja-build pkg-config libeigen3-dev"
+packages_program="libtomlplusplus-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libgeographiclib-dev libpng-dev libjs-three"
+packages_test="doctest-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
+packages_sanitizers="clang-14 libclang-rt-14-dev"
+packages_bench="libbenchmark-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
+packages_peers="libpcl-dev libopen3d-dev libceres-dev"
+
+# Installs the Debian packages that are missing; says which.
+install_packages() {
+  local missing=() name
+  command -v dpkg-query >/dev/null || { say "packages" "not a Debian system: taking what is installed"; return 0; }
+  for name in "$@"; do
+    dpkg-query -W -f='${Status}' "$name" 2>/dev/null | grep -q '^install ok installed' || missing+=("$name")
+  done
+  if [ ${#missing[@]} -eq 0 ]; then say "packages" "$# of $# present"; return 0; fi
+  say "packages" "installing ${missing[*]}"
+  local as_root=()
+  if [ "$(id -u)" -ne 0 ]; then
+    command -v sudo >/dev/null || fail "root or sudo is needed; run as root: apt-get install ${missing[*]}"
+    as_root=(sudo)
+  fi
+  local log="$build/packages.log"
+  mkdir -p "$build" || fail "cannot write to $build; set CHAINSLAM_BUILD_DIR to a folder that can be written"
+  { "${as_root[@]}" apt-get update &&
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"; } \
+    >"$log" 2>&1 || { tail -n 15 "$log" >&2; fail "apt-get could not install them; the whole log is in $log"; }
+}
+
+# configure_and_build FOLDER LABEL TARGETS CMAKE-ARGUMENTS...: builds quietly; on an error prints it and stops.
+configure_and_build() {
+  local folder="$build/$1" label="$2" targets="$3" log start=$SECONDS
+  shift 3
+  mkdir -p "$folder" || fail "cannot write to $folder; set CHAINSLAM_BUILD_DIR to a folder that can be written"
+  log="$folder/build.log"
+  # shellcheck disable=SC2086
+  if ! { cmake -S "$root" -B "$folder" -G Ninja "$@" && cmake --build "$folder" -j "$jobs" --target $targets; } \
+    >"$log" 2>&1; then
+    grep -E -A 12 'error|FAILED|CMake Error' "$log" | head -n 60 >&2
+    fail "the build stopped; the whole log is in $log"
+  fi
+  say "build" "$label: $((SECONDS - start)) s"
+}
+
+# Finds the folder of real data and unpacks its archives once, below the build folder; the data itself is never written
+# to. Exports CHAINSLAM_UNPACKED_DATA: the unpacked folder, or empty when there is no data.
+# An archive a/b.tar.xz is unpacked into a/b/, a/c.zip into a/c/, a file a/d.txt.xz to a/d.txt; other files are linked.
+unpack_data() {
+  local source="${CHAINSLAM_DATA:-}" file target
+  export CHAINSLAM_UNPACKED_DATA=""
+  if [ -z "$source" ] && [ -d "$root/../shared/data" ]; then source="$root/../shared/data"; fi
+  if [ -z "$source" ]; then
+    say "data" "none: CHAINSLAM_DATA is unset; what needs real data is skipped"
+    return 0
+  fi
+  [ -d "$source" ] || fail "CHAINSLAM_DATA=$source is not a folder; set it to a folder of data sets, or unset it"
+  source="$(cd "$source" && pwd)"
+  while IFS= read -r -d '' file; do
+    target="$build/data/${file#"$source"/}"
+    case "$file" in
+      *.tar.xz) target="${target%.tar.xz}" ;;
+      *.tar) target="${target%.tar}" ;;
+      *.zip) target="${target%.zip}" ;;
+      *.xz) target="${target%.xz}" ;;
+    esac
+    if [ -e "$target" ] && [ -e "$target.stamp" ] && [ ! "$file" -nt "$target.stamp" ]; then continue; fi
+    mkdir -p "$(dirname "$target")"
+    rm -rf "$target" "$target.part"
+    case "$file" in
+      *.tar.xz | *.tar) mkdir "$target.part" && tar -xf "$file" -C "$target.part" --no-same-owner ;;
+      *.zip) mkdir "$target.part" && unzip -q "$file" -d "$target.part" ;;
+      *.xz) xz -dc "$file" >"$target.part" ;;
+      *) ln -s "$file" "$target.part" ;;
+    esac || fail "cannot unpack $file into $target.part: is the disk full, or the archive damaged?"
+    mv "$target.part" "$target" && touch "$target.stamp"
+  done < <(find "$source" -type f -print0)
+  CHAINSLAM_UNPACKED_DATA="$build/data"
+  say "data" "$source (unpacked in $CHAINSLAM_UNPACKED_DATA)"
+}
