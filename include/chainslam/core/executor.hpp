@@ -1,7 +1,9 @@
 #pragma once
 
-#include <algorithm>
 #include <concepts>
+#include <cstddef>
+#include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
@@ -10,18 +12,33 @@ namespace chainslam {
 
 /// Runs the chunks of a loop.
 ///
-/// `for_chunks(count, grain, body)` calls `body(begin, end)` once for each chunk [c * grain, min((c + 1) * grain, count))
-/// and returns when all are done. Chunks depend on `count` and `grain` alone, never on the number of threads; they may run
-/// at the same time and in any order. The first exception, in chunk order, is rethrown.
+/// `for_chunks(count, grain, body)` calls `body(begin, end)` once for each chunk [c * grain, min((c + 1) * grain,
+/// count)) and returns when all are done. Chunks depend on `count` and `grain` alone, never on the number of threads;
+/// they may run at the same time and in any order. The exception of the first chunk, in chunk order, that throws is
+/// rethrown; chunks after it may be left out. A grain below 1 is a std::invalid_argument.
 template <class E>
 concept Executor = requires(const E& executor, Index count, Index grain, void (*body)(Index, Index)) {
   executor.for_chunks(count, grain, body);
 };
 
+namespace detail {
+
+inline void require_grain(Index grain) {
+  if (grain < 1) throw std::invalid_argument("for_chunks: grain must be at least 1");
+}
+
+/// Number of chunks of `grain` that cover `count`.
+[[nodiscard]] constexpr Index count_chunks(Index count, Index grain) {
+  return count <= 0 ? 0 : (count - 1) / grain + 1;
+}
+
+}  // namespace detail
+
 /// Runs the chunks one after the other on the calling thread.
 struct Serial {
   template <std::invocable<Index, Index> Body>
   void for_chunks(Index count, Index grain, Body&& body) const {
+    detail::require_grain(grain);
     for (Index begin = 0; begin < count;) {
       const Index end = count - begin > grain ? begin + grain : count;
       body(begin, end);
@@ -38,9 +55,8 @@ static_assert(Executor<Serial>);
 template <class T, Executor E, std::invocable<Index, Index> Chunk, class Combine>
 [[nodiscard]] T reduce_chunks(const E& executor, Index count, Index grain, T identity, Chunk&& chunk,
                               Combine&& combine) {
-  if (count <= 0) return identity;
-  const Index chunks = (count - 1) / grain + 1;
-  std::vector<T> partial(static_cast<std::size_t>(chunks), identity);
+  detail::require_grain(grain);
+  std::vector<T> partial(static_cast<std::size_t>(detail::count_chunks(count, grain)), identity);
   executor.for_chunks(count, grain, [&](Index begin, Index end) {
     partial[static_cast<std::size_t>(begin / grain)] = chunk(begin, end);
   });
