@@ -1,0 +1,80 @@
+#pragma once
+
+#include <span>
+
+#include "chainslam/cloud/point_cloud.hpp"
+
+namespace chainslam::detail {
+
+template <class T>
+inline constexpr bool is_point_cloud = false;
+template <class Scalar>
+inline constexpr bool is_point_cloud<PointCloud<Scalar>> = true;
+
+/// Whether the cloud at hand carries a column: a `PointCloud` may leave it empty, other types have it by their traits.
+template <Cloud Points>
+[[nodiscard]] bool carries_normals(const Points& cloud) {
+  if constexpr (is_point_cloud<Points>) return cloud.has_normals();
+  return OrientedCloud<Points> && cloud_size(cloud) > 0;
+}
+
+template <Cloud Points>
+[[nodiscard]] bool carries_times(const Points& cloud) {
+  if constexpr (is_point_cloud<Points>) return cloud.has_times();
+  return TimedCloud<Points> && cloud_size(cloud) > 0;
+}
+
+template <Cloud Points>
+[[nodiscard]] bool carries_intensities([[maybe_unused]] const Points& cloud) {
+  if constexpr (is_point_cloud<Points>) return cloud.has_intensities();
+  return false;
+}
+
+/// Normal i in double; call only if the cloud carries normals.
+template <Cloud Points>
+[[nodiscard]] Eigen::Vector3d normal(const Points& cloud, std::size_t i) {
+  if constexpr (OrientedCloud<Points>) {
+    const auto& n = CloudTraits<Points>::normal(cloud, i);
+    return {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])};
+  } else {
+    return Eigen::Vector3d::Zero();
+  }
+}
+
+/// Time offset i, seconds; call only if the cloud carries times.
+template <Cloud Points>
+[[nodiscard]] float time_offset(const Points& cloud, std::size_t i) {
+  if constexpr (TimedCloud<Points>) {
+    return static_cast<float>(CloudTraits<Points>::time_offset(cloud, i));
+  } else {
+    return 0;
+  }
+}
+
+/// Intensity i; call only if the cloud carries intensities.
+template <Cloud Points>
+[[nodiscard]] float intensity(const Points& cloud, std::size_t i) {
+  if constexpr (is_point_cloud<Points>) {
+    return cloud.intensities[i];
+  } else {
+    return 0;
+  }
+}
+
+/// The points at `indices`, in that order, with every column the cloud carries.
+template <class Scalar, Cloud Points>
+[[nodiscard]] PointCloud<Scalar> select(const Points& cloud, std::span<const Index> indices) {
+  PointCloud<Scalar> chosen;
+  const auto fill = [&](auto& column, auto&& value) {
+    column.reserve(indices.size());
+    for (const Index i : indices) column.push_back(value(static_cast<std::size_t>(i)));
+  };
+  fill(chosen.positions, [&](std::size_t i) { return position(cloud, i).template cast<Scalar>().eval(); });
+  if (carries_normals(cloud))
+    fill(chosen.normals, [&](std::size_t i) { return normal(cloud, i).template cast<Scalar>().eval(); });
+  if (carries_times(cloud)) fill(chosen.time_offsets, [&](std::size_t i) { return time_offset(cloud, i); });
+  if (carries_intensities(cloud)) fill(chosen.intensities, [&](std::size_t i) { return intensity(cloud, i); });
+  return chosen;
+}
+
+}  // namespace chainslam::detail

@@ -1,0 +1,34 @@
+#pragma once
+
+#include "chainslam/cloud/detail/columns.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/lie/se3.hpp"
+
+namespace chainslam {
+
+/// The cloud seen from frame a: p_a = T_a_b * p_b, computed in double; normals are rotated, other columns copied.
+///
+/// NaN points stay NaN. Coordinates of the result should be near a's origin: float keeps 1 mm up to 8 km.
+template <Cloud Points>
+[[nodiscard]] PointCloud<float> transformed(const Points& cloud, const SE3d& T_a_b) {
+  const Eigen::Matrix3d R_a_b = T_a_b.rotation().matrix();
+  const Eigen::Vector3d& p_a_b = T_a_b.translation();
+  const std::size_t count = cloud_size(cloud);
+  PointCloud<float> result;
+  const auto fill = [&](auto& column, auto&& value) {
+    column.resize(count);
+    for (std::size_t i = 0; i < count; ++i) column[i] = value(i);
+  };
+  fill(result.positions,
+       [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * position(cloud, i) + p_a_b).cast<float>(); });
+  if (detail::carries_normals(cloud))
+    fill(result.normals,
+         [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * detail::normal(cloud, i)).cast<float>(); });
+  if (detail::carries_times(cloud))
+    fill(result.time_offsets, [&](std::size_t i) { return detail::time_offset(cloud, i); });
+  if (detail::carries_intensities(cloud))
+    fill(result.intensities, [&](std::size_t i) { return detail::intensity(cloud, i); });
+  return result;
+}
+
+}  // namespace chainslam
