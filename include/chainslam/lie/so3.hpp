@@ -1,0 +1,158 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+#include "chainslam/lie/detail/rotation_series.hpp"
+
+namespace chainslam {
+
+/// Rotations of space: unit quaternions, q and -q the same rotation.
+///
+/// Tangent: rotation vector, radians; right perturbation R * exp(w) (Sola et al. 2018). Exact at 0 and at pi in the scalar's
+/// own precision. Every product is brought back to unit length, so that |R'R - I| stays at rounding however long the chain.
+/// Default: identity. Four scalars, no alignment that depends on compiler flags.
+template <class Scalar_>
+class SO3 {
+ public:
+  using Scalar = Scalar_;
+  static constexpr int dof = 3;
+  using Tangent = Eigen::Matrix<Scalar, 3, 1>;
+  using Jacobian = Eigen::Matrix<Scalar, 3, 3>;
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
+  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;
+  using Quaternion = Eigen::Quaternion<Scalar, Eigen::DontAlign>;
+
+  SO3() : quaternion_(Quaternion::Identity()) {}
+
+  [[nodiscard]] static SO3 identity() { return SO3(); }
+
+  /// From any quaternion but zero. One that has unit length up to rounding is kept bit for bit, so that what was written to
+  /// a file comes back the same.
+  template <class Derived>
+  [[nodiscard]] static SO3 from_quaternion(const Eigen::QuaternionBase<Derived>& q) {
+    SO3 result{Quaternion(q)};
+    result.normalize();
+    return result;
+  }
+
+  /// From a matrix near a rotation, through the largest of the quaternion's four components (Shepperd 1978): no loss of
+  /// digits at any angle. Exact for rotations; a matrix off by e gives a rotation within O(e).
+  [[nodiscard]] static SO3 from_matrix(const Matrix3& R);
+
+  /// Turns by |w| about w.
+  [[nodiscard]] static SO3 exp(const Tangent& w) {
+    const Scalar quarter = w.squaredNorm() * detail::constant<Scalar>(0.25L);
+    const Scalar scale = detail::sinc(quarter) * detail::constant<Scalar>(0.5L);
+    return SO3(Quaternion(detail::cosine(quarter), scale * w[0], scale * w[1], scale * w[2]));
+  }
+
+  /// The rotation vector, |w| <= pi. At pi either sign is right; the same quaternion always gives the same one.
+  /// 2 atan2(|v|, w) holds its digits everywhere (Hertzberg et al. 2013).
+  [[nodiscard]] Tangent log() const {
+    const Scalar& w = quaternion_.w();
+    const bool flip = w < detail::constant<Scalar>(0);
+    const Scalar abs_w = flip ? Scalar(-w) : w;
+    const Scalar scale =
+        detail::constant<Scalar>(2) * detail::atan_over_argument<Scalar>(quaternion_.vec().squaredNorm(), abs_w);
+    return quaternion_.vec() * (flip ? Scalar(-scale) : scale);
+  }
+
+  [[nodiscard]] SO3 inverse() const { return SO3(quaternion_.conjugate()); }
+
+  [[nodiscard]] SO3 operator*(const SO3& other) const {
+    SO3 product(quaternion_ * other.quaternion_);
+    // One Newton step towards length 1: exact to rounding, as both factors are.
+    product.quaternion_.coeffs() *=
+        detail::constant<Scalar>(1.5L) - product.quaternion_.squaredNorm() * detail::constant<Scalar>(0.5L);
+    return product;
+  }
+  SO3& operator*=(const SO3& other) { return *this = *this * other; }
+
+  [[nodiscard]] Vector3 operator*(const Vector3& p) const { return quaternion_ * p; }
+
+  /// *this * exp(w)
+  [[nodiscard]] SO3 retract(const Tangent& w) const { return *this * exp(w); }
+  /// log(inverse() * other): retract(local(other)) is `other`.
+  [[nodiscard]] Tangent local(const SO3& other) const { return (inverse() * other).log(); }
+
+  [[nodiscard]] Matrix3 matrix() const { return quaternion_.toRotationMatrix(); }
+  [[nodiscard]] const Quaternion& quaternion() const { return quaternion_; }
+
+  /// R exp(w) R^-1 = exp(adjoint() w)
+  [[nodiscard]] Jacobian adjoint() const { return matrix(); }
+
+  /// The matrix of w x (.).
+  [[nodiscard]] static Matrix3 hat(const Tangent& w) { return detail::hat3<Scalar>(w); }
+
+  /// d exp: exp(w + d) = exp(left_jacobian(w) d) * exp(w) to first order.
+  [[nodiscard]] static Jacobian left_jacobian(const Tangent& w) {
+    const auto coefficients = detail::jacobian_coefficients<Scalar>(w.squaredNorm());
+    return Jacobian::Identity() + coefficients.b * hat(w) + coefficients.c * detail::hat_product<Scalar>(w, w);
+  }
+  /// Singular at |w| = 2 pi.
+  [[nodiscard]] static Jacobian left_jacobian_inverse(const Tangent& w) {
+    return Jacobian::Identity() - detail::constant<Scalar>(0.5L) * hat(w) +
+           detail::inverse_jacobian_coefficient<Scalar>(w.squaredNorm()) * detail::hat_product<Scalar>(w, w);
+  }
+  /// exp(w + d) = exp(w) * exp(right_jacobian(w) d) to first order.
+  [[nodiscard]] static Jacobian right_jacobian(const Tangent& w) { return left_jacobian(-w); }
+  /// Singular at |w| = 2 pi.
+  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent& w) { return left_jacobian_inverse(-w); }
+
+  /// Brings the quaternion back to unit length.
+  void normalize() {
+    using std::abs, std::sqrt;
+    const Scalar squared = quaternion_.squaredNorm();
+    const Scalar rounding = detail::constant<Scalar>(8 * static_cast<long double>(epsilon()));
+    if (abs(squared - detail::constant<Scalar>(1)) > rounding) quaternion_.coeffs() /= sqrt(squared);
+  }
+
+  template <class Other>
+  [[nodiscard]] SO3<Other> cast() const {
+    return SO3<Other>::from_quaternion(quaternion_.template cast<Other>());
+  }
+
+  friend bool operator==(const SO3& a, const SO3& b) { return a.quaternion_.coeffs() == b.quaternion_.coeffs(); }
+
+ private:
+  explicit SO3(const Quaternion& unit) : quaternion_(unit) {}
+
+  static constexpr auto epsilon() {
+    if constexpr (std::is_floating_point_v<Scalar>)
+      return std::numeric_limits<Scalar>::epsilon();
+    else
+      return std::numeric_limits<double>::epsilon();
+  }
+
+  Quaternion quaternion_;
+};
+
+using SO3d = SO3<double>;
+using SO3f = SO3<float>;
+
+template <class Scalar>
+SO3<Scalar> SO3<Scalar>::from_matrix(const Matrix3& R) {
+  const Scalar one = detail::constant<Scalar>(1);
+  Eigen::Matrix<Scalar, 4, 1> q;  // x, y, z, w, each times the largest of them
+  const Scalar trace = R.trace();
+  int pivot = 0;
+  for (int i = 1; i < 3; ++i)
+    if (R(i, i) > R(pivot, pivot)) pivot = i;
+  if (trace > R(pivot, pivot)) {
+    q << R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1), one + trace;
+  } else {
+    const int next = (pivot + 1) % 3;
+    const int last = (pivot + 2) % 3;
+    q[pivot] = one + R(pivot, pivot) - R(next, next) - R(last, last);
+    q[next] = R(next, pivot) + R(pivot, next);
+    q[last] = R(last, pivot) + R(pivot, last);
+    q[3] = R(last, next) - R(next, last);
+  }
+  return from_quaternion(Quaternion(q));
+}
+
+}  // namespace chainslam
