@@ -1,0 +1,34 @@
+#pragma once
+
+#include <concepts>
+#include <string_view>
+
+#include "chainslam/core/types.hpp"
+
+namespace chainslam {
+
+/// How far a stage has come.
+struct StageProgress {
+  std::string_view stage;  ///< "odometry", "closures", ...
+  Index done = 0;
+  Index total = 0;  ///< 0 if unknown
+};
+
+/// Hears what goes on inside a long computation; the library itself prints nothing.
+///
+/// Called on the thread that computes, between steps: it must be quick, must not throw, and must copy any text it
+/// keeps.
+template <class O>
+concept Observer = requires(O& observer, const StageProgress& progress, std::string_view text) {
+  observer.progress(progress);
+  observer.warning(text);
+};
+
+/// Hears nothing, costs nothing.
+struct NullObserver {
+  void progress(const StageProgress& /*progress*/) const {}
+  void warning(std::string_view /*text*/) const {}
+};
+static_assert(Observer<NullObserver>);
+
+}  // namespace chainslam
