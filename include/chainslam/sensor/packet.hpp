@@ -11,6 +11,11 @@ namespace chainslam {
 /// Whatever a sensor sent. A data set is a range of these in time order (a scan counts at its `end`).
 using Packet = std::variant<ImuSample, LidarScan, GnssFix>;
 
+/// What a packet holds, in the order of `Packet`'s alternatives.
+enum class SensorKind { imu, lidar, gnss };
+
+[[nodiscard]] inline SensorKind sensor_kind(const Packet& packet) { return static_cast<SensorKind>(packet.index()); }
+
 /// When the packet was whole: a scan's end, else the time of measurement.
 [[nodiscard]] inline Timestamp available_at(const Packet& packet) {
   struct Visitor {
