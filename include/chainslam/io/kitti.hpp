@@ -1,0 +1,77 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <filesystem>
+#include <string>
+
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/io/detail/pose_fields.hpp"
+#include "chainslam/io/detail/scalar_type.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
+
+namespace chainslam {
+
+/// Reads one of KITTI's Velodyne scans: records of four little-endian floats, x y z (metres, x forward, y left, z up)
+/// and reflectance. Points are kept as they are, NaN among them.
+/// Format: Geiger et al. 2013, Vision meets Robotics: the KITTI data set.
+/// @throws IoError if the file's size is no multiple of 16 bytes or it cannot be read.
+[[nodiscard]] inline PointCloud<float> read_kitti_bin(const std::filesystem::path& path) {
+  constexpr std::size_t stride = 16;
+  InputFile file(path);
+  file.require(0, "points");
+  const std::uint64_t size = file.size().value_or(0);
+  if (size % stride != 0)
+    file.fail("byte " + std::to_string(size - size % stride),
+              std::to_string(size % stride) + " bytes after the last point",
+              "KITTI's scans hold 16 bytes a point (x y z reflectance): the file was cut short or is of another kind");
+  const auto count = static_cast<std::size_t>(to_index(size / stride, "read_kitti_bin: the number of points"));
+  PointCloud<float> cloud;
+  cloud.positions.reserve(count);
+  cloud.intensities.reserve(count);
+  std::array<std::byte, stride> record{};
+  for (std::size_t i = 0; i < count; ++i) {
+    file.read(record, "a point");
+    cloud.positions.emplace_back(detail::load<float>(record.data()), detail::load<float>(record.data() + 4),
+                                 detail::load<float>(record.data() + 8));
+    cloud.intensities.push_back(detail::load<float>(record.data() + 12));
+  }
+  return cloud;
+}
+
+/// Reads KITTI's poses: rows of 12 numbers, the row-major 3x4 matrix [R | t]. The trajectory has no times.
+///
+/// Rotations may be off by 1e-3, as files with few digits are, and are made exact. '#' starts a comment line.
+/// @throws IoError naming line and field: not a number, not 12 numbers, no rotation.
+[[nodiscard]] inline Trajectory read_kitti_poses(const std::filesystem::path& path) {
+  InputFile file(path);
+  Trajectory trajectory;
+  while (const auto line = file.read_line()) {
+    const std::string_view text = detail::trimmed(*line);
+    if (text.empty() || text.starts_with('#')) continue;
+    detail::LineFields fields(file, text);
+    trajectory.poses.push_back(detail::read_matrix_3x4(fields));
+    fields.end("twelve numbers, a row-major 3x4 matrix");
+  }
+  return trajectory;
+}
+
+/// Writes poses as KITTI does; times are not written.
+/// @throws IoError if it cannot be written; the old file then stays.
+inline void write_kitti_poses(const std::filesystem::path& path, const Trajectory& trajectory) {
+  AtomicFile file(path);
+  std::string line;
+  for (const SE3d& pose : trajectory.poses) {
+    const Eigen::Matrix4d matrix = pose.matrix();
+    line.clear();
+    for (int i = 0; i < 12; ++i) {
+      detail::append_number(line, matrix(i / 4, i % 4));
+      line += i < 11 ? ' ' : '\n';
+    }
+    file.write(line);
+  }
+  file.commit();
+}
+
+}  // namespace chainslam
