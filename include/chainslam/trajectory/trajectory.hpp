@@ -1,8 +1,14 @@
 #pragma once
 
+#include <algorithm>
+#include <numeric>
+#include <optional>
+#include <span>
+#include <stdexcept>
 #include <vector>
 
 #include "chainslam/core/timestamp.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 
 namespace chainslam {
@@ -19,12 +25,64 @@ struct Trajectory {
   [[nodiscard]] bool has_times() const { return !poses.empty() && times.size() == poses.size(); }
 };
 
+/// Length of the polygon through the positions up to each of them, metres: as many values as poses, the first is 0.
+[[nodiscard]] inline std::vector<double> path_lengths(std::span<const SE3d> poses) {
+  std::vector<double> lengths(poses.size(), 0.0);
+  for (std::size_t i = 1; i < poses.size(); ++i)
+    lengths[i] = lengths[i - 1] + (poses[i].translation() - poses[i - 1].translation()).norm();
+  return lengths;
+}
+
 /// Length of the polygon through all positions, metres.
 [[nodiscard]] inline double path_length(const Trajectory& trajectory) {
-  double length = 0;
-  for (std::size_t i = 1; i < trajectory.size(); ++i)
-    length += (trajectory.poses[i].translation() - trajectory.poses[i - 1].translation()).norm();
-  return length;
+  return trajectory.empty() ? 0.0 : path_lengths(trajectory.poses).back();
+}
+
+/// Position of the first time that is not later than the one before it; nothing if times increase throughout.
+[[nodiscard]] inline std::optional<Index> first_disorder(std::span<const Timestamp> times) {
+  const auto found =
+      std::adjacent_find(times.begin(), times.end(), [](Timestamp before, Timestamp after) { return after <= before; });
+  if (found == times.end()) return std::nullopt;
+  return to_index(found - times.begin() + 1);
+}
+
+/// Position of the first pose with a number that is not finite; nothing if all are.
+[[nodiscard]] inline std::optional<Index> first_not_finite(std::span<const SE3d> poses) {
+  const auto found = std::find_if_not(poses.begin(), poses.end(), [](const SE3d& pose) {
+    return pose.translation().allFinite() && pose.rotation().quaternion().coeffs().allFinite();
+  });
+  if (found == poses.end()) return std::nullopt;
+  return to_index(found - poses.begin());
+}
+
+/// The poses at `indices`, in that order, with their times if there are any.
+[[nodiscard]] inline Trajectory subset(const Trajectory& trajectory, std::span<const Index> indices) {
+  Trajectory result;
+  for (const Index index : indices) {
+    result.poses.push_back(trajectory.poses[static_cast<std::size_t>(index)]);
+    if (trajectory.has_times()) result.times.push_back(trajectory.times[static_cast<std::size_t>(index)]);
+  }
+  return result;
+}
+
+/// The trajectory in the order of its times. Of poses with one time the first is kept.
+/// @throws std::invalid_argument if it has no times.
+[[nodiscard]] inline Trajectory sorted_by_time(const Trajectory& trajectory) {
+  if (trajectory.empty()) return {};
+  if (!trajectory.has_times()) throw std::invalid_argument("sorted_by_time: the trajectory has no times");
+  const auto time = [&](Index i) { return trajectory.times[static_cast<std::size_t>(i)]; };
+  std::vector<Index> order(static_cast<std::size_t>(to_index(trajectory.size(), "poses")));
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](Index a, Index b) { return time(a) < time(b); });
+  order.erase(std::unique(order.begin(), order.end(), [&](Index a, Index b) { return time(a) == time(b); }),
+              order.end());
+  return subset(trajectory, order);
+}
+
+/// The same path seen from another frame: T_new_reference * pose for each pose.
+[[nodiscard]] inline Trajectory transformed(const SE3d& T_new_reference, Trajectory trajectory) {
+  for (SE3d& pose : trajectory.poses) pose = T_new_reference * pose;
+  return trajectory;
 }
 
 }  // namespace chainslam
