@@ -20,10 +20,10 @@ template <Cloud Points>
     for (std::size_t i = 0; i < count; ++i) column[i] = value(i);
   };
   fill(result.positions,
-       [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * position(cloud, i) + p_a_b).cast<float>(); });
+       [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * position(cloud, i) + p_a_b).template cast<float>(); });
   if (detail::carries_normals(cloud))
     fill(result.normals,
-         [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * detail::normal(cloud, i)).cast<float>(); });
+         [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * detail::normal(cloud, i)).template cast<float>(); });
   if (detail::carries_times(cloud))
     fill(result.time_offsets, [&](std::size_t i) { return detail::time_offset(cloud, i); });
   if (detail::carries_intensities(cloud))
