@@ -134,7 +134,7 @@ class SE3 {
 
 using SE3d = SE3<double>;
 using SE3f = SE3<float>;
-
+static_assert(LieGroup<SE3d>);
 static_assert(sizeof(SE3d) == 7 * sizeof(double) && alignof(SE3d) == alignof(double));
 
 }  // namespace chainslam

@@ -6,15 +6,16 @@
 #include <limits>
 #include <type_traits>
 
+#include "chainslam/lie/concepts.hpp"
 #include "chainslam/lie/detail/rotation_series.hpp"
 
 namespace chainslam {
 
 /// Rotations of space: unit quaternions, q and -q the same rotation.
 ///
-/// Tangent: rotation vector, radians; right perturbation R * exp(w) (Sola et al. 2018). Exact at 0 and at pi in the scalar's
-/// own precision. Every product is brought back to unit length, so that |R'R - I| stays at rounding however long the chain.
-/// Default: identity. Four scalars, no alignment that depends on compiler flags.
+/// Tangent: rotation vector, radians; right perturbation R * exp(w) (Sola et al. 2018). Exact at 0 and at pi in the
+/// scalar's own precision. Every product is brought back to unit length, so that |R'R - I| stays at rounding however
+/// long the chain. Default: identity. Four scalars, no alignment that depends on compiler flags.
 template <class Scalar_>
 class SO3 {
  public:
@@ -30,8 +31,8 @@ class SO3 {
 
   [[nodiscard]] static SO3 identity() { return SO3(); }
 
-  /// From any quaternion but zero. One that has unit length up to rounding is kept bit for bit, so that what was written to
-  /// a file comes back the same.
+  /// From any quaternion but zero. One that has unit length up to rounding is kept bit for bit, so that what was
+  /// written to a file comes back the same.
   template <class Derived>
   [[nodiscard]] static SO3 from_quaternion(const Eigen::QuaternionBase<Derived>& q) {
     SO3 result{Quaternion(q)};
@@ -133,6 +134,7 @@ class SO3 {
 
 using SO3d = SO3<double>;
 using SO3f = SO3<float>;
+static_assert(sizeof(SO3d) == 4 * sizeof(double) && alignof(SO3d) == alignof(double));
 
 template <class Scalar>
 SO3<Scalar> SO3<Scalar>::from_matrix(const Matrix3& R) {
@@ -154,5 +156,7 @@ SO3<Scalar> SO3<Scalar>::from_matrix(const Matrix3& R) {
   }
   return from_quaternion(Quaternion(q));
 }
+
+static_assert(LieGroup<SO3d>);
 
 }  // namespace chainslam

@@ -1,0 +1,125 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <tuple>
+#include <utility>
+
+#include "chainslam/lie/concepts.hpp"
+
+namespace chainslam {
+
+/// Several manifolds side by side, tangents stacked in order; a `LieGroup` if all parts are.
+///
+/// A filter's state, for example: Product<SO3d, R3d, R3d, S2d>. All parts have the same scalar.
+template <Manifold First, Manifold... Rest>
+class Product {
+  static constexpr bool is_group = LieGroup<First> && (LieGroup<Rest> && ...);
+
+ public:
+  using Scalar = typename First::Scalar;
+  static_assert((std::same_as<Scalar, typename Rest::Scalar> && ...), "Product: all parts need the same Scalar");
+
+  static constexpr std::size_t size = 1 + sizeof...(Rest);
+  static constexpr int dof = (First::dof + ... + Rest::dof);
+  using Tangent = Eigen::Matrix<Scalar, dof, 1>;
+  using Jacobian = Eigen::Matrix<Scalar, dof, dof>;
+  template <std::size_t I>
+  using Part = std::tuple_element_t<I, std::tuple<First, Rest...>>;
+
+  Product() = default;
+  explicit Product(const First& first, const Rest&... rest) : parts_(first, rest...) {}
+
+  template <std::size_t I>
+  [[nodiscard]] const Part<I>& get() const {
+    return std::get<I>(parts_);
+  }
+  template <std::size_t I>
+  [[nodiscard]] Part<I>& get() {
+    return std::get<I>(parts_);
+  }
+
+  /// Where the tangent of part I starts.
+  template <std::size_t I>
+  [[nodiscard]] static constexpr int offset() {
+    constexpr std::array<int, size> sizes{First::dof, Rest::dof...};
+    int sum = 0;
+    for (std::size_t i = 0; i < I; ++i) sum += sizes[i];
+    return sum;
+  }
+  /// The rows of a tangent that belong to part I.
+  template <std::size_t I>
+  [[nodiscard]] static typename Part<I>::Tangent segment(const Tangent& d) {
+    return d.template segment<Part<I>::dof>(offset<I>());
+  }
+
+  [[nodiscard]] Product retract(const Tangent& d) const {
+    return generate([&]<std::size_t I>() { return get<I>().retract(segment<I>(d)); });
+  }
+  [[nodiscard]] Tangent local(const Product& other) const {
+    return stack([&]<std::size_t I>() { return get<I>().local(other.template get<I>()); });
+  }
+
+  [[nodiscard]] static Product identity() requires(is_group) { return Product(); }
+  [[nodiscard]] static Product exp(const Tangent& d) requires(is_group) {
+    return generate([&]<std::size_t I>() { return Part<I>::exp(segment<I>(d)); });
+  }
+  [[nodiscard]] Tangent log() const requires(is_group) {
+    return stack([&]<std::size_t I>() { return get<I>().log(); });
+  }
+  [[nodiscard]] Product inverse() const requires(is_group) {
+    return generate([&]<std::size_t I>() { return get<I>().inverse(); });
+  }
+  [[nodiscard]] Product operator*(const Product& other) const requires(is_group) {
+    return generate([&]<std::size_t I>() { return get<I>() * other.template get<I>(); });
+  }
+  [[nodiscard]] Jacobian adjoint() const requires(is_group) {
+    return block_diagonal([&]<std::size_t I>() { return get<I>().adjoint(); });
+  }
+  [[nodiscard]] static Jacobian left_jacobian(const Tangent& d) requires(is_group) {
+    return block_diagonal([&]<std::size_t I>() { return Part<I>::left_jacobian(segment<I>(d)); });
+  }
+  [[nodiscard]] static Jacobian left_jacobian_inverse(const Tangent& d) requires(is_group) {
+    return block_diagonal([&]<std::size_t I>() { return Part<I>::left_jacobian_inverse(segment<I>(d)); });
+  }
+  [[nodiscard]] static Jacobian right_jacobian(const Tangent& d) requires(is_group) { return left_jacobian(-d); }
+  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent& d) requires(is_group) {
+    return left_jacobian_inverse(-d);
+  }
+
+  friend bool operator==(const Product& a, const Product& b) { return a.parts_ == b.parts_; }
+
+ private:
+  /// Calls body<I>() for each part in order.
+  template <class Body>
+  static void for_each_part(Body&& body) {
+    [&]<std::size_t... I>(std::index_sequence<I...>) { (body.template operator()<I>(), ...); }
+    (std::make_index_sequence<size>{});
+  }
+  template <class Value>
+  [[nodiscard]] static Product generate(Value&& value) {
+    Product result;
+    for_each_part([&]<std::size_t I>() { result.template get<I>() = value.template operator()<I>(); });
+    return result;
+  }
+  template <class Value>
+  [[nodiscard]] static Tangent stack(Value&& value) {
+    Tangent d;
+    for_each_part(
+        [&]<std::size_t I>() { d.template segment<Part<I>::dof>(offset<I>()) = value.template operator()<I>(); });
+    return d;
+  }
+  template <class Value>
+  [[nodiscard]] static Jacobian block_diagonal(Value&& value) {
+    Jacobian matrix = Jacobian::Zero();
+    for_each_part([&]<std::size_t I>() {
+      matrix.template block<Part<I>::dof, Part<I>::dof>(offset<I>(), offset<I>()) = value.template operator()<I>();
+    });
+    return matrix;
+  }
+
+  std::tuple<First, Rest...> parts_;
+};
+
+}  // namespace chainslam

@@ -1,0 +1,88 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+#include <numbers>
+
+#include "chainslam/lie/concepts.hpp"
+#include "chainslam/lie/so3.hpp"
+
+namespace chainslam {
+
+/// Directions in space: the unit sphere, a manifold but no group. Holds the direction of gravity.
+///
+/// Tangent: two coordinates along `basis()`, radians of arc; `retract` walks the great circle. Default: +z.
+template <class Scalar_>
+class S2 {
+ public:
+  using Scalar = Scalar_;
+  static constexpr int dof = 2;
+  using Tangent = Eigen::Matrix<Scalar, 2, 1>;
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
+  using Basis = Eigen::Matrix<Scalar, 3, 2>;
+
+  S2() : direction_(Vector3::UnitZ()) {}
+
+  /// @param v  any vector but zero; its length is dropped.
+  [[nodiscard]] static S2 from_vector(const Vector3& v) { return S2(v / v.norm()); }
+
+  /// Unit length.
+  [[nodiscard]] const Vector3& direction() const { return direction_; }
+
+  /// Orthonormal columns that span the tangent plane: d direction() / d tangent at 0 (Duff et al. 2017).
+  [[nodiscard]] Basis basis() const {
+    const Scalar one = detail::constant<Scalar>(1);
+    const Scalar sign = direction_[2] < detail::constant<Scalar>(0) ? Scalar(-one) : one;
+    const Scalar a = -one / (sign + direction_[2]);
+    const Scalar b = direction_[0] * direction_[1] * a;
+    Basis basis;
+    basis << one + sign * direction_[0] * direction_[0] * a, b,  //
+        sign * b, sign + direction_[1] * direction_[1] * a,      //
+        -sign * direction_[0], -direction_[1];
+    return basis;
+  }
+
+  /// The point |d| radians along the great circle that starts towards basis() * d.
+  [[nodiscard]] S2 retract(const Tangent& d) const {
+    const Scalar x = d.squaredNorm();
+    const Vector3 moved = detail::cosine(x) * direction_ + detail::sinc(x) * (basis() * d);
+    return from_vector(moved);
+  }
+
+  /// The tangent with retract(local(other)) = other, |d| <= pi. For the opposite point, which every direction reaches,
+  /// the first basis vector is taken.
+  [[nodiscard]] Tangent local(const S2& other) const {
+    using std::atan2, std::sqrt;
+    const Tangent sine = basis().transpose() * other.direction_;
+    const Scalar cosine = direction_.dot(other.direction_);
+    const Scalar squared = sine.squaredNorm();
+    if (cosine > detail::constant<Scalar>(0)) return sine * detail::atan_over_argument<Scalar>(squared, cosine);
+    if (!(squared > detail::constant<Scalar>(0)))
+      return Tangent(detail::constant<Scalar>(std::numbers::pi_v<long double>), detail::constant<Scalar>(0));
+    const Scalar length = sqrt(squared);
+    return sine * (atan2(length, cosine) / length);
+  }
+
+  /// The direction turned by R.
+  [[nodiscard]] friend S2 operator*(const SO3<Scalar>& R, const S2& direction) {
+    return from_vector(R * direction.direction_);
+  }
+
+  template <class Other>
+  [[nodiscard]] S2<Other> cast() const {
+    return S2<Other>::from_vector(direction_.template cast<Other>());
+  }
+
+  friend bool operator==(const S2& a, const S2& b) { return a.direction_ == b.direction_; }
+
+ private:
+  explicit S2(const Vector3& unit) : direction_(unit) {}
+
+  Vector3 direction_;
+};
+
+using S2d = S2<double>;
+using S2f = S2<float>;
+static_assert(Manifold<S2d> && !LieGroup<S2d>);
+
+}  // namespace chainslam

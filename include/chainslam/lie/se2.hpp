@@ -1,0 +1,144 @@
+#pragma once
+
+#include "chainslam/lie/so2.hpp"
+
+namespace chainslam {
+
+/// Rigid motions of the plane: p_a = R_a_b p_b + t_a_b.
+///
+/// Tangent [x; y; angle] (metres, radians), right perturbation, with the exact exponential (not the first-order
+/// retraction (x, y, angle) of some pose-graph packages). Default: identity.
+template <class Scalar_>
+class SE2 {
+ public:
+  using Scalar = Scalar_;
+  static constexpr int dof = 3;
+  using Tangent = Eigen::Matrix<Scalar, 3, 1>;
+  using Jacobian = Eigen::Matrix<Scalar, 3, 3>;
+  using Vector2 = Eigen::Matrix<Scalar, 2, 1>;
+  using Matrix2 = Eigen::Matrix<Scalar, 2, 2>;
+  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;
+
+  SE2() : translation_(Vector2::Zero()) {}
+  SE2(const SO2<Scalar>& rotation, const Vector2& translation) : rotation_(rotation), translation_(translation) {}
+
+  [[nodiscard]] static SE2 identity() { return SE2(); }
+
+  /// From the homogeneous matrix [R t; 0 1]; the last row is not looked at.
+  [[nodiscard]] static SE2 from_matrix(const Matrix3& T) {
+    return SE2(SO2<Scalar>::from_matrix(T.template topLeftCorner<2, 2>()), T.template topRightCorner<2, 1>());
+  }
+
+  [[nodiscard]] static SE2 exp(const Tangent& xi) {
+    return SE2(SO2<Scalar>::from_angle(xi[2]), average_rotation(xi[2]) * xi.template head<2>());
+  }
+
+  /// Angle in [-pi, pi].
+  [[nodiscard]] Tangent log() const {
+    const Scalar angle = rotation_.angle();
+    Tangent xi;
+    xi << average_rotation_inverse(angle) * translation_, angle;
+    return xi;
+  }
+
+  [[nodiscard]] SE2 inverse() const {
+    const SO2<Scalar> inverse_rotation = rotation_.inverse();
+    return SE2(inverse_rotation, -(inverse_rotation * Vector2(translation_)));
+  }
+
+  [[nodiscard]] SE2 operator*(const SE2& other) const {
+    return SE2(rotation_ * other.rotation_, *this * Vector2(other.translation_));
+  }
+  SE2& operator*=(const SE2& other) { return *this = *this * other; }
+
+  [[nodiscard]] Vector2 operator*(const Vector2& p) const { return rotation_ * p + translation_; }
+
+  /// *this * exp(xi)
+  [[nodiscard]] SE2 retract(const Tangent& xi) const { return *this * exp(xi); }
+  /// log(inverse() * other): retract(local(other)) is `other`.
+  [[nodiscard]] Tangent local(const SE2& other) const { return (inverse() * other).log(); }
+
+  [[nodiscard]] const SO2<Scalar>& rotation() const { return rotation_; }
+  [[nodiscard]] Vector2 translation() const { return translation_; }
+
+  [[nodiscard]] Matrix3 matrix() const {
+    Matrix3 T = Matrix3::Identity();
+    T.template topLeftCorner<2, 2>() = rotation_.matrix();
+    T.template topRightCorner<2, 1>() = translation_;
+    return T;
+  }
+
+  /// T exp(xi) T^-1 = exp(adjoint() xi)
+  [[nodiscard]] Jacobian adjoint() const {
+    return blocks(rotation_.matrix(), Vector2(translation_[1], -translation_[0]));
+  }
+
+  /// exp(xi + d) = exp(left_jacobian(xi) d) * exp(xi) to first order (Sola et al. 2018, eq. 164).
+  [[nodiscard]] static Jacobian left_jacobian(const Tangent& xi) {
+    return blocks(average_rotation(xi[2]), coupling(xi));
+  }
+  /// Singular where the angle is 2 pi.
+  [[nodiscard]] static Jacobian left_jacobian_inverse(const Tangent& xi) {
+    const Matrix2 inverse = average_rotation_inverse(xi[2]);
+    return blocks(inverse, -inverse * coupling(xi));
+  }
+  /// exp(xi + d) = exp(xi) * exp(right_jacobian(xi) d) to first order.
+  [[nodiscard]] static Jacobian right_jacobian(const Tangent& xi) { return left_jacobian(-xi); }
+  /// Singular where the angle is 2 pi.
+  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent& xi) { return left_jacobian_inverse(-xi); }
+
+  /// Brings the rotation back to unit length.
+  void normalize() { rotation_.normalize(); }
+
+  template <class Other>
+  [[nodiscard]] SE2<Other> cast() const {
+    return SE2<Other>(rotation_.template cast<Other>(), translation().template cast<Other>());
+  }
+
+  friend bool operator==(const SE2& a, const SE2& b) {
+    return a.rotation_ == b.rotation_ && a.translation_ == b.translation_;
+  }
+
+ private:
+  [[nodiscard]] static Jacobian blocks(const Matrix2& linear, const Vector2& column) {
+    Jacobian matrix = Jacobian::Identity();
+    matrix.template topLeftCorner<2, 2>() = linear;
+    matrix.template topRightCorner<2, 1>() = column;
+    return matrix;
+  }
+
+  /// The matrix of the complex number re + i im.
+  [[nodiscard]] static Matrix2 complex_matrix(const Scalar& re, const Scalar& im) {
+    Matrix2 matrix;
+    matrix << re, -im, im, re;
+    return matrix;
+  }
+
+  /// Mean of the rotations from 0 to `angle`.
+  [[nodiscard]] static Matrix2 average_rotation(const Scalar& angle) {
+    const Scalar x = angle * angle;
+    return complex_matrix(detail::sinc(x), angle * detail::jacobian_coefficients<Scalar>(x).b);
+  }
+  [[nodiscard]] static Matrix2 average_rotation_inverse(const Scalar& angle) {
+    const Scalar x = angle * angle;
+    return complex_matrix(detail::constant<Scalar>(1) - x * detail::inverse_jacobian_coefficient<Scalar>(x),
+                          -angle * detail::constant<Scalar>(0.5L));
+  }
+
+  /// Last column of the left Jacobian: SE(3)'s block Q for a motion in the plane.
+  [[nodiscard]] static Vector2 coupling(const Tangent& xi) {
+    const auto coefficients = detail::jacobian_coefficients<Scalar>(xi[2] * xi[2]);
+    const Scalar along = coefficients.c * xi[2];
+    return Vector2(coefficients.b * xi[1] + along * xi[0], along * xi[1] - coefficients.b * xi[0]);
+  }
+
+  SO2<Scalar> rotation_;
+  Eigen::Matrix<Scalar, 2, 1, Eigen::DontAlign> translation_;
+};
+
+using SE2d = SE2<double>;
+using SE2f = SE2<float>;
+static_assert(LieGroup<SE2d>);
+static_assert(sizeof(SE2d) == 4 * sizeof(double) && alignof(SE2d) == alignof(double));
+
+}  // namespace chainslam

@@ -1,0 +1,70 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+#include <optional>
+#include <span>
+#include <stdexcept>
+
+#include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/lie/sim3.hpp"
+
+namespace chainslam {
+
+namespace detail {
+
+/// Horn's matrix: q' N q is the sum of target . (R(q) source) for unit q = (x, y, z, w); S is the sum of target
+/// source'.
+[[nodiscard]] inline Eigen::Matrix4d horn_matrix(const Eigen::Matrix3d& S) {
+  Eigen::Matrix4d N;
+  N.topLeftCorner<3, 3>() = S + S.transpose();
+  N.topLeftCorner<3, 3>().diagonal().array() -= S.trace();
+  N.topRightCorner<3, 1>() = Eigen::Vector3d(S(2, 1) - S(1, 2), S(0, 2) - S(2, 0), S(1, 0) - S(0, 1));
+  N.bottomLeftCorner<1, 3>() = N.topRightCorner<3, 1>().transpose();
+  N(3, 3) = S.trace();
+  return N;
+}
+
+[[nodiscard]] inline Eigen::Vector3d mean(std::span<const Eigen::Vector3d> points) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& p : points) sum += p;
+  return sum / static_cast<double>(points.size());
+}
+
+}  // namespace detail
+
+/// The similarity T, or rigid motion if not `with_scale`, for which the sum of |target_i - T source_i|^2 is least.
+///
+/// Always a proper rotation, also for mirrored points (Umeyama 1991); solved through Horn's quaternion matrix (1987),
+/// whose largest eigenvector needs no case for it.
+///
+/// @param source, target  n >= 3 corresponding points, metres.
+/// @returns T_target_source with scale 1 if not `with_scale`; nothing if the rotation is not determined: fewer than
+/// three
+///          points, all on a line or in one place, a mirror image without a preferred axis, or a coordinate not finite.
+/// @throws std::invalid_argument if the lengths differ.
+[[nodiscard]] inline std::optional<Sim3d> umeyama(std::span<const Eigen::Vector3d> source,
+                                                  std::span<const Eigen::Vector3d> target, bool with_scale) {
+  // The gap between the two largest eigenvalues over the largest; points on a line up to 1e-6 of its length have 1e-12.
+  constexpr double least_gap = 1e-12;
+  if (source.size() != target.size()) throw std::invalid_argument("umeyama: source and target differ in length");
+  if (source.size() < 3) return std::nullopt;
+  const Eigen::Vector3d source_mean = detail::mean(source);
+  const Eigen::Vector3d target_mean = detail::mean(target);
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  double source_variance = 0;
+  for (std::size_t i = 0; i < source.size(); ++i) {
+    const Eigen::Vector3d p = source[i] - source_mean;
+    covariance += (target[i] - target_mean) * p.transpose();
+    source_variance += p.squaredNorm();
+  }
+  const JacobiEigen<double, 4> eigen = jacobi_eigen(detail::horn_matrix(covariance));
+  // Written so that NaN is refused, too.
+  if (!(eigen.values[3] - eigen.values[2] > least_gap * eigen.values[3]) || !(source_variance > 0)) return std::nullopt;
+  const Eigen::Vector4d q = eigen.vectors.col(3);
+  const SO3d rotation = SO3d::from_quaternion(SO3d::Quaternion(q));
+  const double scale = with_scale ? eigen.values[3] / source_variance : 1.0;
+  return Sim3d(rotation, target_mean - scale * (rotation * source_mean), scale);
+}
+
+}  // namespace chainslam
