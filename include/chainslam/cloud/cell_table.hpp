@@ -54,6 +54,8 @@ class CellTable {
   CellTable() : slots_(min_slots) {}
 
   [[nodiscard]] Index size() const { return size_; }
+  /// Bytes held.
+  [[nodiscard]] std::size_t memory() const { return slots_.capacity() * sizeof(Slot); }
 
   /// The index stored for `cell`, or -1.
   [[nodiscard]] Index find(const Cell& cell) const {

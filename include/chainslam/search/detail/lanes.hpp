@@ -1,0 +1,90 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <limits>
+
+#include "chainslam/core/types.hpp"
+
+#if defined(__AVX__) || defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+namespace chainslam::detail {
+
+/// `Count` points in columns, so that the compiler works on several at a time. Lanes not in use are infinitely far.
+template <class Scalar, int Count>
+struct alignas(64) Lanes {
+  static constexpr Scalar far = std::numeric_limits<Scalar>::infinity();
+  std::array<Scalar, Count> x = filled();
+  std::array<Scalar, Count> y = filled();
+  std::array<Scalar, Count> z = filled();
+
+  static constexpr std::array<Scalar, Count> filled() {
+    std::array<Scalar, Count> values{};
+    values.fill(far);
+    return values;
+  }
+
+  void set(int lane, Scalar px, Scalar py, Scalar pz) {
+    const auto i = static_cast<std::size_t>(lane);
+    x[i] = px;
+    y[i] = py;
+    z[i] = pz;
+  }
+
+  void clear(int lane) { set(lane, far, far, far); }
+
+  [[nodiscard]] Eigen::Matrix<Scalar, 3, 1> position(int lane) const {
+    const auto i = static_cast<std::size_t>(lane);
+    return {x[i], y[i], z[i]};
+  }
+};
+
+/// Bit i is set where values[i] < bound; values are 64-byte aligned.
+template <class Scalar, std::size_t Count>
+[[nodiscard]] std::uint32_t lanes_below(const std::array<Scalar, Count>& values, Scalar bound) {
+  static_assert(Count <= 32 && Count % 4 == 0);
+  std::uint32_t mask = 0;
+  if constexpr (sizeof(Scalar) == 4) {
+#if defined(__AVX__)
+    if constexpr (Count % 8 == 0) {
+      for (std::size_t i = 0; i < Count; i += 8) {
+        const __m256 below = _mm256_cmp_ps(_mm256_load_ps(&values[i]), _mm256_set1_ps(bound), _CMP_LT_OQ);
+        mask |= static_cast<std::uint32_t>(_mm256_movemask_ps(below)) << i;
+      }
+      return mask;
+    }
+#endif
+#if defined(__SSE2__)
+    for (std::size_t i = 0; i < Count; i += 4) {
+      const __m128 below = _mm_cmplt_ps(_mm_load_ps(&values[i]), _mm_set1_ps(bound));
+      mask |= static_cast<std::uint32_t>(_mm_movemask_ps(below)) << i;
+    }
+    return mask;
+#endif
+  }
+  for (std::size_t i = 0; i < Count; ++i) mask |= static_cast<std::uint32_t>(values[i] < bound) << i;
+  return mask;
+}
+
+/// Offers every point of `lanes` nearer than the collector's bound; `index_of(lane)` names it.
+template <class Scalar, int Count, class Collector, class IndexOf>
+void scan(const Lanes<Scalar, Count>& lanes, const Scalar* query, Collector& found, IndexOf&& index_of) {
+  alignas(64) std::array<Scalar, Count> distances;
+  for (std::size_t i = 0; i < Count; ++i) {
+    const Scalar dx = lanes.x[i] - query[0];
+    const Scalar dy = lanes.y[i] - query[1];
+    const Scalar dz = lanes.z[i] - query[2];
+    distances[i] = dx * dx + dy * dy + dz * dz;
+  }
+  for (std::uint32_t near = lanes_below(distances, found.bound()); near != 0; near &= near - 1) {
+    const int lane = std::countr_zero(near);
+    const Scalar distance = distances[static_cast<std::size_t>(lane)];
+    if (distance < found.bound()) found.offer(index_of(lane), distance);  // the bound may have come nearer
+  }
+}
+
+}  // namespace chainslam::detail

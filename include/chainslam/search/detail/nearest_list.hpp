@@ -1,0 +1,68 @@
+#pragma once
+
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <type_traits>
+#include <vector>
+
+#include "chainslam/search/concepts.hpp"
+
+namespace chainslam::detail {
+
+/// The smallest value above max_distance^2, so that `d < bound` says `d <= max_distance^2`; 0 where nothing is within.
+template <class Scalar>
+[[nodiscard]] Scalar distance_bound(Scalar max_distance) {
+  using Bits = std::conditional_t<sizeof(Scalar) == 4, std::uint32_t, std::uint64_t>;
+  if (!(max_distance >= 0)) return 0;
+  const Scalar squared = max_distance * max_distance;
+  if (!(squared < std::numeric_limits<Scalar>::infinity())) return std::numeric_limits<Scalar>::infinity();
+  return std::bit_cast<Scalar>(std::bit_cast<Bits>(squared) + 1);
+}
+
+/// Collects the nearest points, ascending, in the caller's memory. Points with d < bound() are worth offering.
+template <class Scalar>
+class NearestList {
+ public:
+  NearestList(std::span<Neighbor<Scalar>> out, Scalar max_distance)
+      : out_(out.data()),
+        capacity_(to_index(out.size(), "k")),
+        bound_(out.empty() ? 0 : distance_bound(max_distance)) {}
+
+  [[nodiscard]] Scalar bound() const { return bound_; }
+  [[nodiscard]] Index size() const { return size_; }
+  [[nodiscard]] bool full() const { return size_ == capacity_; }
+
+  void offer(Index index, Scalar squared_distance) {
+    Index i = size_ < capacity_ ? size_++ : capacity_ - 1;
+    for (; i > 0 && out_[i - 1].squared_distance > squared_distance; --i) out_[i] = out_[i - 1];
+    out_[i] = {index, squared_distance};
+    if (full()) bound_ = out_[size_ - 1].squared_distance;
+  }
+
+ private:
+  Neighbor<Scalar>* out_;
+  Index capacity_;
+  Index size_ = 0;
+  Scalar bound_;
+};
+
+/// Collects every point within a radius.
+template <class Scalar>
+class RadiusList {
+ public:
+  RadiusList(std::vector<Neighbor<Scalar>>& out, Scalar radius) : out_(out), bound_(distance_bound(radius)) {
+    out_.clear();
+  }
+
+  [[nodiscard]] Scalar bound() const { return bound_; }
+  void offer(Index index, Scalar squared_distance) { out_.push_back({index, squared_distance}); }
+
+ private:
+  std::vector<Neighbor<Scalar>>& out_;
+  Scalar bound_;
+};
+
+}  // namespace chainslam::detail

@@ -1,0 +1,188 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <utility>
+
+#include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/search/detail/lanes.hpp"
+
+namespace chainslam::detail {
+
+/// Block coordinates carry at most this error, from the product that made them and the subtraction of the cell.
+[[nodiscard]] inline double rounding_slack(double scaled) {
+  return 4 * std::numeric_limits<double>::epsilon() * (std::abs(scaled) + 1);
+}
+
+/// Takes a bound computed in double below any sum of squares that float arithmetic may make of the same distance.
+inline constexpr double below_float_rounding = 1.0 - 1e-6;
+
+[[nodiscard]] inline Cell shifted(const Cell& cell, int dx, int dy, int dz) {
+  // Wraps at the ends of the range, where no block can be: `cell_of` leaves out the outermost cells.
+  const auto add = [](std::int32_t value, int step) {
+    return static_cast<std::int32_t>(static_cast<std::uint32_t>(value) + static_cast<std::uint32_t>(step));
+  };
+  return {add(cell.x, dx), add(cell.y, dy), add(cell.z, dz)};
+}
+
+/// Up to eight points of a voxel; buckets of one voxel are chained.
+template <class Scalar>
+struct VoxelBucket {
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
+  static constexpr int lanes = 8;
+
+  Lanes<Scalar, lanes> points;
+  Index next = -1;
+  Index count = 0;
+
+  void push_back(const Vector3& p) { points.set(count++, p[0], p[1], p[2]); }
+
+  /// Keeps the other points in their order.
+  template <class Predicate>
+  Index erase_if(Predicate&& leaves) {
+    int kept = 0;
+    for (int lane = 0; lane < count; ++lane) {
+      const Vector3 p = points.position(lane);
+      if (!leaves(p)) points.set(kept++, p[0], p[1], p[2]);
+    }
+    const Index erased = count - kept;
+    for (int lane = kept; lane < count; ++lane) points.clear(lane);
+    count = kept;
+    return erased;
+  }
+};
+
+/// 4 x 4 x 4 voxels: which of them hold points, and where those are. Voxel number: x + 4 y + 16 z.
+class VoxelBlock {
+ public:
+  static constexpr int edge = 4;
+
+  VoxelBlock() = default;
+  explicit VoxelBlock(const Cell& cell) : cell_(cell) { first_bucket_.fill(-1); }
+
+  [[nodiscard]] const Cell& cell() const { return cell_; }
+  [[nodiscard]] std::uint64_t occupied() const { return occupied_; }
+  [[nodiscard]] Index first_bucket(int voxel) const { return first_bucket_[static_cast<std::size_t>(voxel)]; }
+  [[nodiscard]] Index* link(int voxel) { return &first_bucket_[static_cast<std::size_t>(voxel)]; }
+
+  void set_first_bucket(int voxel, Index bucket) {
+    first_bucket_[static_cast<std::size_t>(voxel)] = bucket;
+    refresh(voxel);
+  }
+
+  /// Sets the voxel's bit after its link has changed.
+  void refresh(int voxel) {
+    const std::uint64_t bit = std::uint64_t{1} << voxel;
+    occupied_ = first_bucket(voxel) < 0 ? occupied_ & ~bit : occupied_ | bit;
+  }
+
+  /// The voxel that holds a point of this block, given in block sizes.
+  [[nodiscard]] static int voxel_of(const Eigen::Vector3d& scaled, const Cell& cell) {
+    const auto part = [](double inside) { return std::clamp(static_cast<int>(inside * edge), 0, edge - 1); };
+    return part(scaled[0] - cell.x) + edge * part(scaled[1] - cell.y) + edge * edge * part(scaled[2] - cell.z);
+  }
+
+  /// The voxels of the block that touch a voxel, itself included.
+  [[nodiscard]] static std::uint64_t around(int voxel) {
+    static constexpr std::array<std::uint64_t, edge> row{0b0011, 0b0111, 0b1110, 0b1100};
+    const std::uint64_t xs = row[static_cast<std::size_t>(voxel % edge)];
+    std::uint64_t mask = 0;
+    for (int z = std::max(voxel / 16 - 1, 0); z <= std::min(voxel / 16 + 1, edge - 1); ++z)
+      for (int y = std::max(voxel / 4 % 4 - 1, 0); y <= std::min(voxel / 4 % 4 + 1, edge - 1); ++y)
+        mask |= xs << (edge * y + edge * edge * z);
+    return mask;
+  }
+
+  /// The block's box, grown by what rounding may have moved its points.
+  [[nodiscard]] Eigen::AlignedBox3d box(double block_size) const {
+    const Eigen::Vector3d low(cell_.x, cell_.y, cell_.z);
+    const Eigen::Vector3d slack = low.unaryExpr([](double v) { return rounding_slack(v); });
+    return {(low - slack) * block_size, (low + Eigen::Vector3d::Ones() + slack) * block_size};
+  }
+
+ private:
+  Cell cell_;
+  std::uint64_t occupied_ = 0;
+  std::array<Index, edge * edge * edge> first_bucket_{};
+};
+
+/// Squared distances from a query to the four slabs of voxels of a block along each axis; never more than those to the
+/// points inside.
+template <class Scalar>
+class VoxelSlabs {
+ public:
+  VoxelSlabs(const Eigen::Vector3d& scaled, const Cell& cell, double block_size) {
+    const std::array<std::int32_t, 3> own{cell.x, cell.y, cell.z};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double coordinate = scaled[static_cast<Eigen::Index>(axis)];
+      const double inside = coordinate - own[axis];
+      const double slack = rounding_slack(coordinate);
+      for (std::size_t i = 0; i < 4; ++i) {
+        const double low = 0.25 * static_cast<double>(i);
+        const double gap = std::max(std::max(low - inside, inside - low - 0.25) - slack, 0.0) * block_size;
+        squared_[axis][i] = static_cast<Scalar>(gap * gap * below_float_rounding);
+      }
+    }
+  }
+
+  [[nodiscard]] Scalar squared_distance(int voxel) const {
+    const auto v = static_cast<std::size_t>(voxel);
+    return squared_[0][v & 3] + squared_[1][(v >> 2) & 3] + squared_[2][v >> 4];
+  }
+
+ private:
+  std::array<std::array<Scalar, 4>, 3> squared_;
+};
+
+/// Asks whether any point is nearer than a distance, and stops at the first.
+template <class Scalar>
+class AnyNearer {
+ public:
+  explicit AnyNearer(Scalar squared_distance) : bound_(squared_distance) {}
+  [[nodiscard]] Scalar bound() const { return bound_; }
+  [[nodiscard]] bool any() const { return any_; }
+  void offer(Index, Scalar) {
+    any_ = true;
+    bound_ = 0;
+  }
+
+ private:
+  Scalar bound_;
+  bool any_ = false;
+};
+
+enum class Overlap { outside, partly, inside };
+
+template <class Scalar>
+struct BoxRegion {
+  Eigen::AlignedBox<Scalar, 3> box;
+
+  [[nodiscard]] bool contains(const Eigen::Matrix<Scalar, 3, 1>& p) const { return box.contains(p); }
+  [[nodiscard]] Overlap overlap(const Eigen::AlignedBox3d& other) const {
+    const Eigen::AlignedBox3d region = box.template cast<double>();
+    if (region.contains(other)) return Overlap::inside;
+    return region.intersects(other) ? Overlap::partly : Overlap::outside;
+  }
+};
+
+template <class Scalar>
+struct BallRegion {
+  Eigen::Matrix<Scalar, 3, 1> center;
+  Scalar bound;  ///< squared distances below it are inside
+
+  [[nodiscard]] bool contains(const Eigen::Matrix<Scalar, 3, 1>& p) const { return (p - center).squaredNorm() < bound; }
+  [[nodiscard]] Overlap overlap(const Eigen::AlignedBox3d& other) const {
+    const Eigen::Vector3d c = center.template cast<double>();
+    const Eigen::Vector3d farthest = (other.min() - c).cwiseAbs().cwiseMax((other.max() - c).cwiseAbs());
+    if (farthest.squaredNorm() * (2 - below_float_rounding) < static_cast<double>(bound)) return Overlap::inside;
+    const bool apart = other.squaredExteriorDistance(c) * below_float_rounding >= static_cast<double>(bound);
+    return apart ? Overlap::outside : Overlap::partly;
+  }
+};
+
+}  // namespace chainslam::detail

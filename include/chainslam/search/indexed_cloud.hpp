@@ -1,0 +1,59 @@
+#pragma once
+
+#include <cassert>
+#include <limits>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/search/concepts.hpp"
+#include "chainslam/search/kd_tree.hpp"
+
+namespace chainslam {
+
+/// A cloud together with the search over its points: what registration takes as a target.
+///
+/// Indices, positions and normals are those of `cloud()`, which does not change; replace the whole to change it.
+/// Searching needs no normals; `normal(i)` does.
+template <class SearchType = KdTree<float>>
+class IndexedCloud {
+  static_assert(NearestNeighborSearch<SearchType>,
+                "IndexedCloud: Search needs knn, within, position and size, as in KdTree");
+
+ public:
+  using Search = SearchType;
+  using Scalar = typename Search::Scalar;
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
+
+  IndexedCloud() = default;
+  explicit IndexedCloud(PointCloud<Scalar> cloud) : cloud_(std::move(cloud)), search_(cloud_) {}
+
+  [[nodiscard]] const PointCloud<Scalar>& cloud() const { return cloud_; }
+  [[nodiscard]] const Search& search() const { return search_; }
+  /// Points that can be found: those of the cloud that are finite.
+  [[nodiscard]] std::size_t size() const { return search_.size(); }
+  [[nodiscard]] bool has_normals() const { return cloud_.has_normals(); }
+
+  [[nodiscard]] const Vector3& position(Index i) const { return cloud_.positions[static_cast<std::size_t>(i)]; }
+  [[nodiscard]] const Vector3& normal(Index i) const {
+    assert(cloud_.has_normals());
+    return cloud_.normals[static_cast<std::size_t>(i)];
+  }
+
+  Index knn(const Vector3& query, std::span<Neighbor<Scalar>> out,
+            Scalar max_distance = std::numeric_limits<Scalar>::infinity()) const {
+    return search_.knn(query, out, max_distance);
+  }
+
+  void within(const Vector3& query, Scalar radius, std::vector<Neighbor<Scalar>>& out) const {
+    search_.within(query, radius, out);
+  }
+
+ private:
+  PointCloud<Scalar> cloud_;
+  Search search_;
+};
+static_assert(OrientedSearch<IndexedCloud<>>);
+
+}  // namespace chainslam
