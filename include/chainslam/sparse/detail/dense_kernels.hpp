@@ -1,0 +1,163 @@
+#pragma once
+
+#include <cmath>
+#include <cstring>
+#include <type_traits>
+#include <utility>
+
+#include "chainslam/sparse/detail/table.hpp"
+
+namespace chainslam::detail {
+
+// Kernels on column-major arrays whose columns lie `stride` doubles apart. They work on tiles that stay in registers.
+// Loops over a tile are unrolled by fold expressions, since its registers have no addresses.
+
+/// Doubles in a register of the instruction set that is compiled for.
+#if defined(__AVX512F__)
+inline constexpr int register_width = 8;
+#elif defined(__AVX__)
+inline constexpr int register_width = 4;
+#else
+inline constexpr int register_width = 2;
+#endif
+
+template <int Width>
+struct RegisterOf {
+  typedef double Type __attribute__((vector_size(Width * sizeof(double))));
+};
+template <>
+struct RegisterOf<1> {
+  using Type = double;
+};
+template <int Width>
+using Register = typename RegisterOf<Width>::Type;
+
+template <int Width>
+[[gnu::always_inline]] inline Register<Width> load(const double* from) {
+  Register<Width> value;
+  std::memcpy(&value, from, sizeof value);
+  return value;
+}
+
+template <int Width>
+[[gnu::always_inline]] inline void store(double* to, Register<Width> value) {
+  std::memcpy(to, &value, sizeof value);
+}
+
+/// Calls visit(std::integral_constant<int, k>) for k = 0 ... Count - 1, in this order.
+template <int Count, class Visit>
+[[gnu::always_inline]] inline void unroll(Visit&& visit) {
+  [&]<int... K>(std::integer_sequence<int, K...>) __attribute__((always_inline)) {
+    (visit(std::integral_constant<int, K>{}), ...);
+  }
+  (std::make_integer_sequence<int, Count>{});
+}
+
+/// C -= A B^T for a tile of `Registers` x Width rows and `Columns` columns; B has `Columns` rows; A and B have `depth`
+/// columns.
+template <int Width, int Registers, int Columns>
+[[gnu::always_inline]] inline void subtract_tile(const double* a, Offset a_stride, const double* b, Offset b_stride,
+                                                 Offset depth, double* c, Offset c_stride) {
+  Register<Width> sum[Registers * Columns] = {};
+  for (Offset k = 0; k < depth; ++k, a += a_stride, b += b_stride) {
+    Register<Width> left[Registers];
+    unroll<Registers>([&](auto r) __attribute__((always_inline)) { left[r] = load<Width>(a + r * Width); });
+    unroll<Columns>([&](auto j) __attribute__((always_inline)) {
+      const double right = b[j];
+      unroll<Registers>([&](auto r) __attribute__((always_inline)) { sum[j * Registers + r] += left[r] * right; });
+    });
+  }
+  unroll<Columns>([&](auto j) __attribute__((always_inline)) {
+    double* const to = c + j * c_stride;
+    unroll<Registers>([&](auto r) __attribute__((always_inline)) {
+      store<Width>(to + r * Width, load<Width>(to + r * Width) - sum[j * Registers + r]);
+    });
+  });
+}
+
+/// X L^T = C for a tile of one register by N columns, X in the place of C. L is lower triangular; `reciprocals` are
+/// those of its diagonal.
+template <int Width, int N>
+[[gnu::always_inline]] inline void solve_tile(const double* l, Offset l_stride, const double* reciprocals, double* c,
+                                              Offset c_stride) {
+  Register<Width> x[N];
+  unroll<N>([&](auto j) __attribute__((always_inline)) {
+    x[j] = load<Width>(c + j * c_stride);
+    unroll<j()>([&](auto k) __attribute__((always_inline)) { x[j] -= x[k] * l[k * l_stride + j]; });
+    x[j] *= reciprocals[j];
+    store<Width>(c + j * c_stride, x[j]);
+  });
+}
+
+/// C -= A B^T, `rows` x `Columns`, with A `rows` x `depth`, B `Columns` x `depth`. C shares no element with A and B.
+template <int Columns, int Width = register_width>
+void subtract_product(Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride, Offset depth,
+                      double* c, Offset c_stride) {
+  // As many rows as leave the sums in registers: 12 of 16 hold them, the others the factors.
+  constexpr int registers = Columns >= 12 || Width == 1 ? 1 : 12 / Columns;
+  Offset row = 0;
+  for (; row + registers * Width <= rows; row += registers * Width)
+    subtract_tile<Width, registers, Columns>(a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+  for (; row + Width <= rows; row += Width)
+    subtract_tile<Width, 1, Columns>(a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+  if constexpr (Width > 1) {
+    if (row < rows) {
+      subtract_product<Columns, Width / 2>(rows - row, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+    }
+  }
+}
+
+/// X L^T = C, `rows` x N, X in the place of C.
+template <int N, int Width = register_width>
+void solve_from_right(Offset rows, const double* l, Offset l_stride, const double* reciprocals, double* c,
+                      Offset c_stride) {
+  Offset row = 0;
+  for (; row + Width <= rows; row += Width) solve_tile<Width, N>(l, l_stride, reciprocals, c + row, c_stride);
+  if constexpr (Width > 1) {
+    if (row < rows) solve_from_right<N, Width / 2>(rows - row, l, l_stride, reciprocals, c + row, c_stride);
+  }
+}
+
+/// x -= A^T y for N columns of A, with `rows` rows.
+template <int N>
+void subtract_dots(Offset rows, const double* a, Offset a_stride, const double* y, double* x) {
+  constexpr int width = register_width;
+  Register<width> sum[N] = {};
+  Offset row = 0;
+  for (; row + width <= rows; row += width) {
+    const Register<width> factor = load<width>(y + row);
+    unroll<N>([&](auto j) __attribute__((always_inline)) { sum[j] += load<width>(a + j * a_stride + row) * factor; });
+  }
+  unroll<N>([&](auto j) __attribute__((always_inline)) {
+    unroll<width>([&](auto k) __attribute__((always_inline)) { x[j] -= sum[j][k()]; });
+  });
+  for (; row < rows; ++row) {
+    for (int j = 0; j < N; ++j) x[j] -= a[j * a_stride + row] * y[row];
+  }
+}
+
+/// Cholesky factor of an N x N block in its own place (lower triangle) and the reciprocals of its diagonal.
+///
+/// @param scale      diagonal of the matrix before elimination; a pivot below `tolerance * scale` counts as zero.
+/// @returns false if a pivot is not positive; the block is then spoilt.
+template <int N>
+[[nodiscard]] bool factorize_block(double* block, Offset stride, const double* scale, double tolerance,
+                                   double* reciprocals) {
+  for (int j = 0; j < N; ++j) {
+    double* column = block + j * stride;
+    for (int k = 0; k < j; ++k) {
+      const double* before = block + k * stride;
+      const double factor = before[j];
+      for (int i = j; i < N; ++i) column[i] -= before[i] * factor;
+    }
+    const double pivot = column[j];
+    if (!(pivot > tolerance * scale[j]) || !std::isfinite(pivot)) return false;
+    const double root = std::sqrt(pivot);
+    reciprocals[j] = 1.0 / root;
+    column[j] = root;
+    for (int i = j + 1; i < N; ++i) column[i] *= reciprocals[j];
+  }
+  return true;
+}
+
+}  // namespace chainslam::detail
