@@ -3,6 +3,8 @@
 #include <filesystem>
 
 #include "chainslam/io/detail/pose_fields.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/line_fields.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam {
@@ -18,7 +20,7 @@ namespace chainslam {
   while (const auto line = file.read_line()) {
     const std::string_view text = detail::trimmed(*line);
     if (text.empty() || text.starts_with('#')) continue;
-    detail::LineFields fields(file, text, ',');
+    LineFields fields(file, text, ',');
     const Timestamp time = Timestamp::from_nanoseconds(fields.integer("timestamp"));
     if (!trajectory.times.empty() && time < trajectory.times.back())
       fields.fail("timestamp", "a stamp that is earlier than the one before it", "sort the lines by time");

@@ -11,6 +11,9 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/pose_fields.hpp"
+#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/line_fields.hpp"
 #include "chainslam/lie/se2.hpp"
 #include "chainslam/lie/se3.hpp"
 
@@ -175,7 +178,7 @@ void write_g2o_edges(AtomicFile& file, const G2oRecords<Pose>& records) {
   while (const auto line = file.read_line()) {
     const std::string_view text = detail::trimmed(*line);
     if (text.empty() || text.starts_with('#')) continue;
-    detail::LineFields fields(file, text);
+    LineFields fields(file, text);
     const std::string_view tag = fields.text("tag");
     if (tag == "FIX") {
       do graph.fixed.push_back(fields.integer("id"));

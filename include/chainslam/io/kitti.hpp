@@ -7,8 +7,11 @@
 
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/io/bytes.hpp"
 #include "chainslam/io/detail/pose_fields.hpp"
-#include "chainslam/io/detail/scalar_type.hpp"
+#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/line_fields.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam {
@@ -33,9 +36,9 @@ namespace chainslam {
   std::array<std::byte, stride> record{};
   for (std::size_t i = 0; i < count; ++i) {
     file.read(record, "a point");
-    cloud.positions.emplace_back(detail::load<float>(record.data()), detail::load<float>(record.data() + 4),
-                                 detail::load<float>(record.data() + 8));
-    cloud.intensities.push_back(detail::load<float>(record.data() + 12));
+    cloud.positions.emplace_back(load_as<float>(record.data()), load_as<float>(record.data() + 4),
+                                 load_as<float>(record.data() + 8));
+    cloud.intensities.push_back(load_as<float>(record.data() + 12));
   }
   return cloud;
 }
@@ -50,7 +53,7 @@ namespace chainslam {
   while (const auto line = file.read_line()) {
     const std::string_view text = detail::trimmed(*line);
     if (text.empty() || text.starts_with('#')) continue;
-    detail::LineFields fields(file, text);
+    LineFields fields(file, text);
     trajectory.poses.push_back(detail::read_matrix_3x4(fields));
     fields.end("twelve numbers, a row-major 3x4 matrix");
   }

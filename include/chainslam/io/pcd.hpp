@@ -10,8 +10,11 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/lzf.hpp"
-#include "chainslam/io/detail/point_columns.hpp"
 #include "chainslam/io/detail/text.hpp"
+#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/line_fields.hpp"
+#include "chainslam/io/point_file.hpp"
 
 namespace chainslam {
 
@@ -172,7 +175,7 @@ inline void read_pcd_binary(InputFile& file, const PcdHeader& header, PointColum
 inline void read_pcd_compressed(InputFile& file, const PcdHeader& header, PointColumns& points) {
   std::array<std::byte, 8> sizes{};
   file.read(sizes, "the sizes of the compressed points");
-  const std::uint64_t packed = load<std::uint32_t>(sizes.data()), plain = load<std::uint32_t>(sizes.data() + 4);
+  const std::uint64_t packed = load_as<std::uint32_t>(sizes.data()), plain = load_as<std::uint32_t>(sizes.data() + 4);
   if (plain != std::uint64_t{header.points} * header.stride)
     file.fail(file.place_of_byte(),
               std::to_string(plain) + " bytes of points, where the header asks for " +
@@ -283,7 +286,7 @@ inline void write_pcd(const std::filesystem::path& path, const PointCloud<float>
     line.clear();
     const std::size_t n = detail::pcd_values(cloud, i, values);
     for (std::size_t k = 0; k < n; ++k) {
-      if (encoding == PcdEncoding::binary) detail::store(bytes, values[k]);
+      if (encoding == PcdEncoding::binary) append_bytes(bytes, values[k]);
       if (encoding == PcdEncoding::ascii) detail::append_number(line, values[k]), line += k + 1 < n ? ' ' : '\n';
     }
     file.write(bytes);
@@ -293,12 +296,12 @@ inline void write_pcd(const std::filesystem::path& path, const PointCloud<float>
     for (std::size_t k = 0; k < fields; ++k)
       for (std::size_t i = 0; i < count; ++i) {
         detail::pcd_values(cloud, i, values);
-        detail::store(bytes, values[k]);
+        append_bytes(bytes, values[k]);
       }
     const std::vector<std::byte> packed = detail::lzf_compress(bytes);
     std::vector<std::byte> sizes;
-    detail::store(sizes, static_cast<std::uint32_t>(packed.size()));
-    detail::store(sizes, static_cast<std::uint32_t>(bytes.size()));
+    append_bytes(sizes, static_cast<std::uint32_t>(packed.size()));
+    append_bytes(sizes, static_cast<std::uint32_t>(bytes.size()));
     file.write(sizes);
     file.write(packed);
   }

@@ -13,8 +13,11 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/io/detail/point_columns.hpp"
 #include "chainslam/io/detail/text.hpp"
+#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/line_fields.hpp"
+#include "chainslam/io/point_file.hpp"
 
 namespace chainslam {
 
@@ -235,12 +238,12 @@ inline void write_ply(const std::filesystem::path& path, const PointCloud<float>
   std::vector<std::byte> record;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     record.clear();
-    for (int k = 0; k < 3; ++k) detail::store(record, cloud.positions[i][k]);
-    if (cloud.has_intensities()) detail::store(record, cloud.intensities[i]);
+    for (int k = 0; k < 3; ++k) append_bytes(record, cloud.positions[i][k]);
+    if (cloud.has_intensities()) append_bytes(record, cloud.intensities[i]);
     if (cloud.has_normals())
-      for (int k = 0; k < 3; ++k) detail::store(record, cloud.normals[i][k]);
+      for (int k = 0; k < 3; ++k) append_bytes(record, cloud.normals[i][k]);
     if (!colors.empty())
-      for (const std::uint8_t channel : colors[i]) detail::store(record, channel);
+      for (const std::uint8_t channel : colors[i]) append_bytes(record, channel);
     file.write(record);
   }
   file.commit();

@@ -5,6 +5,9 @@
 #include <string>
 
 #include "chainslam/io/detail/pose_fields.hpp"
+#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/line_fields.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam {
@@ -21,7 +24,7 @@ namespace chainslam {
   while (const auto line = file.read_line()) {
     const std::string_view text = detail::trimmed(*line);
     if (text.empty() || text.starts_with('#')) continue;
-    detail::LineFields fields(file, text);
+    LineFields fields(file, text);
     const Timestamp time = fields.time_in_seconds("t");
     if (!trajectory.times.empty() && time < trajectory.times.back())
       fields.fail("t", "a stamp that is earlier than the one before it", "sort the lines by time");

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "chainslam/io/detail/text.hpp"
+#include "chainslam/io/line_fields.hpp"
 #include "chainslam/lie/se3.hpp"
 
 namespace chainslam::detail {

@@ -5,7 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <vector>
+
+#include "chainslam/io/bytes.hpp"
 
 namespace chainslam::detail {
 
@@ -19,48 +20,32 @@ enum class ScalarType : std::uint8_t { int8, uint8, int16, uint16, int32, uint32
 
 [[nodiscard]] constexpr bool is_integer(ScalarType type) { return type < ScalarType::float32; }
 
-/// Loads a number stored in the given byte order; `data` needs no alignment.
-template <class T>
-[[nodiscard]] T load(const std::byte* data, std::endian order = std::endian::little) {
-  std::array<std::byte, sizeof(T)> bytes;
-  for (std::size_t i = 0; i < sizeof(T); ++i) bytes[i] = data[order == std::endian::native ? i : sizeof(T) - 1 - i];
-  return std::bit_cast<T>(bytes);
-}
-
-/// Appends a number, least significant byte first.
-template <class T>
-void store(std::vector<std::byte>& out, T value) {
-  const auto bytes = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
-  for (std::size_t i = 0; i < sizeof(T); ++i)
-    out.push_back(bytes[std::endian::native == std::endian::little ? i : sizeof(T) - 1 - i]);
-}
-
 /// Loads any of the kinds as a double (64-bit integers beyond 2^53 are rounded).
 [[nodiscard]] inline double load_as_double(ScalarType type, const std::byte* data,
                                            std::endian order = std::endian::little) {
   switch (type) {
     case ScalarType::int8:
-      return static_cast<double>(load<std::int8_t>(data, order));
+      return static_cast<double>(load_as<std::int8_t>(data, order));
     case ScalarType::uint8:
-      return static_cast<double>(load<std::uint8_t>(data, order));
+      return static_cast<double>(load_as<std::uint8_t>(data, order));
     case ScalarType::int16:
-      return static_cast<double>(load<std::int16_t>(data, order));
+      return static_cast<double>(load_as<std::int16_t>(data, order));
     case ScalarType::uint16:
-      return static_cast<double>(load<std::uint16_t>(data, order));
+      return static_cast<double>(load_as<std::uint16_t>(data, order));
     case ScalarType::int32:
-      return static_cast<double>(load<std::int32_t>(data, order));
+      return static_cast<double>(load_as<std::int32_t>(data, order));
     case ScalarType::uint32:
-      return static_cast<double>(load<std::uint32_t>(data, order));
+      return static_cast<double>(load_as<std::uint32_t>(data, order));
     case ScalarType::int64:
-      return static_cast<double>(load<std::int64_t>(data, order));
+      return static_cast<double>(load_as<std::int64_t>(data, order));
     case ScalarType::uint64:
-      return static_cast<double>(load<std::uint64_t>(data, order));
+      return static_cast<double>(load_as<std::uint64_t>(data, order));
     case ScalarType::float32:
-      return static_cast<double>(load<float>(data, order));
+      return static_cast<double>(load_as<float>(data, order));
     case ScalarType::float64:
       break;
   }
-  return load<double>(data, order);
+  return load_as<double>(data, order);
 }
 
 /// A double as float: beyond float's range it is infinite, as reading it as a float would have given.

@@ -10,8 +10,6 @@
 #include <system_error>
 
 #include "chainslam/core/timestamp.hpp"
-#include "chainslam/io/file_system.hpp"
-#include "chainslam/io/input_file.hpp"
 
 namespace chainslam::detail {
 
@@ -121,72 +119,5 @@ inline std::string shown(std::string_view field) {
   for (const char c : field.substr(0, 40)) text += c >= ' ' && c != '\x7F' ? c : '?';
   return text + (field.size() > 40 ? "...'" : "'");
 }
-
-/// The fields of one line, read from left to right. Errors name the line and the field.
-class LineFields {
- public:
-  /// @param separator  ',' for CSV (blanks around fields are dropped), or ' ' for any run of blanks.
-  LineFields(const InputFile& file, std::string_view line, char separator = ' ')
-      : file_(&file), rest_(separator == ' ' ? trimmed(line) : line), separator_(separator), left_(!rest_.empty()) {}
-
-  [[nodiscard]] bool more() const { return left_; }
-
-  /// The next field's text. @throws IoError if the line has no more.
-  std::string_view text(const char* name) {
-    if (!left_) fail(name, "the end of the line", "check that the line holds all its fields");
-    const std::size_t end = separator_ == ' ' ? rest_.find_first_of(blanks) : rest_.find(separator_);
-    const std::string_view field = trimmed(rest_.substr(0, end));
-    left_ = end != std::string_view::npos;
-    if (left_) rest_ = separator_ == ' ' ? trimmed(rest_.substr(end)) : rest_.substr(end + 1);
-    return field;
-  }
-
-  /// Any number, NaN and infinity among them.
-  double number_or_nan(const char* name) {
-    const std::string_view field = text(name);
-    const auto value = parse_double(field);
-    if (!value) fail(name, shown(field), number_remedy(field, "a number"));
-    return *value;
-  }
-
-  double number(const char* name) {
-    const std::string_view field = text(name);
-    const auto value = parse_double(field);
-    if (!value || !is_finite(*value)) fail(name, shown(field), number_remedy(field, "a finite number"));
-    return *value;
-  }
-
-  std::int64_t integer(const char* name) {
-    const std::string_view field = text(name);
-    const auto value = parse_integer(field);
-    if (!value) fail(name, shown(field), number_remedy(field, "a whole number"));
-    return *value;
-  }
-
-  Timestamp time_in_seconds(const char* name) {
-    const std::string_view field = text(name);
-    const auto value = parse_seconds(field);
-    if (value) return Timestamp::from_nanoseconds(*value);
-    const bool huge = parse_double(field).value_or(0) > 9e9;
-    fail(name, shown(field),
-         huge ? "write the time in seconds; this looks like nanoseconds or microseconds"
-              : number_remedy(field, "the time in seconds"));
-  }
-
-  /// @throws IoError if fields are left.
-  void end(const char* layout) {
-    if (left_) fail("after the last", shown(trimmed(rest_)), std::string("each line holds ") + layout);
-  }
-
-  [[noreturn]] void fail(const char* name, std::string found, std::string remedy) const {
-    file_->fail(file_->place_of_line() + ", field " + name, std::move(found), std::move(remedy));
-  }
-
- private:
-  const InputFile* file_;
-  std::string_view rest_;
-  char separator_;
-  bool left_;
-};
 
 }  // namespace chainslam::detail
