@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/evaluation/alignment.hpp"
 #include "chainslam/evaluation/statistics.hpp"
 #include "chainslam/trajectory/association.hpp"
@@ -83,7 +84,7 @@ inline std::vector<PosePair> pairs_by_frames(Index poses, Index delta, PairChoic
 /// The pairs of poses that `options` ask for, chosen as evo does: along the estimate's own path.
 /// @throws std::invalid_argument if delta is not positive, or not whole for frames.
 [[nodiscard]] inline std::vector<PosePair> rpe_pairs(std::span<const SE3d> estimate, const RpeOptions& options) {
-  if (!(options.delta > 0) || !std::isfinite(options.delta))
+  if (!(options.delta > 0) || !is_finite(options.delta))
     throw std::invalid_argument("rpe: delta must be positive and finite");
   if (options.unit == DeltaUnit::metres)
     return options.pairs == PairChoice::consecutive

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sensor/imu_sample.hpp"
 
@@ -53,7 +54,7 @@ inline std::vector<ImuStretch> imu_stretches(std::span<const ImuSample> samples)
   double begin = 0;
   int count = 0;
   for (const ImuSample& sample : samples) {
-    if (!sample.accel.allFinite() || !sample.gyro.allFinite()) continue;
+    if (!is_finite(sample.accel) || !is_finite(sample.gyro)) continue;
     const double time = to_seconds(sample.time - samples.front().time);
     if (count > 0 && time - begin >= length) {
       stretches.push_back({sum.accel / count, sum.gyro / count, sum.time / count});
@@ -108,7 +109,7 @@ inline double quantile(std::vector<double> values, double q) {
   ImuUnits result;
   std::vector<double> accel, gyro;
   for (const ImuSample& sample : samples) {
-    if (!sample.accel.allFinite() || !sample.gyro.allFinite()) continue;
+    if (!is_finite(sample.accel) || !is_finite(sample.gyro)) continue;
     accel.push_back(sample.accel.norm());
     gyro.push_back(sample.gyro.norm());
   }

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 
@@ -86,7 +87,7 @@ inline ValueRange value_range(std::span<const double> values) {
   ValueRange range;
   double last = 0;
   for (const double value : values) {
-    if (!std::isfinite(value)) continue;
+    if (!is_finite(value)) continue;
     if (range.finite == 0) range.low = range.high = value;
     range.low = std::min(range.low, value);
     range.high = std::max(range.high, value);
@@ -224,7 +225,7 @@ inline StampPlace stamp_place(double first, double last) {
   if (longest > to_seconds(result.end - result.time)) longest = std::nextafter(longest, 0.0F);
   float last = 0;
   for (std::size_t i = 0; i < raw.size(); ++i) {
-    if (std::isfinite(raw[i]))
+    if (is_finite(raw[i]))
       last = std::clamp(static_cast<float>((raw[i] - origin) * to_nanoseconds * 1e-9), 0.0F, longest);
     result.offsets[i] = last;
   }

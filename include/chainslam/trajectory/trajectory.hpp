@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -49,7 +50,7 @@ struct Trajectory {
 /// Position of the first pose with a number that is not finite; nothing if all are.
 [[nodiscard]] inline std::optional<Index> first_not_finite(std::span<const SE3d> poses) {
   const auto found = std::find_if_not(poses.begin(), poses.end(), [](const SE3d& pose) {
-    return pose.translation().allFinite() && pose.rotation().quaternion().coeffs().allFinite();
+    return is_finite(pose.translation()) && is_finite(pose.rotation().quaternion().coeffs());
   });
   if (found == poses.end()) return std::nullopt;
   return to_index(found - poses.begin());
