@@ -1,0 +1,32 @@
+#pragma once
+
+#include <csignal>
+#include <stop_token>
+#include <thread>
+
+namespace chainslam::support {
+
+/// Turns Ctrl-C (and SIGTERM) into a stop request while it lives: the first finishes what is whole and saves it, the
+/// second ends the program at once with exit code 130. One at a time.
+class Interrupt {
+ public:
+  /// @throws std::logic_error if there is one already; std::system_error if the system gives no pipe.
+  Interrupt();
+  Interrupt(const Interrupt&) = delete;
+  Interrupt& operator=(const Interrupt&) = delete;
+  /// Puts the former handlers back.
+  ~Interrupt();
+
+  /// Wakes and stops whoever waits with it.
+  [[nodiscard]] std::stop_token token() const { return source_.get_token(); }
+  [[nodiscard]] bool requested() const { return source_.stop_requested(); }
+
+ private:
+  std::stop_source source_;
+  int pipe_[2] = {-1, -1};
+  struct sigaction former_interrupt_ {};
+  struct sigaction former_terminate_ {};
+  std::jthread watcher_;  ///< a signal handler may not ask for a stop; this thread may
+};
+
+}  // namespace chainslam::support
