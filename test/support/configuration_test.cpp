@@ -309,7 +309,7 @@ lever_arm = [1, 2.5, -3]
           "odometry.voxel_size = 0.5\n  Edge of the voxels that a scan is reduced to.\n"
           "  Takes a number, 0.05 to 5 m; default 0.5.\n");
     CHECK(configuration.explain("keyframes") == "keyframes.angle_deg = 10.0 deg\nkeyframes.window = 0.25 s\n");
-    CHECK_THROWS_WITH_AS(configuration.explain("keyframe.windw"),
+    CHECK_THROWS_WITH_AS(static_cast<void>(configuration.explain("keyframe.windw")),
                          "--explain: unknown key 'keyframe.windw'\n"
                          "  found: 'keyframe.windw'; did you mean 'keyframes.window' (a number, at least 0 s, default "
                          "0.25)?\n  do: correct the name; `chainslam config --explain keyframes.window` says more",

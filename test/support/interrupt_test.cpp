@@ -7,6 +7,7 @@
 
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <stdexcept>
 #include <thread>
 
@@ -18,6 +19,7 @@ namespace {
 /// Exit code of a child process that does this, with its messages unseen.
 template <class Action>
 int exit_code_of(Action&& action) {
+  std::fflush(nullptr);  // or the child prints it again
   const pid_t child = fork();
   REQUIRE(child >= 0);
   if (child == 0) {
