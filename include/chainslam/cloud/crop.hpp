@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "chainslam/cloud/detail/columns.hpp"
-#include "chainslam/cloud/detail/finite.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/finite.hpp"
 
 namespace chainslam {
 
@@ -25,20 +25,20 @@ template <Cloud Points>
 [[nodiscard]] PointCloud<float> crop_range(const Points& cloud, double min_range, double max_range) {
   return crop(cloud, [=](const Eigen::Vector3d& p) {
     const double squared = p.squaredNorm();
-    return detail::is_finite(squared) && squared >= min_range * min_range && squared <= max_range * max_range;
+    return is_finite(squared) && squared >= min_range * min_range && squared <= max_range * max_range;
   });
 }
 
 /// The points inside the closed box; NaN points go.
 template <Cloud Points>
 [[nodiscard]] PointCloud<float> crop_box(const Points& cloud, const Eigen::AlignedBox3d& box) {
-  return crop(cloud, [&](const Eigen::Vector3d& p) { return detail::is_finite(p) && box.contains(p); });
+  return crop(cloud, [&](const Eigen::Vector3d& p) { return is_finite(p) && box.contains(p); });
 }
 
 /// The points outside the closed box, such as the carrier's own body; NaN and infinite points go.
 template <Cloud Points>
 [[nodiscard]] PointCloud<float> crop_outside_box(const Points& cloud, const Eigen::AlignedBox3d& box) {
-  return crop(cloud, [&](const Eigen::Vector3d& p) { return detail::is_finite(p) && !box.contains(p); });
+  return crop(cloud, [&](const Eigen::Vector3d& p) { return is_finite(p) && !box.contains(p); });
 }
 
 }  // namespace chainslam

@@ -4,8 +4,8 @@
 #include <algorithm>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/cloud/detail/finite.hpp"
 #include "chainslam/cloud/symmetric_eigen.hpp"
+#include "chainslam/core/finite.hpp"
 
 namespace chainslam {
 
@@ -44,7 +44,7 @@ struct PlaneFit {
   // A second axis 1e-4 as long as the first is a line: no more than the rounding of float coordinates.
   constexpr double line_ratio = 1e-8;
   PlaneFit fit;
-  if (!detail::is_finite(mean.sum()) || !detail::is_finite(covariance.sum())) {
+  if (!is_finite(mean.sum()) || !is_finite(covariance.sum())) {
     fit.status = PlaneStatus::not_finite;
     return fit;
   }

@@ -8,8 +8,8 @@
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/detail/columns.hpp"
-#include "chainslam/cloud/detail/finite.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/finite.hpp"
 
 namespace chainslam {
 
@@ -152,7 +152,7 @@ template <class Scalar, Cloud Points>
 
 template <class Scalar, Cloud Points>
 DownsampledCloud<Scalar> VoxelGrid::downsample(const Points& cloud) const {
-  if (!(size > 0) || !detail::is_finite(1.0 / size) || !detail::is_finite(size))
+  if (!(size > 0) || !is_finite(1.0 / size) || !is_finite(size))
     throw std::invalid_argument("VoxelGrid: size must be positive and finite");
   const double inverse_size = 1.0 / size;
   const detail::VoxelGroups groups = detail::group_by_voxel(cloud, inverse_size);

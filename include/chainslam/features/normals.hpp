@@ -6,10 +6,10 @@
 #include <stdexcept>
 #include <vector>
 
-#include "chainslam/cloud/detail/finite.hpp"
 #include "chainslam/cloud/plane_fit.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/kd_tree.hpp"
 
@@ -66,7 +66,7 @@ NormalEstimates estimate_normals(PointCloud<float>& cloud, const Search& search,
                                  const Eigen::Vector3d& viewpoint = Eigen::Vector3d::Zero(), const Exec& exec = {}) {
   constexpr Index grain = 256;
   using Scalar = typename Search::Scalar;
-  if (options.neighbors < 0 || !(options.radius > 0) || (options.neighbors == 0 && !detail::is_finite(options.radius)))
+  if (options.neighbors < 0 || !(options.radius > 0) || (options.neighbors == 0 && !is_finite(options.radius)))
     throw std::invalid_argument("estimate_normals: set neighbors > 0, or a finite radius > 0");
   const Index count = to_index(cloud.size(), "cloud");
   NormalEstimates estimates;

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/cloud/detail/finite.hpp"
+#include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
 
@@ -29,7 +29,7 @@ class BruteForce {
     positions_.reserve(static_cast<std::size_t>(count));
     for (Index i = 0; i < count; ++i) {
       positions_.push_back(chainslam::position(cloud, static_cast<std::size_t>(i)).template cast<Scalar>());
-      if (!detail::is_finite(positions_.back())) ++rejected_;
+      if (!is_finite(positions_.back())) ++rejected_;
     }
   }
 

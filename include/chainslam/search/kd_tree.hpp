@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/cloud/detail/finite.hpp"
+#include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/lanes.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
@@ -126,7 +126,7 @@ auto KdTree<ScalarType>::finite_items(const Points& cloud) -> std::vector<Item> 
   items.reserve(static_cast<std::size_t>(count));
   for (Index i = 0; i < count; ++i) {
     const Vector3 p = chainslam::position(cloud, static_cast<std::size_t>(i)).template cast<Scalar>();
-    if (detail::is_finite(p))
+    if (is_finite(p))
       items.push_back({{p[0], p[1], p[2]}, i});
     else
       ++rejected_;

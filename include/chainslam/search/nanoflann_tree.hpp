@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/cloud/detail/finite.hpp"
+#include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
 
@@ -93,14 +93,14 @@ class NanoflannTree {
     const Index count = to_index(cloud_size(cloud), "cloud");
     for (Index i = 0; i < count; ++i) {
       points->positions.push_back(chainslam::position(cloud, static_cast<std::size_t>(i)).template cast<Scalar>());
-      if (detail::is_finite(points->positions.back())) points->finite.push_back(i);
+      if (is_finite(points->positions.back())) points->finite.push_back(i);
     }
     return points;
   }
 
   template <class Collector>
   void search(const Vector3& query, Collector& found) const {
-    if (!detail::is_finite(query)) return;
+    if (!is_finite(query)) return;
     detail::NanoflannResult<Scalar, Collector> result(found, points_->finite);
     tree_->findNeighbors(result, query.data(), nanoflann::SearchParams());
   }

@@ -16,7 +16,7 @@
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/cloud/detail/finite.hpp"
+#include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/lanes.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
@@ -157,7 +157,7 @@ VoxelMap<ScalarType>::VoxelMap(const VoxelMapOptions& options)
       block_size_(options.voxel_size * Block::edge),
       inverse_block_size_(1.0 / block_size_),
       max_search_radius_(static_cast<Scalar>(block_size_ * options.reach)) {
-  if (!(options.voxel_size > 0) || !detail::is_finite(block_size_) || !detail::is_finite(inverse_block_size_))
+  if (!(options.voxel_size > 0) || !is_finite(block_size_) || !is_finite(inverse_block_size_))
     throw std::invalid_argument("VoxelMap: voxel_size must be positive and finite");
   if (options.max_points_per_voxel < 1)
     throw std::invalid_argument("VoxelMap: max_points_per_voxel must be at least 1");
