@@ -21,7 +21,6 @@ while [ $# -gt 0 ]; do
     --json) [ $# -ge 2 ] || { usage >&2; exit 2; }; json="$2"; shift ;;
     --peers) peers=ON ;;
     --no-plain) plain=no ;;
-    --no-plain) plain=no ;;
     --smoke) minimum_time=0.001 plain=no ;;
     -h | --help) usage; exit 0 ;;
     -*) usage >&2; echo "bench/run.sh: unknown option $1" >&2; exit 2 ;;
