@@ -1,0 +1,59 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "chainslam/core/random.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "simulator/lane_path.hpp"
+#include "simulator/spline.hpp"
+#include "simulator/town.hpp"
+
+namespace chainslam::simulator {
+
+/// How the vehicle drives.
+struct DriveOptions {
+  std::vector<Crossing> route;        ///< see `follow_lane`
+  double lane = 1.9;                  ///< right of the street's middle, metres
+  double cruise = 9.5;                ///< on straight streets, m/s; each street has its own, up to 15 % off
+  double lateral_acceleration = 2.9;  ///< in corners, m/s^2
+  double acceleration = 2.0;          ///< m/s^2
+  double braking = 2.5;               ///< m/s^2
+  double rest_at_start = 2.0;         ///< seconds
+  double rest_at_end = 1.0;           ///< seconds
+  double stop_at = 0.45;              ///< where it stops on the way, as a part of the path; negative: nowhere
+  double stop_duration = 2.0;         ///< seconds
+  double body_height = 1.65;          ///< body above the road, metres
+  double vibration_height = 1.5e-3;   ///< standard deviation at 8 m/s, metres
+  double vibration_angle = 1.2e-3;    ///< in pitch and roll at 8 m/s, radians
+};
+
+/// The truth at one time. The world is the map frame: z up, metres.
+struct Motion {
+  SE3d T_map_body;
+  Eigen::Vector3d velocity_map;      ///< m/s
+  Eigen::Vector3d acceleration_map;  ///< m/s^2, without gravity
+  Eigen::Vector3d rate_body;         ///< rad/s
+};
+
+/// A smooth drive through the town: four times continuously differentiable, at rest at both ends.
+///
+/// The speed obeys the corners; position and attitude follow the terrain, pitch with the pedals and roll in corners,
+/// and tremble with the speed.
+class Drive {
+ public:
+  Drive(const DriveOptions& options, const Town& town, Rng rng);
+
+  [[nodiscard]] double duration() const { return spline_.duration(); }  ///< seconds
+  [[nodiscard]] double length() const { return length_; }               ///< along the path, metres
+
+  /// @param time  seconds from the start.
+  [[nodiscard]] Motion motion(double time) const;
+  [[nodiscard]] SE3d pose(double time) const { return motion(time).T_map_body; }
+
+ private:
+  double length_ = 0.0;
+  Spline<6> spline_;  ///< x, y, z, roll, pitch, yaw
+};
+
+}  // namespace chainslam::simulator

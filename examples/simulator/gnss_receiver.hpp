@@ -1,0 +1,46 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "chainslam/core/random.hpp"
+#include "chainslam/core/timestamp.hpp"
+#include "chainslam/sensor/gnss_fix.hpp"
+#include "simulator/drive.hpp"
+
+namespace chainslam::simulator {
+
+/// A consumer's receiver in a town.
+struct GnssOptions {
+  double rate = 2.0;                   ///< Hz
+  double session_bias = 1.0;           ///< standard deviation of each horizontal axis, metres
+  double wander = 1.5;                 ///< standard deviation of the Gauss-Markov error, horizontal, metres
+  double wander_time = 60.0;           ///< its correlation time, seconds
+  double noise = 0.3;                  ///< white, horizontal, metres
+  double vertical = 2.0;               ///< vertical errors are this many times the horizontal ones
+  double time_between_outages = 40.0;  ///< mean, seconds
+  double outage_duration = 6.0;        ///< mean, seconds
+};
+
+/// A line of the receiver's log.
+struct GnssReading {
+  Timestamp time;
+  int mode = 0;  ///< 0: no fix; 3: three-dimensional
+  int satellites = 0;
+  double latitude = 0.0;   ///< radians; of the last fix where there is none
+  double longitude = 0.0;  ///< radians
+  double altitude = 0.0;   ///< metres; not a number where there is no fix
+  double track = 0.0;      ///< course over ground, radians clockwise from north
+  double speed = 0.0;      ///< m/s
+  GnssFix fix;             ///< the same for the library; its covariance is what the receiver believes
+};
+
+/// The map frame on the Earth: x north, y west, z up at NCLT's origin (42.293227 N, 83.709657 W, 270 m).
+[[nodiscard]] Eigen::Vector3d map_to_geodetic(const Eigen::Vector3d& position_map);  ///< rad, rad, m
+[[nodiscard]] Eigen::Vector3d map_to_ecef(const Eigen::Vector3d& position_map);      ///< metres
+
+/// The antenna's positions through the drive, at multiples of 1 / rate from `epoch`, outages included.
+[[nodiscard]] std::vector<GnssReading> record_gnss(const Drive& drive, const GnssOptions& options, Timestamp epoch,
+                                                   Rng rng);
+
+}  // namespace chainslam::simulator

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "chainslam/core/random.hpp"
+#include "chainslam/sensor/imu_sample.hpp"
+#include "simulator/drive.hpp"
+
+namespace chainslam::simulator {
+
+constexpr double gravity = 9.81;  ///< m/s^2, along -z of the map
+
+/// An inertial unit of the grade of Microstrain's 3DM-GX3-25.
+struct InertialOptions {
+  double rate = 100.0;             ///< Hz
+  double gyro_noise = 5e-4;        ///< rad/s per sqrt(Hz)
+  double accel_noise = 8e-4;       ///< m/s^2 per sqrt(Hz)
+  double gyro_bias = 3e-3;         ///< standard deviation when switched on, rad/s
+  double accel_bias = 0.03;        ///< standard deviation when switched on, m/s^2
+  double gyro_bias_walk = 2e-5;    ///< rad/s per sqrt(s)
+  double accel_bias_walk = 2e-4;   ///< m/s^2 per sqrt(s)
+  double scale = 2e-3;             ///< standard deviation of each axis' scale error
+  double misalignment_deg = 0.05;  ///< standard deviation of the angles between nominal and true axes
+
+  /// A perfect instrument at the same rate.
+  [[nodiscard]] InertialOptions without_errors() const;
+};
+
+/// The whole drive as the unit (the body frame) feels it. Samples are instantaneous, at multiples of 1 / rate from
+/// `epoch`.
+[[nodiscard]] std::vector<ImuSample> record_imu(const Drive& drive, const InertialOptions& options, Timestamp epoch,
+                                                Rng rng);
+
+}  // namespace chainslam::simulator

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <numbers>
+
+#include "chainslam/lie/se3.hpp"
+
+namespace chainslam::simulator {
+
+// Where the sensors sit, nominally: NCLT's published calibration (the robot's `base`, x ahead, y right, z down).
+// The library's frames have z up: `body` is the inertial unit and `lidar` the Velodyne, each turned by pi about its x
+// axis.
+
+/// Changes a frame's axes between (x, y, z down) and (x, -y, z up); its own inverse.
+[[nodiscard]] inline SE3d flip_axes() {
+  return SE3d(SO3d::from_quaternion(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0)), Eigen::Vector3d::Zero());
+}
+
+/// R = Rz(yaw) Ry(pitch) Rx(roll), radians.
+[[nodiscard]] inline SO3d from_roll_pitch_yaw(double roll, double pitch, double yaw) {
+  return SO3d::exp(yaw * Eigen::Vector3d::UnitZ()) * SO3d::exp(pitch * Eigen::Vector3d::UnitY()) *
+         SO3d::exp(roll * Eigen::Vector3d::UnitX());
+}
+
+/// The HDL-32E on the robot.
+[[nodiscard]] inline SE3d nominal_T_base_velodyne() {
+  constexpr double degree = std::numbers::pi / 180.0;
+  return SE3d(from_roll_pitch_yaw(0.807 * degree, 0.166 * degree, -90.703 * degree),
+              Eigen::Vector3d(0.002, -0.004, -0.957));
+}
+
+/// The Microstrain MS25 inertial unit on the robot.
+[[nodiscard]] inline SE3d nominal_T_base_ms25() { return SE3d(SO3d(), Eigen::Vector3d(-0.11, -0.18, -0.71)); }
+
+/// The antenna of the consumer GNSS receiver in `base`, metres.
+[[nodiscard]] inline Eigen::Vector3d nominal_antenna_base() { return {0.0, 0.25, -0.51}; }
+
+/// What an estimator should take for the pose of the LiDAR in the body frame (z up).
+[[nodiscard]] inline SE3d nominal_T_body_lidar() {
+  return flip_axes() * nominal_T_base_ms25().inverse() * nominal_T_base_velodyne() * flip_axes();
+}
+
+/// The antenna's place in the body frame (z up), metres.
+[[nodiscard]] inline Eigen::Vector3d nominal_antenna_body() {
+  return flip_axes() * (nominal_T_base_ms25().inverse() * nominal_antenna_base());
+}
+
+}  // namespace chainslam::simulator

@@ -1,0 +1,57 @@
+#include "simulator/town_drive.hpp"
+
+#include <utility>
+
+namespace chainslam::simulator {
+
+TownDrive::TownDrive(const Preset& preset, std::uint64_t seed)
+    : TownDrive(preset, Rng(seed), make_town(preset.town, Rng(seed).fork(0))) {}
+
+TownDrive::TownDrive(const Preset& preset, const Rng& rng, Town town)
+    : drive_(preset.drive, town, rng.fork(1)),
+      caster_(std::move(town.world)),
+      lidar_(preset.lidar, rng.fork(2)),
+      imu_(record_imu(drive_, preset.imu, epoch(), rng.fork(3))),
+      gnss_(record_gnss(drive_, preset.gnss, epoch(), rng.fork(4))),
+      scan_count_(static_cast<Index>(drive_.duration() / preset.lidar.period)) {}
+
+Timestamp TownDrive::scan_end(Index index) const {
+  const Index last = lidar_.options().firings_per_revolution - 1;
+  return epoch() + index * lidar_.period() + lidar_.firing_offset(last) +
+         SpinningLidar::laser_offset(SpinningLidar::lasers);
+}
+
+std::optional<Packet> TownDrive::next() {
+  while (next_gnss_ < gnss_.size() && gnss_[next_gnss_].fix.quality == GnssQuality::none) ++next_gnss_;
+  const bool imu = next_imu_ < imu_.size();
+  const bool gnss = next_gnss_ < gnss_.size();
+  const bool scan = next_scan_ < scan_count_;
+  const Timestamp never = end() + seconds(1.0);
+  const Timestamp imu_time = imu ? imu_[next_imu_].time : never;
+  const Timestamp gnss_time = gnss ? gnss_[next_gnss_].time : never;
+  const Timestamp scan_time = scan ? scan_end(next_scan_) : never;
+  if (imu && imu_time <= gnss_time && imu_time <= scan_time) return imu_[next_imu_++];
+  if (gnss && gnss_time <= scan_time) return gnss_[next_gnss_++].fix;
+  if (scan) return this->scan(next_scan_++);
+  return std::nullopt;
+}
+
+Trajectory TownDrive::truth_at_scan_ends() const {
+  Trajectory trajectory;
+  for (Index i = 0; i < scan_count_; ++i) {
+    trajectory.times.push_back(scan_end(i));
+    trajectory.poses.push_back(truth(trajectory.times.back()));
+  }
+  return trajectory;
+}
+
+Trajectory TownDrive::truth_at_imu_rate() const {
+  Trajectory trajectory;
+  for (const ImuSample& sample : imu_) {
+    trajectory.times.push_back(sample.time);
+    trajectory.poses.push_back(truth(sample.time));
+  }
+  return trajectory;
+}
+
+}  // namespace chainslam::simulator

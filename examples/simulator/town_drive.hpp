@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "chainslam/sensor/packet.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
+#include "simulator/preset.hpp"
+#include "simulator/ray_caster.hpp"
+
+namespace chainslam::simulator {
+
+/// A simulated session: one vehicle, its sensors and the truth, as a stream of packets in time order.
+///
+/// The same preset and seed give the same session. Frames: `body` is the inertial unit, `lidar` the sensor's own, both
+/// z up; `nominal_T_body_lidar()` is what an estimator should assume. The map frame is the world's: x north, y west, z
+/// up.
+class TownDrive {
+ public:
+  TownDrive(const Preset& preset, std::uint64_t seed);
+
+  /// The next packet: inertial samples, GNSS fixes (none in outages) and scans at their end; nothing after the drive.
+  /// At equal times inertial samples come first and scans last.
+  [[nodiscard]] std::optional<Packet> next();
+
+  /// When the drive starts: 2013-06-01 12:00 UTC.
+  [[nodiscard]] static constexpr Timestamp epoch() { return Timestamp::from_microseconds(1'370'088'000'000'000); }
+  [[nodiscard]] Timestamp end() const { return epoch() + seconds(drive_.duration()); }
+  [[nodiscard]] Index scan_count() const { return scan_count_; }
+
+  /// Scan `index` as the sensor reports it, and as the library's record. Safe from several threads.
+  [[nodiscard]] Revolution revolution(Index index) const { return lidar_.turn(caster_, drive_, index); }
+  [[nodiscard]] LidarScan scan(Index index) const { return lidar_.to_scan(revolution(index), epoch()); }
+
+  /// The truth, T_map_body, at any time of the drive.
+  [[nodiscard]] SE3d truth(Timestamp time) const { return drive_.pose(to_seconds(time - epoch())); }
+  /// ... at every scan's end, ...
+  [[nodiscard]] Trajectory truth_at_scan_ends() const;
+  /// ... and at every inertial sample.
+  [[nodiscard]] Trajectory truth_at_imu_rate() const;
+
+  [[nodiscard]] const Drive& drive() const { return drive_; }
+  [[nodiscard]] const RayCaster& caster() const { return caster_; }
+  [[nodiscard]] const SpinningLidar& lidar() const { return lidar_; }
+  [[nodiscard]] const std::vector<ImuSample>& imu() const { return imu_; }
+  [[nodiscard]] const std::vector<GnssReading>& gnss() const { return gnss_; }
+
+ private:
+  TownDrive(const Preset& preset, const Rng& rng, Town town);
+
+  [[nodiscard]] Timestamp scan_end(Index index) const;
+
+  Drive drive_;
+  RayCaster caster_;
+  SpinningLidar lidar_;
+  std::vector<ImuSample> imu_;
+  std::vector<GnssReading> gnss_;
+  Index scan_count_;
+  std::size_t next_imu_ = 0;
+  std::size_t next_gnss_ = 0;
+  Index next_scan_ = 0;
+};
+
+}  // namespace chainslam::simulator
