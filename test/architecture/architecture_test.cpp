@@ -1,0 +1,157 @@
+#include <doctest/doctest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "architecture/include_rules.hpp"
+
+using namespace chainslam::test;
+
+namespace {
+
+std::string read_text(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  REQUIRE_MESSAGE(file.good(), path.string());
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// The rooms and their arrows, as the README draws them.
+IncludeRules library_rules() {
+  IncludeRules rules;
+  rules.arrows = {{"core", {}},
+                  {"lie", {"core"}},
+                  {"trajectory", {"lie"}},
+                  {"cloud", {"lie"}},  // clouds are moved by poses
+                  {"sensor", {"cloud"}},
+                  {"map", {"lie", "sensor"}},
+                  {"graph", {"core"}},
+                  {"sparse", {"core"}},
+                  {"search", {"cloud"}},
+                  {"features", {"search"}},
+                  {"registration", {"features", "lie"}},
+                  {"filter", {"lie"}},
+                  {"factor_graph", {"lie", "sparse"}},
+                  {"odometry", {"filter", "search", "map"}},
+                  {"slam", {"registration", "factor_graph", "graph", "map", "trajectory"}},
+                  {"io", {"map", "trajectory"}},
+                  {"evaluation", {"trajectory", "registration"}}};
+  rules.opt_in = opt_in_headers(read_text(CHAINSLAM_SOURCE_DIR "/CMakeLists.txt"));
+  rules.forbidden = {"iostream", "regex", "functional", "Eigen/Dense", "Eigen/Eigen"};
+  rules.forbidden_words = {"std::cout", "std::cerr", "printf(stdout", "printf(stderr", "std::printf", "std::puts"};
+  rules.umbrella = "chainslam.hpp";
+  return rules;
+}
+
+std::vector<Header> library_headers() {
+  const std::filesystem::path root = CHAINSLAM_SOURCE_DIR "/include/chainslam";
+  std::vector<Header> headers;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(root))
+    if (entry.path().extension() == ".hpp")
+      headers.push_back({entry.path().lexically_relative(root).generic_string(), read_text(entry.path())});
+  std::sort(headers.begin(), headers.end(), [](const Header& a, const Header& b) { return a.path < b.path; });
+  return headers;
+}
+
+/// A small library that keeps to its rules: top -> middle -> base, an opt-in header and an umbrella.
+std::vector<Header> made_up() {
+  return {{"base/a.hpp", "#pragma once\n#include <vector>\n#include \"chainslam/base/detail/b.hpp\"\n"},
+          {"base/detail/b.hpp", "#pragma once\n"},
+          {"middle/c.hpp", "#pragma once\n#include \"chainslam/base/a.hpp\"\n"},
+          {"top/d.hpp", "#pragma once\n#include \"chainslam/base/a.hpp\"\n#include \"chainslam/middle/c.hpp\"\n"},
+          {"top/heavy.hpp", "#pragma once\n#include <heavy/heavy.h>\n"},
+          {"all.hpp",
+           "#pragma once\n#include \"chainslam/base/a.hpp\"\n#include \"chainslam/middle/c.hpp\"\n"
+           "#include \"chainslam/top/d.hpp\"\n"}};
+}
+
+IncludeRules made_up_rules() {
+  IncludeRules rules;
+  rules.arrows = {{"base", {}}, {"middle", {"base"}}, {"top", {"middle"}}};
+  rules.opt_in = {"top/heavy.hpp"};
+  rules.forbidden = {"iostream"};
+  rules.forbidden_words = {"std::cout"};
+  rules.umbrella = "all.hpp";
+  rules.longest = 5;
+  return rules;
+}
+
+/// The problems after one made-up header was given more text.
+std::vector<std::string> problems_with(const std::string& path, const std::string& more) {
+  auto headers = made_up();
+  for (Header& header : headers)
+    if (header.path == path) header.text += more;
+  return include_problems(headers, made_up_rules());
+}
+
+using Problems = std::vector<std::string>;
+
+}  // namespace
+
+TEST_SUITE("architecture") {
+  TEST_CASE("every header keeps to the rooms' arrows and to the house's rules") {
+    const auto headers = library_headers();
+    CHECK(headers.size() > 40);
+    for (const std::string& problem : include_problems(headers, library_rules())) FAIL_CHECK(problem);
+  }
+
+  TEST_CASE("the opt-in headers are those that CMake gives targets of their own") {
+    CHECK(
+        opt_in_headers("set(other a:b.hpp)\nset(chainslam_opt_in\n    tree:search/tree.hpp\n    solver:sparse/s.hpp)\n"
+                       "set(more c:d.hpp)") == std::set<std::string>{"search/tree.hpp", "sparse/s.hpp"});
+    CHECK(library_rules().opt_in.contains("sparse/cholmod.hpp"));
+  }
+
+  TEST_CASE("the checker is content with what keeps to the rules") {
+    CHECK(include_problems(made_up(), made_up_rules()).empty());
+  }
+
+  TEST_CASE("the checker sees an include against the arrows") {
+    CHECK(problems_with("middle/c.hpp", "#include \"chainslam/top/d.hpp\"\n") ==
+          Problems{"middle/c.hpp: includes top/d.hpp, but no arrow leads from middle to top",
+                   "middle/c.hpp: includes itself by way of top/d.hpp"});
+    CHECK(problems_with("base/a.hpp", "  #  include \"chainslam/middle/c.hpp\"  // why\n").size() == 2);
+    auto headers = made_up();
+    headers.push_back({"attic/x.hpp", "#pragma once\n#include \"chainslam/base/a.hpp\"\n"});
+    CHECK(include_problems(headers, made_up_rules()) ==
+          Problems{"attic/x.hpp: lies in no known room", "all.hpp: does not include attic/x.hpp"});
+  }
+
+  TEST_CASE("the checker sees another room's private header, and one that is not there") {
+    CHECK(problems_with("middle/c.hpp", "#include \"chainslam/base/detail/b.hpp\"\n") ==
+          Problems{"middle/c.hpp: includes base/detail/b.hpp, which is private to base"});
+    CHECK(problems_with("middle/c.hpp", "#include \"chainslam/base/z.hpp\"\n") ==
+          Problems{"middle/c.hpp: includes base/z.hpp, which is not there"});
+  }
+
+  TEST_CASE("the checker sees opt-in headers where they must not be") {
+    CHECK(problems_with("top/d.hpp", "#include \"chainslam/top/heavy.hpp\"\n") ==
+          Problems{"top/d.hpp: includes the opt-in header top/heavy.hpp"});
+    CHECK(problems_with("all.hpp", "#include \"chainslam/top/heavy.hpp\"\n") ==
+          Problems{"all.hpp: includes the opt-in header top/heavy.hpp"});
+  }
+
+  TEST_CASE("the checker sees what the umbrella lacks, and who includes the umbrella") {
+    auto headers = made_up();
+    headers.push_back({"top/new.hpp", "#pragma once\n"});
+    CHECK(include_problems(headers, made_up_rules()) == Problems{"all.hpp: does not include top/new.hpp"});
+    CHECK(problems_with("top/heavy.hpp", "#include \"chainslam/all.hpp\"\n").size() == 2);  // that, and no arrow
+    headers = made_up();
+    headers.pop_back();
+    CHECK(include_problems(headers, made_up_rules()) == Problems{"all.hpp: is not there"});
+  }
+
+  TEST_CASE("the checker sees forbidden headers, words, lengths and beginnings") {
+    CHECK(problems_with("base/a.hpp", "#include <iostream>\n") == Problems{"base/a.hpp: includes <iostream>"});
+    CHECK(problems_with("base/a.hpp", "inline void f() { std::cout << 1; }\n") ==
+          Problems{"base/a.hpp: says std::cout"});
+    CHECK(problems_with("base/a.hpp", "\n\n\n") == Problems{"base/a.hpp: has 6 lines: look for the second idea"});
+    auto headers = made_up();
+    headers[0].text = "\n" + headers[0].text;
+    CHECK(include_problems(headers, made_up_rules()) == Problems{"base/a.hpp: does not start with #pragma once"});
+    CHECK(problems_with("top/d.hpp", "#include \"d.hpp\"\n") ==
+          Problems{"top/d.hpp: includes \"d.hpp\" without its whole name chainslam/..."});
+    CHECK(problems_with("top/d.hpp", "#include <chainslam/base/a.hpp>\n") ==
+          Problems{"top/d.hpp: includes <chainslam/base/a.hpp> with angle brackets"});
+  }
+}
