@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cassert>
 #include <cstdint>
 #include <limits>
@@ -20,10 +19,11 @@ namespace chainslam {
 
 /// A static k-d tree with buckets: built once from a cloud, then exact nearest neighbours and radius search.
 ///
-/// The tree is balanced and has no links: nodes lie in heap order (children of i: 2i + 1, 2i + 2), 8 bytes each for
-/// float, leaves behind them. A leaf holds up to 16 points in columns. Every node is split at the median of its widest
-/// axis. Searching prunes by the distance to the cell, kept per axis (Arya and Mount 1993), with a stack of its own.
-/// Copies of the points and all book-keeping take about 22 bytes a point for float.
+/// A cell is split across its widest side in the middle of its points' box, which keeps cells compact where LiDAR
+/// leaves lines of points (a median would make slivers), but gives neither side less than a quarter of the points,
+/// which bounds the depth. Nodes lie in preorder with 32-bit links, leaves hold up to 16 points in columns. Searching
+/// prunes by the distance to the cell, kept axis by axis (Arya and Mount 1993), with a stack of its own. All together
+/// about 30 bytes a point for float.
 ///
 /// Const calls may run on several threads. Indices are the cloud's.
 template <class ScalarType = float>
@@ -65,11 +65,17 @@ class KdTree {
 
  private:
   static constexpr int leaf_size = 16;
-  static constexpr int max_depth = 32;
+  /// No side of a split gets less than a quarter: depth <= log(2^31 / 16) / log(4 / 3) = 65.
+  static constexpr std::size_t max_depth = 66;
+  static constexpr std::uint32_t leaf_axis = 3;
 
+  /// A split, or a reference to a leaf. The lower side of a split is the next node.
   struct Node {
     Scalar split;
-    std::int32_t axis;
+    std::uint32_t packed;  ///< 4 * (the node of the upper side, or the leaf) + (axis, or leaf_axis)
+
+    [[nodiscard]] std::uint32_t axis() const { return packed & 3; }
+    [[nodiscard]] std::uint32_t link() const { return packed >> 2; }
   };
   struct Leaf {
     detail::Lanes<Scalar, leaf_size> points;
@@ -79,21 +85,27 @@ class KdTree {
     std::array<Scalar, 3> p;
     Index index;
   };
-  /// A subtree put aside: where the query lies from its cell, axis by axis, and that distance squared.
+  /// A subtree put aside: how far the query lies from its cell, axis by axis, and that distance squared.
   struct Pending {
     std::array<Scalar, 3> offset;
     Scalar bound;
-    std::size_t node;
+    std::uint32_t node;
   };
 
   template <Cloud Points>
   [[nodiscard]] std::vector<Item> finite_items(const Points& cloud);
-  void build(std::size_t node, std::span<Item> items);
-  void fill_leaf(std::size_t leaf, std::span<const Item> items);
+  void build(std::span<Item> items);
+  void add_leaf(std::span<const Item> items);
   template <class Collector>
   void search(const Vector3& query, Collector& found) const;
 
-  [[nodiscard]] static std::int32_t widest_axis(std::span<const Item> items);
+  /// Where and across which axis to split, and how many items lie below; reorders the items.
+  struct Split {
+    Scalar at;
+    std::uint32_t axis;
+    std::size_t below;
+  };
+  [[nodiscard]] static Split split(std::span<Item> items);
   /// The same sum in the same order as for points, so that rounding never makes a cell farther than what it holds.
   [[nodiscard]] static Scalar squared(const std::array<Scalar, 3>& v) {
     return v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
@@ -111,10 +123,10 @@ template <Cloud Points>
 KdTree<ScalarType>::KdTree(const Points& cloud) {
   std::vector<Item> items = finite_items(cloud);
   if (items.empty()) return;
-  const std::size_t leaf_count = std::bit_ceil((items.size() + leaf_size - 1) / leaf_size);
-  nodes_.resize(leaf_count - 1);
-  leaves_.resize(leaf_count);
-  build(0, items);
+  const std::size_t expected_leaves = items.size() / 10 + 1;
+  nodes_.reserve(2 * expected_leaves);
+  leaves_.reserve(expected_leaves);
+  build(items);
 }
 
 template <class ScalarType>
@@ -135,7 +147,7 @@ auto KdTree<ScalarType>::finite_items(const Points& cloud) -> std::vector<Item> 
 }
 
 template <class ScalarType>
-std::int32_t KdTree<ScalarType>::widest_axis(std::span<const Item> items) {
+auto KdTree<ScalarType>::split(std::span<Item> items) -> Split {
   std::array<Scalar, 3> low = items[0].p, high = items[0].p;
   for (const Item& item : items) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -143,58 +155,68 @@ std::int32_t KdTree<ScalarType>::widest_axis(std::span<const Item> items) {
       high[axis] = std::max(high[axis], item.p[axis]);
     }
   }
-  const Scalar x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
-  if (x >= y && x >= z) return 0;
-  return y >= z ? 1 : 2;
+  std::uint32_t axis = 0;
+  for (std::uint32_t other : {1U, 2U})
+    if (high[other] - low[other] > high[axis] - low[axis]) axis = other;
+  const Scalar middle = low[axis] / 2 + high[axis] / 2;
+  const auto first_above =
+      std::partition(items.begin(), items.end(), [&](const Item& item) { return item.p[axis] < middle; });
+  const auto below = static_cast<std::size_t>(first_above - items.begin());
+  const std::size_t quarter = items.size() / 4;
+  if (below >= quarter && items.size() - below >= quarter) return {middle, axis, below};
+  const std::size_t moved = below < quarter ? quarter : items.size() - quarter;
+  std::nth_element(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(moved), items.end(),
+                   [axis](const Item& left, const Item& right) { return left.p[axis] < right.p[axis]; });
+  return {items[moved].p[axis], axis, moved};
 }
 
 template <class ScalarType>
-void KdTree<ScalarType>::build(std::size_t node, std::span<Item> items) {
-  if (node >= nodes_.size()) return fill_leaf(node - nodes_.size(), items);
-  const std::int32_t axis = widest_axis(items);
-  const auto a = static_cast<std::size_t>(axis);
-  const std::size_t half = items.size() / 2;
-  std::nth_element(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(half), items.end(),
-                   [a](const Item& left, const Item& right) { return left.p[a] < right.p[a]; });
-  nodes_[node] = {items[half].p[a], axis};
-  build(2 * node + 1, items.first(half));
-  build(2 * node + 2, items.subspan(half));
+void KdTree<ScalarType>::build(std::span<Item> items) {
+  if (items.size() <= leaf_size) return add_leaf(items);
+  const Split here = split(items);
+  const std::size_t node = nodes_.size();
+  nodes_.push_back({});
+  build(items.first(here.below));
+  nodes_[node] = {here.at, 4 * static_cast<std::uint32_t>(nodes_.size()) + here.axis};
+  build(items.subspan(here.below));
 }
 
 template <class ScalarType>
-void KdTree<ScalarType>::fill_leaf(std::size_t leaf, std::span<const Item> items) {
+void KdTree<ScalarType>::add_leaf(std::span<const Item> items) {
+  const Index first_slot = to_index((leaves_.size() + 1) * leaf_size, "KdTree") - leaf_size;
+  nodes_.push_back({0, 4 * static_cast<std::uint32_t>(leaves_.size()) + leaf_axis});
+  Leaf& leaf = leaves_.emplace_back();
   for (std::size_t lane = 0; lane < items.size(); ++lane) {
     const Item& item = items[lane];
-    leaves_[leaf].points.set(static_cast<int>(lane), item.p[0], item.p[1], item.p[2]);
-    leaves_[leaf].indices[lane] = item.index;
-    slot_of_point_[static_cast<std::size_t>(item.index)] = static_cast<Index>(leaf * leaf_size + lane);
+    leaf.points.set(static_cast<int>(lane), item.p[0], item.p[1], item.p[2]);
+    leaf.indices[lane] = item.index;
+    slot_of_point_[static_cast<std::size_t>(item.index)] = first_slot + static_cast<Index>(lane);
   }
 }
 
 template <class ScalarType>
 template <class Collector>
 void KdTree<ScalarType>::search(const Vector3& query, Collector& found) const {
-  if (leaves_.empty()) return;
+  if (nodes_.empty()) return;
   const std::array<Scalar, 3> q{query[0], query[1], query[2]};
   std::array<Pending, max_depth> stack;
   std::size_t pending = 0;
   std::array<Scalar, 3> offset{};
-  std::size_t node = 0;
+  std::uint32_t node = 0;
   for (;;) {
-    while (node < nodes_.size()) {
-      const Node& here = nodes_[node];
-      const auto axis = static_cast<std::size_t>(here.axis);
-      const Scalar beyond = q[axis] - here.split;
-      const std::size_t right = beyond >= 0 ? 1 : 0;
+    Node here = nodes_[node];
+    for (; here.axis() != leaf_axis; here = nodes_[node]) {
+      const Scalar beyond = q[here.axis()] - here.split;
+      const bool above = beyond >= 0;
       Pending& far = stack[pending];
       far.offset = offset;
-      far.offset[axis] = beyond;
+      far.offset[here.axis()] = beyond;
       far.bound = squared(far.offset);
-      far.node = 2 * node + 2 - right;
+      far.node = above ? node + 1 : here.link();
       if (far.bound < found.bound()) ++pending;
-      node = 2 * node + 1 + right;
+      node = above ? here.link() : node + 1;
     }
-    const Leaf& leaf = leaves_[node - nodes_.size()];
+    const Leaf& leaf = leaves_[here.link()];
     detail::scan(leaf.points, q.data(), found, [&](int lane) { return leaf.indices[static_cast<std::size_t>(lane)]; });
     do {
       if (pending == 0) return;
