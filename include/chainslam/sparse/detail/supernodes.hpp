@@ -105,7 +105,7 @@ class SupernodeJoiner {
     const double share = static_cast<double>(zeros) / static_cast<double>(trapezoid(columns, height));
     const Index scalar_columns = columns * block_size_;
     const bool join =
-        zeros == 0 || (scalar_columns <= 24 && share < 0.4) || (scalar_columns <= 96 && share < 0.1) || share < 0.03;
+        zeros == 0 || (scalar_columns <= 12 && share < 0.3) || (scalar_columns <= 48 && share < 0.1) || share < 0.03;
     if (!join) return false;
     const Group joined{child.first, columns, height, zeros};
     open_.pop_back();
