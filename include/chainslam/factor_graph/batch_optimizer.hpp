@@ -1,0 +1,217 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/detail/components.hpp"
+#include "chainslam/factor_graph/detail/normal_equations.hpp"
+#include "chainslam/factor_graph/factor_graph.hpp"
+#include "chainslam/sparse/cholesky.hpp"
+#include "chainslam/sparse/concepts.hpp"
+
+namespace chainslam {
+
+enum class OptimizeStatus {
+  converged,        ///< the next step would lower the cost by less than the tolerance
+  iteration_limit,  ///< values are better than before, but not yet converged
+  stalled,          ///< no step lowers the cost any more, though one was predicted to; values are the best ones found
+  unconstrained,    ///< parts of the graph hang on no prior and no fixed variable; `variables` has each one's least key
+  singular,         ///< a direction of variable `variables[0]` is not measured, given those eliminated before it
+  diverged,         ///< the cost rose above the initial one
+  not_finite,       ///< the cost is not a number: check values and measurements
+};
+
+/// What `optimise` did. Costs are sums of squared whitened residuals (chi^2), through the kernels.
+struct OptimizeReport {
+  OptimizeStatus status = OptimizeStatus::converged;
+  Index iterations = 0;  ///< linear systems solved
+  double initial_cost = 0.0;
+  double final_cost = 0.0;  ///< of the graph's values as they are left
+  std::vector<Key> variables;
+
+  /// Whether the graph took the new values. If not, it has its old ones.
+  [[nodiscard]] bool ok() const {
+    return status == OptimizeStatus::converged || status == OptimizeStatus::iteration_limit ||
+           status == OptimizeStatus::stalled;
+  }
+};
+
+/// Full steps to the minimum of the linearised cost: the fastest near the optimum.
+struct GaussNewton {
+  Index max_iterations = 20;
+  /// Converged when a step is predicted to lower the cost by less than this share of it,
+  double relative_tolerance = 1e-9;
+  /// or by less than this.
+  double absolute_tolerance = 1e-9;
+};
+
+/// Steps damped by how well the linearisation predicted the last one: the cost never rises.
+///
+/// The damping is `lambda` times the diagonal of J^T J (Marquardt 1963), driven by the gain ratio (Nielsen 1999;
+/// Madsen, Nielsen and Tingleff 2004, section 3.2).
+struct LevenbergMarquardt {
+  Index max_iterations = 100;
+  double relative_tolerance = 1e-9;  ///< as in `GaussNewton`
+  double absolute_tolerance = 1e-9;
+  double initial_lambda = 1e-6;
+  double max_lambda = 1e12;  ///< beyond it, the optimisation has stalled
+};
+
+namespace detail {
+
+/// One optimisation's state and memory.
+template <class Graph, class Solver>
+class BatchOptimization {
+ public:
+  using Group = typename Graph::Value;
+
+  BatchOptimization(const Graph& graph, Solver& solver)
+      : graph_(graph), solver_(solver), equations_(graph), values_(graph.values()), candidate_(graph.values()) {
+    step_.resize(equations_.gradient().size());
+    damping_.resize(static_cast<std::size_t>(step_.size()));
+    diagonal_.resize(damping_.size());
+    solver_.analyze(equations_.matrix().pattern());
+  }
+
+  [[nodiscard]] OptimizeReport run(const GaussNewton& method) {
+    OptimizeReport report = begin();
+    double cost = report.initial_cost;
+    while (std::isfinite(cost)) {
+      if (!solve({}, report)) return report;
+      equations_.retract(step_, values_, values_);
+      const double predicted = -equations_.gradient().dot(step_);
+      const bool converged = predicted <= tolerance(method, cost);
+      if (converged || report.iterations >= method.max_iterations) {
+        report.status = converged ? OptimizeStatus::converged : OptimizeStatus::iteration_limit;
+        return finish(graph_.cost(values_), method, report);
+      }
+      cost = equations_.linearize(graph_, values_);
+    }
+    return finish(cost, method, report);
+  }
+
+  [[nodiscard]] OptimizeReport run(const LevenbergMarquardt& method) {
+    OptimizeReport report = begin();
+    double cost = report.initial_cost;
+    double lambda = method.initial_lambda;
+    double growth = 2.0;
+    equations_.diagonal(diagonal_);
+    while (std::isfinite(cost)) {
+      std::ranges::transform(diagonal_, damping_.begin(), [&](double entry) { return lambda * entry; });
+      if (!solve(damping_, report)) return report;
+      const double predicted = -equations_.gradient().dot(step_) + damped_square(step_);
+      equations_.retract(step_, values_, candidate_);
+      const double next = graph_.cost(candidate_);
+      const bool accepted = next <= cost;
+      if (accepted) std::swap(values_, candidate_);
+      // A strongly damped step promises little wherever it stands: it says nothing about the optimum.
+      const bool converged = predicted <= tolerance(method, cost) && lambda <= 1e-2;
+      if (converged || report.iterations >= method.max_iterations || lambda > method.max_lambda) {
+        report.status = converged                    ? OptimizeStatus::converged
+                        : lambda > method.max_lambda ? OptimizeStatus::stalled
+                                                     : OptimizeStatus::iteration_limit;
+        return finish(accepted ? next : cost, method, report);
+      }
+      if (accepted) {
+        const double gain = (cost - next) / predicted;
+        lambda *= std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3));
+        growth = 2.0;
+        cost = equations_.linearize(graph_, values_);
+        equations_.diagonal(diagonal_);
+      } else {
+        lambda *= growth;
+        growth *= 2.0;
+      }
+    }
+    return finish(cost, method, report);
+  }
+
+  [[nodiscard]] Values<Group> take_values() { return std::move(values_); }
+
+ private:
+  [[nodiscard]] OptimizeReport begin() {
+    OptimizeReport report;
+    report.initial_cost = report.final_cost = equations_.linearize(graph_, values_);
+    return report;
+  }
+
+  /// Solves for the next step; if that fails, the report says why.
+  [[nodiscard]] bool solve(std::span<const double> damping, OptimizeReport& report) {
+    ++report.iterations;
+    const FactorizationResult result = solver_.factorize(equations_.matrix(), damping);
+    if (!result.ok()) {
+      report.status = OptimizeStatus::singular;
+      report.variables = {equations_.key(result.block_column)};
+      return false;
+    }
+    step_ = -equations_.gradient();
+    solver_.solve({step_.data(), static_cast<std::size_t>(step_.size())});
+    return true;
+  }
+
+  [[nodiscard]] double damped_square(const Eigen::VectorXd& step) const {
+    return step.cwiseAbs2().dot(Eigen::Map<const Eigen::VectorXd>(damping_.data(), step.size()));
+  }
+
+  template <class Method>
+  [[nodiscard]] static double tolerance(const Method& method, double cost) {
+    return method.relative_tolerance * cost + method.absolute_tolerance;
+  }
+
+  template <class Method>
+  [[nodiscard]] static OptimizeReport finish(double cost, const Method& method, OptimizeReport report) {
+    if (!std::isfinite(cost)) {
+      report.status = OptimizeStatus::not_finite;
+    } else if (cost > report.initial_cost + tolerance(method, report.initial_cost)) {
+      report.status = OptimizeStatus::diverged;
+    } else {
+      report.final_cost = cost;
+    }
+    return report;
+  }
+
+  const Graph& graph_;
+  Solver& solver_;
+  NormalEquations<Graph> equations_;
+  Values<Group> values_;
+  Values<Group> candidate_;
+  Eigen::VectorXd step_;
+  std::vector<double> damping_;
+  std::vector<double> diagonal_;
+};
+
+}  // namespace detail
+
+/// Finds the values at which the graph's cost is least, starting from those it has.
+///
+/// Something must hold each connected part in place: a prior or a fixed variable. Whatever fails is a status, and the
+/// graph then keeps its values, bit for bit.
+///
+/// @param method  GaussNewton or LevenbergMarquardt.
+/// @param solver  where the linear systems are solved; keeps its memory for the next call.
+template <class Group, class... Extra, class Method, LinearSolver Solver>
+OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, Solver& solver) {
+  std::vector<Key> floating = detail::floating_components(graph);
+  if (!floating.empty()) {
+    OptimizeReport report;
+    report.status = OptimizeStatus::unconstrained;
+    report.initial_cost = report.final_cost = graph.cost();
+    report.variables = std::move(floating);
+    return report;
+  }
+  detail::BatchOptimization<FactorGraph<Group, Extra...>, Solver> optimization(graph, solver);
+  OptimizeReport report = optimization.run(method);
+  if (report.ok()) graph.set_values(optimization.take_values());
+  return report;
+}
+
+template <class Group, class... Extra, class Method = LevenbergMarquardt>
+OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method = {}) {
+  BlockCholesky<Group::dof> solver;
+  return optimise(graph, method, solver);
+}
+
+}  // namespace chainslam

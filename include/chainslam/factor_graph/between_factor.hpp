@@ -1,0 +1,50 @@
+#pragma once
+
+#include <array>
+
+#include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/noise_model.hpp"
+#include "chainslam/factor_graph/values.hpp"
+#include "chainslam/lie/concepts.hpp"
+#include "chainslam/lie/se3.hpp"
+
+namespace chainslam {
+
+/// A measured T_from_to = x_from^-1 x_to: residual log(measurement^-1 x_from^-1 x_to), whitened.
+///
+/// Jacobians are exact, the logarithm's included: with r the residual before whitening, J_to = Jr^-1(r) and
+/// J_from = -Jr^-1(r) Ad(x_to^-1 x_from) (Sola et al. 2018, eq. 79 and 82).
+template <LieGroup Group, RobustCost Kernel = Trivial>
+struct BetweenFactor {
+  using Value = Group;
+  static constexpr std::size_t arity = 2;
+  static constexpr int rows = Group::dof;
+  using Residual = Eigen::Matrix<double, rows, 1>;
+  using Linearized = LinearizedFactor<rows, Group::dof, arity>;
+
+  Key from = 0;
+  Key to = 0;
+  Group measurement;  ///< T_from_to
+  SqrtInformation<Group::dof> sqrt_information = SqrtInformation<Group::dof>::Identity();
+  [[no_unique_address]] Kernel kernel{};
+
+  [[nodiscard]] std::array<Key, arity> keys() const { return {from, to}; }
+
+  [[nodiscard]] Residual residual(const Values<Group>& values) const {
+    return sqrt_information * (measurement.inverse() * (values[from].inverse() * values[to])).log();
+  }
+
+  [[nodiscard]] Linearized linearize(const Values<Group>& values) const {
+    const Group T_from_to = values[from].inverse() * values[to];
+    const typename Group::Tangent error = (measurement.inverse() * T_from_to).log();
+    Linearized result;
+    result.residual.noalias() = sqrt_information * error;
+    result.jacobians[1].noalias() = sqrt_information * Group::right_jacobian_inverse(error);
+    result.jacobians[0].noalias() = -result.jacobians[1] * T_from_to.inverse().adjoint();
+    return result;
+  }
+};
+static_assert(RobustFactor<BetweenFactor<SE3d>>);
+
+}  // namespace chainslam

@@ -1,0 +1,104 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+namespace chainslam {
+
+/// Square root R of an information matrix, R^T R = information, as stored in factors and files: its layout depends on
+/// no compiler flag. Directions without information are allowed.
+template <int Dof>
+using SqrtInformation = Eigen::Matrix<double, Dof, Dof, Eigen::DontAlign>;
+
+/// Gaussian noise of a residual of `Dof` rows, kept as square-root information: the whitened residual is R r.
+///
+/// Every way in refuses what is not a number, not symmetric, or negative, with std::invalid_argument. Rows as the
+/// residual's: for SE(3) [translation; rotation].
+template <int Dof>
+class NoiseModel {
+ public:
+  using Matrix = Eigen::Matrix<double, Dof, Dof>;
+  using Vector = Eigen::Matrix<double, Dof, 1>;
+
+  /// @param covariance  symmetric, positive definite.
+  [[nodiscard]] static NoiseModel from_covariance(const Matrix& covariance) {
+    require_symmetric(covariance, "covariance");
+    // Scaled to unit diagonal, so that 1e-12 rad^2 beside 1e4 m^2 is not taken for singular.
+    if (!(covariance.diagonal().minCoeff() > 0.0)) refuse("covariance", "is not positive definite");
+    const Vector sigmas = covariance.diagonal().cwiseSqrt();
+    const Matrix correlation = sigmas.cwiseInverse().asDiagonal() * covariance * sigmas.cwiseInverse().asDiagonal();
+    const Eigen::LLT<Matrix> factor(correlation);
+    if (factor.info() != Eigen::Success) refuse("covariance", "is not positive definite");
+    Matrix root = sigmas.cwiseInverse().asDiagonal();
+    factor.matrixL().solveInPlace(root);
+    return NoiseModel(root, "covariance");
+  }
+
+  /// @param information  symmetric, positive semi-definite: directions without information are allowed.
+  [[nodiscard]] static NoiseModel from_information(const Matrix& information) {
+    require_symmetric(information, "information");
+    return NoiseModel(semi_definite_root(information), "information");
+  }
+
+  /// @param root  any R with R^T R = information.
+  [[nodiscard]] static NoiseModel from_sqrt_information(const Matrix& root) {
+    return NoiseModel(root, "square-root information");
+  }
+
+  /// @param sigmas  standard deviations, > 0; infinity for a direction without information.
+  [[nodiscard]] static NoiseModel from_sigmas(const Vector& sigmas) {
+    for (const double sigma : sigmas) {
+      if (!(sigma > 0.0)) refuse("sigmas", "must be positive");
+    }
+    return NoiseModel(sigmas.cwiseInverse().asDiagonal(), "sigmas");
+  }
+
+  /// The same standard deviation in all directions.
+  [[nodiscard]] static NoiseModel from_sigma(double sigma) { return from_sigmas(Vector::Constant(sigma)); }
+
+  [[nodiscard]] const SqrtInformation<Dof>& sqrt_information() const { return sqrt_information_; }
+  [[nodiscard]] Matrix information() const { return sqrt_information_.transpose() * sqrt_information_; }
+
+ private:
+  NoiseModel(const Matrix& root, const char* origin) : sqrt_information_(root) {
+    if (!root.allFinite()) refuse(origin, "is not finite");
+  }
+
+  static void require_symmetric(const Matrix& matrix, const char* name) {
+    if (!matrix.allFinite()) refuse(name, "is not finite");
+    const double scale = matrix.cwiseAbs().maxCoeff();
+    // Files state six digits and more.
+    if ((matrix - matrix.transpose()).cwiseAbs().maxCoeff() > 1e-6 * scale) refuse(name, "is not symmetric");
+  }
+
+  /// Cholesky with pivots from the diagonal, largest first, which stops where only rounding is left (Higham 2002,
+  /// section 10.3). Works on unit diagonal, so that no unit makes another's information look like rounding.
+  [[nodiscard]] static Matrix semi_definite_root(const Matrix& information) {
+    constexpr double rounding = 1e-12;
+    if (information.diagonal().minCoeff() < 0.0) refuse("information", "has a negative diagonal");
+    const Vector scale = information.diagonal().cwiseSqrt();
+    const Vector inverse = scale.unaryExpr([](double s) { return s > 0.0 ? 1.0 / s : 1.0; });
+    Matrix rest = inverse.asDiagonal() * information * inverse.asDiagonal();
+    Matrix root = Matrix::Zero();
+    for (int k = 0; k < Dof; ++k) {
+      Eigen::Index pivot = 0;
+      const double largest = rest.diagonal().maxCoeff(&pivot);
+      if (!(largest > rounding)) break;
+      root.row(k) = rest.row(pivot) / std::sqrt(largest);
+      rest -= root.row(k).transpose() * root.row(k);
+    }
+    if (rest.cwiseAbs().maxCoeff() > rounding) refuse("information", "has a negative direction");
+    return root * scale.asDiagonal();
+  }
+
+  [[noreturn]] static void refuse(const char* name, const char* why) {
+    throw std::invalid_argument(std::string("NoiseModel: ") + name + " " + why);
+  }
+
+  SqrtInformation<Dof> sqrt_information_;
+};
+
+}  // namespace chainslam

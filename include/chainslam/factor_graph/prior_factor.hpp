@@ -1,0 +1,44 @@
+#pragma once
+
+#include <array>
+
+#include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/noise_model.hpp"
+#include "chainslam/factor_graph/values.hpp"
+#include "chainslam/lie/concepts.hpp"
+#include "chainslam/lie/se3.hpp"
+
+namespace chainslam {
+
+/// A variable measured by itself: residual log(mean^-1 x), whitened.
+template <LieGroup Group, RobustCost Kernel = Trivial>
+struct PriorFactor {
+  using Value = Group;
+  static constexpr std::size_t arity = 1;
+  static constexpr int rows = Group::dof;
+  using Residual = Eigen::Matrix<double, rows, 1>;
+  using Linearized = LinearizedFactor<rows, Group::dof, arity>;
+
+  Key key = 0;
+  Group mean;
+  SqrtInformation<Group::dof> sqrt_information = SqrtInformation<Group::dof>::Identity();
+  [[no_unique_address]] Kernel kernel{};
+
+  [[nodiscard]] std::array<Key, arity> keys() const { return {key}; }
+
+  [[nodiscard]] Residual residual(const Values<Group>& values) const {
+    return sqrt_information * (mean.inverse() * values[key]).log();
+  }
+
+  [[nodiscard]] Linearized linearize(const Values<Group>& values) const {
+    const typename Group::Tangent error = (mean.inverse() * values[key]).log();
+    Linearized result;
+    result.residual.noalias() = sqrt_information * error;
+    result.jacobians[0].noalias() = sqrt_information * Group::right_jacobian_inverse(error);
+    return result;
+  }
+};
+static_assert(RobustFactor<PriorFactor<SE3d>>);
+
+}  // namespace chainslam

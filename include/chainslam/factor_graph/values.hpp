@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cassert>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/lie/concepts.hpp"
+
+namespace chainslam {
+
+/// Names a variable of a factor graph: its place in `Values`, in the order of adding, from 0.
+using Key = Index;
+
+/// The values of a factor graph's variables, all of one type, by key.
+template <Manifold Group>
+class Values {
+ public:
+  /// @returns the new variable's key.
+  Key add(const Group& value) {
+    const Key key = to_index(values_.size(), "number of variables");
+    values_.push_back(value);
+    return key;
+  }
+
+  [[nodiscard]] const Group& operator[](Key key) const {
+    assert(contains(key));
+    return values_[static_cast<std::size_t>(key)];
+  }
+  [[nodiscard]] Group& operator[](Key key) {
+    assert(contains(key));
+    return values_[static_cast<std::size_t>(key)];
+  }
+
+  [[nodiscard]] bool contains(Key key) const { return key >= 0 && key < size(); }
+  [[nodiscard]] Index size() const { return static_cast<Index>(values_.size()); }
+  [[nodiscard]] auto begin() const { return values_.begin(); }
+  [[nodiscard]] auto end() const { return values_.end(); }
+  [[nodiscard]] std::span<const Group> all() const { return values_; }
+
+  friend bool operator==(const Values&, const Values&) = default;
+
+ private:
+  std::vector<Group> values_;
+};
+
+}  // namespace chainslam
