@@ -4,6 +4,7 @@
 #include <string>
 #include <string_view>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/io/detail/text.hpp"
 #include "chainslam/io/input_file.hpp"
@@ -43,8 +44,7 @@ class LineFields {
   double number(const char* name) {
     const std::string_view field = text(name);
     const auto value = detail::parse_double(field);
-    if (!value || !detail::is_finite(*value))
-      fail(name, detail::shown(field), detail::number_remedy(field, "a finite number"));
+    if (!value || !is_finite(*value)) fail(name, detail::shown(field), detail::number_remedy(field, "a finite number"));
     return *value;
   }
 

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <charconv>
 #include <cstdint>
 #include <optional>
@@ -20,11 +19,6 @@ inline std::string_view trimmed(std::string_view text) {
   const std::size_t first = text.find_first_not_of(blanks);
   if (first == std::string_view::npos) return {};
   return text.substr(first, text.find_last_not_of(blanks) - first + 1);
-}
-
-/// Whether a number is neither NaN nor infinite, told by its bits: `std::isfinite` is always true under -ffast-math.
-inline bool is_finite(double value) {
-  return (std::bit_cast<std::uint64_t>(value) & 0x7FF0'0000'0000'0000) != 0x7FF0'0000'0000'0000;
 }
 
 /// Drops a plus sign before a digit or a point, which `std::from_chars` does not know.

@@ -1,0 +1,88 @@
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/pcd.hpp"
+#include "datasets/dataset.hpp"
+#include "datasets/files.hpp"
+
+// Keyframes with recorded odometry, as SC-A-LOAM and FAST-LIO-SAM save them:
+//   Scans/%06d.pcd, times.txt (seconds), odom_poses.txt or, if there is none, optimized_poses.txt (rows of 3x4).
+// Line i belongs to scan i; more lines than scans are allowed. Clouds are in the body frame.
+
+namespace chainslam::datasets {
+namespace {
+
+/// What a keyframe's odometry is believed to be good for, as these programs' own graphs assume: 1 cm, 0.057 deg.
+Matrix6d assumed_covariance() {
+  Matrix6d covariance = 1e-4 * Matrix6d::Identity();
+  covariance.bottomRightCorner<3, 3>() = 1e-6 * Eigen::Matrix3d::Identity();
+  return covariance;
+}
+
+class KeyframeSet final : public Dataset {
+ public:
+  KeyframeSet(const std::filesystem::path& path, const DatasetOptions& options)
+      : scans_(files_in(path / "Scans", {".pcd"})), times_(read_stamps(path / "times.txt")) {
+    const bool odometry = std::filesystem::exists(path / "odom_poses.txt");
+    const std::filesystem::path poses = path / (odometry ? "odom_poses.txt" : "optimized_poses.txt");
+    poses_ = read_kitti_poses(poses).poses;
+    const std::size_t lines = std::min(times_.size(), poses_.size());
+    if (scans_.empty() || lines < scans_.size())
+      throw_input_error(path.string(), "",
+                        std::to_string(scans_.size()) + " scans, " + std::to_string(times_.size()) + " times, " +
+                            std::to_string(poses_.size()) + " poses",
+                        "give at least one line of times.txt and of " + poses.filename().string() + " for each scan");
+    info_.kind = DatasetKind::keyframes;
+    info_.path = path;
+    info_.name = folder_name(path);
+    info_.truth = options.truth;
+    info_.T_body_lidar = options.T_body_lidar.value_or(SE3d());
+    info_.motion_corrected = info_.has_odometry = true;
+    info_.start = times_.front();
+    info_.end = times_[scans_.size() - 1];
+    info_.sensors.push_back({"Scans", SensorKind::lidar, scans_.size(), "keyframes, corrected for motion"});
+    if (!odometry) info_.notes.emplace_back("no odom_poses.txt: optimized_poses.txt is taken for the odometry");
+    if (lines > scans_.size())
+      info_.notes.push_back(std::to_string(lines - scans_.size()) + " poses have no scan and are not used");
+  }
+
+  std::optional<Packet> next() override {
+    if (scan_ == scans_.size()) return std::nullopt;
+    const std::size_t i = scan_++;
+    return LidarScan{.time = times_[i], .end = times_[i], .cloud = cloud(i)};
+  }
+
+  std::optional<Frame> next_frame() override {
+    if (scan_ == scans_.size()) return std::nullopt;
+    const std::size_t i = scan_++;
+    Frame frame;
+    frame.time = times_[i];
+    frame.T_odom_body = poses_[i];
+    frame.covariance = assumed_covariance();
+    frame.cloud = cloud(i);
+    frame.health.points = frame.health.matches = to_index(frame.cloud.size());
+    return frame;
+  }
+
+ private:
+  [[nodiscard]] PointCloud<float> cloud(std::size_t i) const {
+    PointCloud<float> cloud = read_pcd(scans_[i]);
+    cloud.time_offsets.clear();
+    return cloud;
+  }
+
+  std::vector<std::filesystem::path> scans_;
+  std::vector<Timestamp> times_;
+  std::vector<SE3d> poses_;
+  std::size_t scan_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<Dataset> open_keyframes(const std::filesystem::path& path, const DatasetOptions& options) {
+  return std::make_unique<KeyframeSet>(path, options);
+}
+
+}  // namespace chainslam::datasets
