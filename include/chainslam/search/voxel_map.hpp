@@ -125,9 +125,11 @@ class VoxelMap {
   template <class Collector>
   void search(const Vector3& query, Collector& found) const;
   template <class Collector>
-  void search_ring(int ring, const Vector3& query, const Cell& center, const BlockGaps& gaps, Collector& found) const;
+  void search_ring(int ring, const Vector3& query, const Eigen::Vector3d& scaled, const Cell& center,
+                   const BlockGaps& gaps, Collector& found) const;
   template <class Collector>
-  void search_block(const Block& block, std::uint64_t first, const Vector3& query, Collector& found) const;
+  void search_voxels(const Block& block, std::uint64_t voxels, const Slabs& slabs, const Vector3& query,
+                     Collector& found) const;
   template <class Collector>
   void search_voxel(Index bucket, const Vector3& query, Collector& found) const;
 
@@ -268,10 +270,18 @@ void VoxelMap<ScalarType>::search(const Vector3& query, Collector& found) const 
   const Eigen::Vector3d scaled = in_blocks(query);
   const std::optional<Cell> center = cell_of(scaled);
   if (!center) return;
-  if (const Index own = table_.find(*center); own != none)
-    search_block(blocks_[static_cast<std::size_t>(own)], Block::around(Block::voxel_of(scaled, *center)), query, found);
+  if (const Index own = table_.find(*center); own != none) {
+    const Block& block = blocks_[static_cast<std::size_t>(own)];
+    const int voxel = Block::voxel_of(scaled, *center);
+    search_voxel(block.first_bucket(voxel), query, found);
+    if (!(found.bound() > 0)) return;
+    const std::uint64_t others = block.occupied() & ~(std::uint64_t{1} << voxel);
+    const Slabs slabs(scaled, *center, block_size_);
+    search_voxels(block, others & Block::around(voxel), slabs, query, found);
+    search_voxels(block, others & ~Block::around(voxel), slabs, query, found);
+  }
   const BlockGaps gaps = block_gaps(scaled, *center);
-  for (int ring = 1; ring <= options_.reach; ++ring) search_ring(ring, query, *center, gaps, found);
+  for (int ring = 1; ring <= options_.reach; ++ring) search_ring(ring, query, scaled, *center, gaps, found);
 }
 
 template <class ScalarType>
@@ -279,21 +289,18 @@ auto VoxelMap<ScalarType>::block_gaps(const Eigen::Vector3d& scaled, const Cell&
   const std::array<std::int32_t, 3> own{cell.x, cell.y, cell.z};
   BlockGaps gaps;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const double inside = scaled[static_cast<Eigen::Index>(axis)] - own[axis];
-    const double slack = detail::rounding_slack(scaled[static_cast<Eigen::Index>(axis)]);
-    for (int step = -options_.reach; step <= options_.reach; ++step) {
-      const double gap = std::max(std::max(step - inside, inside - (step + 1)) - slack, 0.0) * block_size_;
+    const detail::GapAlongAxis<Scalar> gap(scaled[static_cast<Eigen::Index>(axis)], own[axis], block_size_);
+    for (int step = -options_.reach; step <= options_.reach; ++step)
       gaps.squared[axis][static_cast<std::size_t>(step + max_reach)] =
-          static_cast<Scalar>(gap * gap * detail::below_float_rounding);
-    }
+          gap.squared(static_cast<Scalar>(step), static_cast<Scalar>(step + 1));
   }
   return gaps;
 }
 
 template <class ScalarType>
 template <class Collector>
-void VoxelMap<ScalarType>::search_ring(int ring, const Vector3& query, const Cell& center, const BlockGaps& gaps,
-                                       Collector& found) const {
+void VoxelMap<ScalarType>::search_ring(int ring, const Vector3& query, const Eigen::Vector3d& scaled,
+                                       const Cell& center, const BlockGaps& gaps, Collector& found) const {
   const auto gap = [&](std::size_t axis, int step) {
     return gaps.squared[axis][static_cast<std::size_t>(step + max_reach)];
   };
@@ -307,23 +314,21 @@ void VoxelMap<ScalarType>::search_ring(int ring, const Vector3& query, const Cel
       for (int dx = -ring; dx <= ring; dx += whole_row ? 1 : 2 * ring) {
         if (!(gap_yz + gap(0, dx) < found.bound())) continue;
         const Index neighbor = table_.find(detail::shifted(center, dx, dy, dz));
-        if (neighbor != none) search_block(blocks_[static_cast<std::size_t>(neighbor)], 0, query, found);
+        if (neighbor == none) continue;
+        const Block& block = blocks_[static_cast<std::size_t>(neighbor)];
+        search_voxels(block, block.occupied(), Slabs(scaled, block.cell(), block_size_), query, found);
       }
     }
   }
 }
 
-/// Voxels in `first` come first, so that the bound is small when the others are tested.
 template <class ScalarType>
 template <class Collector>
-void VoxelMap<ScalarType>::search_block(const Block& block, std::uint64_t first, const Vector3& query,
-                                        Collector& found) const {
-  const Slabs slabs(in_blocks(query), block.cell(), block_size_);
-  for (std::uint64_t voxels : {block.occupied() & first, block.occupied() & ~first}) {
-    for (; voxels != 0; voxels &= voxels - 1) {
-      const int voxel = std::countr_zero(voxels);
-      if (slabs.squared_distance(voxel) < found.bound()) search_voxel(block.first_bucket(voxel), query, found);
-    }
+void VoxelMap<ScalarType>::search_voxels(const Block& block, std::uint64_t voxels, const Slabs& slabs,
+                                         const Vector3& query, Collector& found) const {
+  for (; voxels != 0; voxels &= voxels - 1) {
+    const int voxel = std::countr_zero(voxels);
+    if (slabs.squared_distance(voxel) < found.bound()) search_voxel(block.first_bucket(voxel), query, found);
   }
 }
 

@@ -19,8 +19,31 @@ namespace chainslam::detail {
   return 4 * std::numeric_limits<double>::epsilon() * (std::abs(scaled) + 1);
 }
 
-/// Takes a bound computed in double below any sum of squares that float arithmetic may make of the same distance.
+/// Takes a bound below any sum of squares that float arithmetic may make of the same distance.
 inline constexpr double below_float_rounding = 1.0 - 1e-6;
+
+/// Squared distances along one axis from a query to slabs about a block; never more than to a point inside the slab.
+template <class Scalar>
+class GapAlongAxis {
+ public:
+  /// @param scaled  the query's coordinate in block sizes; `cell`: the block's.
+  GapAlongAxis(double scaled, std::int32_t cell, double block_size)
+      : inside_(static_cast<Scalar>(scaled - cell)),
+        slack_(static_cast<Scalar>(rounding_slack(scaled)) +
+               4 * std::numeric_limits<Scalar>::epsilon() * (std::abs(inside_) + 1)),
+        block_size_(static_cast<Scalar>(block_size)) {}
+
+  /// To the slab [low, high], in block sizes from the block's lower face.
+  [[nodiscard]] Scalar squared(Scalar low, Scalar high) const {
+    const Scalar gap = std::max(std::max(low - inside_, inside_ - high) - slack_, Scalar(0)) * block_size_;
+    return gap * gap * static_cast<Scalar>(below_float_rounding);
+  }
+
+ private:
+  Scalar inside_;
+  Scalar slack_;
+  Scalar block_size_;
+};
 
 [[nodiscard]] inline Cell shifted(const Cell& cell, int dx, int dy, int dz) {
   // Wraps at the ends of the range, where no block can be: `cell_of` leaves out the outermost cells.
@@ -119,14 +142,10 @@ class VoxelSlabs {
   VoxelSlabs(const Eigen::Vector3d& scaled, const Cell& cell, double block_size) {
     const std::array<std::int32_t, 3> own{cell.x, cell.y, cell.z};
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double coordinate = scaled[static_cast<Eigen::Index>(axis)];
-      const double inside = coordinate - own[axis];
-      const double slack = rounding_slack(coordinate);
-      for (std::size_t i = 0; i < 4; ++i) {
-        const double low = 0.25 * static_cast<double>(i);
-        const double gap = std::max(std::max(low - inside, inside - low - 0.25) - slack, 0.0) * block_size;
-        squared_[axis][i] = static_cast<Scalar>(gap * gap * below_float_rounding);
-      }
+      const GapAlongAxis<Scalar> gap(scaled[static_cast<Eigen::Index>(axis)], own[axis], block_size);
+      for (std::size_t i = 0; i < 4; ++i)
+        squared_[axis][i] =
+            gap.squared(Scalar(0.25) * static_cast<Scalar>(i), Scalar(0.25) * static_cast<Scalar>(i + 1));
     }
   }
 
