@@ -1,0 +1,67 @@
+#pragma once
+
+#include <algorithm>
+#include <concepts>
+#include <span>
+#include <vector>
+
+#include "chainslam/core/timestamp.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/map/keyframe.hpp"
+#include "chainslam/slam/position_index.hpp"
+
+namespace chainslam {
+
+/// Proposes keyframes that may have seen the same place as a new one.
+///
+/// `find(keyframes, index, query)` gives ids of keyframes other than `query`, the most promising first; the same input
+/// gives the same answer. `index` holds the positions of all `keyframes`.
+template <class C>
+concept ClosureCandidates =
+    requires(const C& candidates, std::span<const Keyframe> keyframes, const PositionIndex& index, KeyframeId query) {
+      { candidates.find(keyframes, index, query) } -> std::same_as<std::vector<KeyframeId>>;
+    };
+
+/// Keyframes that the graph puts near the query, of other sessions or of long enough ago (section 5 of the paper).
+///
+/// Near ones that look the same way come first, since a scanner with a narrow view sees little in common with one that
+/// looks elsewhere. Of keyframes whose submaps are largely the same, only the best is proposed.
+struct ProximityCandidates {
+  double radius = 15.0;                     ///< metres (r_lc of the paper)
+  Duration min_interval = seconds(30);      ///< between query and candidate of the same session
+  double heading_weight = 3.0;              ///< metres that a radian of difference in attitude counts for
+  Index min_separation = 10;                ///< keyframes between two proposals of one session
+  Index max_count = 3;                      ///< proposals
+
+  [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                             KeyframeId query) const {
+    const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];
+    std::vector<PositionIndex::Found> near = index.within(here.T_map_body.translation(), radius);
+    std::erase_if(near, [&](const PositionIndex::Found& found) {
+      const Keyframe& there = keyframes[static_cast<std::size_t>(found.id.value)];
+      return found.id == query || (there.session == here.session && here.time - there.time < min_interval);
+    });
+    for (PositionIndex::Found& found : near) {
+      const Keyframe& there = keyframes[static_cast<std::size_t>(found.id.value)];
+      const SE3d between = there.T_map_body.inverse() * here.T_map_body;
+      found.distance += heading_weight * between.rotation().log().norm();
+    }
+    std::ranges::sort(near, [](const auto& a, const auto& b) {
+      return a.distance != b.distance ? a.distance < b.distance : a.id < b.id;
+    });
+    std::vector<KeyframeId> proposals;
+    for (const PositionIndex::Found& found : near) {
+      if (to_index(proposals.size()) >= max_count) break;
+      const bool known = std::ranges::any_of(proposals, [&](KeyframeId other) {
+        return std::max(found.id.value, other.value) - std::min(found.id.value, other.value) < min_separation &&
+               keyframes[static_cast<std::size_t>(other.value)].session ==
+                   keyframes[static_cast<std::size_t>(found.id.value)].session;
+      });
+      if (!known) proposals.push_back(found.id);
+    }
+    return proposals;
+  }
+};
+static_assert(ClosureCandidates<ProximityCandidates>);
+
+}  // namespace chainslam

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <concepts>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/registration/concepts.hpp"
+
+namespace chainslam {
+
+/// Says how far an accepted alignment may be off: the covariance of T_target_source, tangent [translation; rotation].
+template <class C>
+concept ClosureCovariance = requires(const C& covariance, const AlignResult& result) {
+  { covariance(result) } -> std::convertible_to<Matrix6d>;
+};
+
+/// The paper's: lambda e_ij I_6, the same number for m^2 and rad^2.
+struct IsotropicCovariance {
+  double lambda = 1e-4;
+  double least = 1e-9;  ///< m^2 and rad^2: a perfect fit is still no certainty
+
+  [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
+    return std::max(lambda * result.mean_squared_error, least) * Matrix6d::Identity();
+  }
+};
+static_assert(ClosureCovariance<IsotropicCovariance>);
+
+/// From the registration's Hessian: directions that the points do not determine stay open.
+///
+/// Sigma = (H / (c s^2) + P)^-1 + F, with s^2 the mean squared residual, c the number of neighbouring residuals that err
+/// together, P what is known beforehand (the pose is not off by more than the search radius) and F a floor for what the
+/// residuals do not show: voxels, and the submap's own bend.
+struct HessianCovariance {
+  double correlated_residuals = 100;
+  double prior_translation = 5.0;  ///< metres
+  double prior_rotation = 0.2;     ///< radians
+  double floor_translation = 0.05; ///< metres
+  double floor_rotation = 0.002;   ///< radians
+
+  [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
+    constexpr double least_residual = 1e-4;  // m^2: a centimetre, the sensor's own noise
+    const double variance = correlated_residuals * std::max(result.mean_squared_residual, least_residual);
+    const Matrix6d information = result.hessian / variance + diagonal(1 / prior_translation, 1 / prior_rotation);
+    const Matrix6d covariance = information.llt().solve(Matrix6d::Identity());
+    return 0.5 * (covariance + covariance.transpose()) + diagonal(floor_translation, floor_rotation);
+  }
+
+ private:
+  /// Squares of one number for the translation and one for the rotation.
+  [[nodiscard]] static Matrix6d diagonal(double translation, double rotation) {
+    Vector6d squares;
+    squares << Eigen::Vector3d::Constant(translation * translation), Eigen::Vector3d::Constant(rotation * rotation);
+    return squares.asDiagonal();
+  }
+};
+static_assert(ClosureCovariance<HessianCovariance>);
+
+}  // namespace chainslam

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <utility>
+
+#include "chainslam/core/timestamp.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/sensor/gnss_fix.hpp"
+
+namespace chainslam {
+
+/// Gives keyframes the GNSS position at their own time, between the fixes around it.
+class GnssInterpolator {
+ public:
+  /// @param max_gap  between two fixes: over longer outages nothing is interpolated.
+  explicit GnssInterpolator(Duration max_gap = seconds(2.0)) : max_gap_(max_gap) {}
+
+  /// A keyframe that waits for the next fix; times ascend.
+  void add(KeyframeId id, Timestamp time) { waiting_.push_back({id, time}); }
+
+  /// Takes the next fix and calls `assign(id, fix)` for each waiting keyframe that lies between it and the one before.
+  /// Fixes without a position or not later than the last are left out.
+  template <class Assign>
+  void add(const GnssFix& fix, Assign&& assign) {
+    if (fix.quality == GnssQuality::none || !fix.position_ecef.allFinite() || !fix.covariance_ecef.allFinite()) return;
+    if (last_ && fix.time <= last_->time) return;
+    while (!waiting_.empty() && waiting_.front().time <= fix.time) {
+      const Waiting keyframe = waiting_.front();
+      waiting_.pop_front();
+      if (last_ && keyframe.time >= last_->time && fix.time - last_->time <= max_gap_)
+        assign(keyframe.id, between(*last_, fix, keyframe.time));
+    }
+    last_ = fix;
+  }
+
+ private:
+  struct Waiting {
+    KeyframeId id;
+    Timestamp time;
+  };
+
+  /// The worse quality of both; the covariance is not reduced by averaging, since errors of fixes are correlated.
+  [[nodiscard]] static GnssFix between(const GnssFix& a, const GnssFix& b, Timestamp time) {
+    const double share = to_seconds(time - a.time) / to_seconds(b.time - a.time);
+    GnssFix fix;
+    fix.time = time;
+    fix.position_ecef = a.position_ecef + share * (b.position_ecef - a.position_ecef);
+    fix.covariance_ecef = a.covariance_ecef + share * (b.covariance_ecef - a.covariance_ecef);
+    fix.quality = a.quality < b.quality ? a.quality : b.quality;
+    return fix;
+  }
+
+  Duration max_gap_;
+  std::optional<GnssFix> last_;
+  std::deque<Waiting> waiting_;
+};
+
+}  // namespace chainslam

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "chainslam/map/frame.hpp"
+#include "chainslam/map/keyframe.hpp"
+
+namespace chainslam {
+
+/// Which frames become keyframes. The paper: 3 m (NCLT) or 10 m (MARS), or 0.2 rad.
+struct KeyframeOptions {
+  double distance = 3.0;     ///< metres from the last keyframe; 0 takes every frame
+  double angle = 0.2;        ///< radians turned since the last keyframe
+  double scan_voxel = 0.4;   ///< metres, of the scan that is kept: the voxel at which closures are sought; 0 keeps all
+};
+
+/// Picks frames that have moved far enough from the last one picked. Frames that odometry lost are never picked: their
+/// scans would go to the map at a guessed place.
+class KeyframeSelector {
+ public:
+  explicit KeyframeSelector(const KeyframeOptions& options = {}) : options_(options) {}
+
+  /// @returns the frame as a keyframe without id and session, which the back end gives; nothing if it is too near.
+  [[nodiscard]] std::optional<Keyframe> operator()(const Frame& frame) {
+    if (frame.health.status == FrameStatus::lost || !moved_enough(frame.T_odom_body)) return std::nullopt;
+    last_ = frame.T_odom_body;
+    Keyframe keyframe;
+    keyframe.time = frame.time;
+    keyframe.T_odom_body = frame.T_odom_body;
+    keyframe.cloud = std::make_shared<const PointCloud<float>>(
+        options_.scan_voxel > 0 ? voxel_downsample(frame.cloud, options_.scan_voxel) : frame.cloud);
+    return keyframe;
+  }
+
+ private:
+  [[nodiscard]] bool moved_enough(const SE3d& T_odom_body) const {
+    if (!last_ || options_.distance <= 0) return true;
+    const SE3d motion = last_->inverse() * T_odom_body;
+    return motion.translation().norm() >= options_.distance || motion.rotation().log().norm() >= options_.angle;
+  }
+
+  KeyframeOptions options_;
+  std::optional<SE3d> last_;
+};
+
+}  // namespace chainslam

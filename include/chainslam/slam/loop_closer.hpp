@@ -1,0 +1,125 @@
+#pragma once
+
+#include <limits>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "chainslam/core/executor.hpp"
+#include "chainslam/map/keyframe.hpp"
+#include "chainslam/map/loop_closure.hpp"
+#include "chainslam/registration/coarse_to_fine.hpp"
+#include "chainslam/slam/closure_candidates.hpp"
+#include "chainslam/slam/closure_covariance.hpp"
+#include "chainslam/slam/position_index.hpp"
+#include "chainslam/slam/submap_cache.hpp"
+
+namespace chainslam {
+
+/// When an alignment counts as a closure. The first bound is the paper's (section 5), the others guard what it lets by.
+struct ClosureGate {
+  double max_mean_squared_error = 0.3;  ///< m^2 over inliers within the registration's own distance (tau, at 2 m)
+  double max_residual = 0.25;           ///< metres, root mean square of what the metric measures over inliers
+  double min_inlier_ratio = 0.6;        ///< of the scan's points with a partner in the submap
+  double max_translation = 10.0;        ///< metres that the graph may have been off
+  double max_rotation = 0.5;            ///< radians that the graph may have been off
+
+  [[nodiscard]] ClosureVerdict judge(const AlignResult& result, const SE3d& guess) const {
+    if (result.status != AlignStatus::converged && result.status != AlignStatus::degenerate)
+      return result.status == AlignStatus::iteration_limit ? ClosureVerdict::not_converged
+                                                           : ClosureVerdict::too_few_inliers;
+    if (result.inlier_ratio < min_inlier_ratio) return ClosureVerdict::too_few_inliers;
+    if (result.mean_squared_error > max_mean_squared_error ||
+        result.mean_squared_residual > max_residual * max_residual)
+      return ClosureVerdict::high_residual;
+    const SE3d correction = guess.inverse() * result.T_target_source;
+    if (correction.translation().norm() > max_translation || correction.rotation().log().norm() > max_rotation)
+      return ClosureVerdict::implausible;
+    return ClosureVerdict::accepted;
+  }
+};
+
+struct LoopCloserOptions {
+  double min_travel = 4.0;  ///< metres along the path between two searches (v / f_lc of the paper); 0: every keyframe
+  ClosureGate gate{};
+  SubmapOptions submap{};
+};
+
+/// Closes loops: aligns the newest keyframe's scan to the submaps of keyframes that may have seen the same place.
+///
+/// @tparam Candidates   which keyframes to try.
+/// @tparam Registration aligns scan i to submap j and so gives T_j_i = x_j^-1 x_i, the measurement from j to i.
+/// @tparam Covariance   how far an accepted alignment may be off.
+template <ClosureCandidates Candidates = ProximityCandidates, class Registration = CoarseToFine<>,
+          ClosureCovariance Covariance = HessianCovariance>
+class LoopCloser {
+ public:
+  explicit LoopCloser(const LoopCloserOptions& options = {}, Candidates candidates = {}, Registration registration = {},
+                      Covariance covariance = {})
+      : options_(options),
+        candidates_(std::move(candidates)),
+        registration_(std::move(registration)),
+        covariance_(std::move(covariance)),
+        submaps_(options.submap) {}
+
+  /// Tries the newest keyframe, the last of `keyframes`; candidates in their order until one is accepted.
+  ///
+  /// @param index  positions of all keyframes.
+  /// @returns what was tried, refusals and at most one accepted closure, each with its verdict.
+  template <Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                               const E& executor = {}) {
+    std::vector<LoopClosure> tried;
+    if (keyframes.empty() || !due(keyframes)) return tried;
+    const KeyframeId query = keyframes.back().id;
+    for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
+      tried.push_back(align(keyframes, candidate, query, executor));
+      if (tried.back().verdict == ClosureVerdict::accepted) break;
+    }
+    return tried;
+  }
+
+  /// Aligns keyframe `to`'s scan to the submap around `from`, starting from the graph's estimate, and judges the result.
+  template <Executor E = Serial>
+  [[nodiscard]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
+                                  const E& executor = {}) {
+    const Keyframe& i = keyframes[static_cast<std::size_t>(to.value)];
+    const Keyframe& j = keyframes[static_cast<std::size_t>(from.value)];
+    const SE3d guess = j.T_map_body.inverse() * i.T_map_body;
+    LoopClosure closure{.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::too_few_inliers};
+    if (!i.cloud) return closure;
+    const auto submap = submaps_.get(keyframes, from, executor);
+    const AlignResult result = registration_.align(*i.cloud, *submap, guess, executor);
+    closure.T_from_to = result.T_target_source;
+    closure.verdict = options_.gate.judge(result, guess);
+    closure.mean_squared_error = result.mean_squared_error;
+    closure.inlier_ratio = result.inlier_ratio;
+    if (closure.verdict == ClosureVerdict::accepted) closure.covariance = covariance_(result);
+    return closure;
+  }
+
+  [[nodiscard]] const LoopCloserOptions& options() const { return options_; }
+  [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }
+
+ private:
+  /// Whether the newest keyframe lies far enough along the path from the last one that was tried.
+  [[nodiscard]] bool due(std::span<const Keyframe> keyframes) {
+    const Keyframe& newest = keyframes.back();
+    if (keyframes.size() > 1 && keyframes[keyframes.size() - 2].session == newest.session) {
+      const Keyframe& before = keyframes[keyframes.size() - 2];
+      travelled_ += (before.T_odom_body.inverse() * newest.T_odom_body).translation().norm();
+    }
+    if (travelled_ < options_.min_travel) return false;
+    travelled_ = 0;
+    return true;
+  }
+
+  LoopCloserOptions options_;
+  [[no_unique_address]] Candidates candidates_;
+  [[no_unique_address]] Registration registration_;
+  [[no_unique_address]] Covariance covariance_;
+  SubmapCache submaps_;
+  double travelled_ = std::numeric_limits<double>::infinity();  // metres since the last search: the first is due at once
+};
+
+}  // namespace chainslam

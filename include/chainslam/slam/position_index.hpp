@@ -1,0 +1,68 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <span>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/map/keyframe.hpp"
+#include "chainslam/search/kd_tree.hpp"
+
+namespace chainslam {
+
+/// Finds keyframes by where the graph believes they are.
+///
+/// A k-d tree over the positions at the last `rebuild`, and a plain list of those appended since, which is folded into
+/// the tree when it has grown to the tree's square root.
+class PositionIndex {
+ public:
+  /// Takes all positions anew: after the graph has moved them.
+  void rebuild(std::span<const Keyframe> keyframes) {
+    positions_.clear();
+    for (const Keyframe& keyframe : keyframes) positions_.push_back(keyframe.T_map_body.translation());
+    fold();
+  }
+
+  /// Adds the next keyframe; ids must come in order.
+  void append(const Eigen::Vector3d& position) {
+    positions_.push_back(position);
+    const std::size_t listed = positions_.size() - in_tree_;
+    if (listed > 64 && listed * listed > positions_.size()) fold();
+  }
+
+  /// A keyframe and its distance from the query, metres.
+  struct Found {
+    KeyframeId id;
+    double distance = 0;
+  };
+
+  /// All keyframes within `radius` metres of `center`, nearest first; equal distances by id.
+  [[nodiscard]] std::vector<Found> within(const Eigen::Vector3d& center, double radius) const {
+    std::vector<Neighbor<double>> neighbors;
+    tree_.within(center, radius, neighbors);
+    std::vector<Found> found;
+    for (const auto& neighbor : neighbors) found.push_back({KeyframeId{neighbor.index}, 0});
+    for (std::size_t i = in_tree_; i < positions_.size(); ++i) found.push_back({KeyframeId{to_index(i)}, 0});
+    for (Found& one : found) one.distance = (positions_[static_cast<std::size_t>(one.id.value)] - center).norm();
+    std::erase_if(found, [&](const Found& one) { return !(one.distance <= radius); });
+    std::ranges::sort(found, [](const Found& a, const Found& b) {
+      return a.distance != b.distance ? a.distance < b.distance : a.id < b.id;
+    });
+    return found;
+  }
+
+  [[nodiscard]] std::size_t size() const { return positions_.size(); }
+
+ private:
+  void fold() {
+    tree_ = KdTree<double>(positions_);
+    in_tree_ = positions_.size();
+  }
+
+  std::vector<Eigen::Vector3d> positions_;
+  KdTree<double> tree_;
+  std::size_t in_tree_ = 0;
+};
+
+}  // namespace chainslam
