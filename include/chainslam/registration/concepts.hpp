@@ -1,0 +1,72 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <concepts>
+
+#include "chainslam/cloud/concepts.hpp"
+#include "chainslam/core/executor.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "chainslam/search/concepts.hpp"
+
+namespace chainslam {
+
+/// How an alignment ended.
+enum class AlignStatus {
+  converged,        ///< the last step was smaller than the thresholds
+  iteration_limit,  ///< still moving after the last iteration
+  too_few_points,   ///< source or target has too few finite points; the pose is the guess
+  no_overlap,       ///< too few source points have a partner; the pose is the guess
+  degenerate,       ///< converged where the points tell; the directions that they do not tell are kept from the guess
+};
+
+/// What an alignment found. The figures hold at the pose returned.
+struct AlignResult {
+  SE3d T_target_source;
+  /// Sum of w J'J, tangent [translation; rotation] of a right perturbation of T_target_source: the information if the
+  /// residuals had a standard deviation of 1 m, so the covariance is mean_squared_residual * hessian^-1 for independent
+  /// residuals. Semi-definite: directions found degenerate carry none.
+  Matrix6d hessian = Matrix6d::Zero();
+  Vector6d eigenvalues =
+      Vector6d::Zero();              ///< of the hessian per inlier, lengths in units of the source's extent, ascending
+  Index degenerate_directions = 0;   ///< how many of them were held at the guess
+  Index inliers = 0;                 ///< source points whose nearest target point is near enough
+  double inlier_ratio = 0;           ///< inliers over finite source points
+  double mean_squared_error = 0;     ///< of the distance to the nearest point over inliers, m^2: the paper's e_ij
+  double mean_squared_residual = 0;  ///< of what the metric measures over inliers, m^2
+  AlignStatus status = AlignStatus::too_few_points;
+  Index iterations = 0;
+
+  [[nodiscard]] bool converged() const { return status == AlignStatus::converged; }
+};
+
+/// What a metric says of one pair: the error e and its derivative by the moved point, de / dp, in the target's frame.
+template <int Rows>
+struct PairError {
+  static constexpr int rows = Rows;
+  Eigen::Matrix<double, Rows, 1> residual;  ///< metres
+  Eigen::Matrix<double, Rows, 3> gradient;
+};
+
+/// Measures how badly a moved source point and its match in the target fit.
+///
+/// `metric.error(target, match, p_target)` gives a `PairError` whose gradient is exact where the match stays the same.
+/// A match that tells nothing (no normal) gives zeros.
+template <class Metric, class Target>
+concept ErrorMetric = NearestNeighborSearch<Target> &&
+    requires(const Metric& metric, const Target& target, Index match, const Eigen::Vector3d& p_target) {
+  { metric.error(target, match, p_target).residual } -> std::convertible_to<Eigen::VectorXd>;
+  { metric.error(target, match, p_target).gradient } -> std::convertible_to<Eigen::MatrixXd>;
+};
+
+/// Finds T_target_source, which maps source points into the target's frame, from a guess.
+///
+/// The result depends on the arguments alone, not on the executor. Not converging is a status, never a throw.
+template <class R, class Source, class Target>
+concept Registration = Cloud<Source> && NearestNeighborSearch<Target> &&
+    requires(const R& registration, const Source& source, const Target& target, const SE3d& guess,
+             const Serial& executor) {
+  { registration.align(source, target, guess, executor) } -> std::same_as<AlignResult>;
+};
+
+}  // namespace chainslam
