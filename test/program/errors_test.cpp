@@ -54,7 +54,8 @@ TEST_SUITE("program/errors") {
     CHECK(run_program(scratch.path(), "--version").exit_code == 0);
     const ProgramResult help = run_program(scratch.path(), "--help");
     CHECK(help.exit_code == 0);
-    for (const char* verb : {"map", "simulate", "inspect", "eval", "optimize", "config"}) CHECK(contains(help.output, verb));
+    for (const char* verb : {"map", "simulate", "inspect", "eval", "optimize", "config"})
+      CHECK(contains(help.output, verb));
     for (const char* verb : {"map", "simulate", "inspect", "eval", "optimize", "config"})
       CHECK(run_program(scratch.path(), std::string(verb) + " --help").exit_code == 0);
     CHECK(run_program(scratch.path(), "").exit_code == 2);
@@ -69,7 +70,8 @@ TEST_SUITE("program/errors") {
     fs::create_directories(scratch.path() / "empty");
     check_error(run_program(scratch.path(), "map '" + (scratch.path() / "empty").string() + "'" + out), 3, "empty");
     write_text(scratch.path() / "poem.txt", "shall I compare thee\n");
-    check_error(run_program(scratch.path(), "map '" + (scratch.path() / "poem.txt").string() + "'" + out), 3, "poem.txt");
+    check_error(run_program(scratch.path(), "map '" + (scratch.path() / "poem.txt").string() + "'" + out), 3,
+                "poem.txt");
     CHECK_FALSE(fs::exists(scratch.path() / "out"));
   }
 
@@ -78,8 +80,8 @@ TEST_SUITE("program/errors") {
     write_scans(scratch.path() / "data", 3);
     const fs::path scan = scratch.path() / "data/velodyne_sync/1000000000100000.bin";
     fs::resize_file(scan, fs::file_size(scan) - 3);
-    const ProgramResult result = run_program(
-        scratch.path(), "map '" + (scratch.path() / "data").string() + "' --out '" + (scratch.path() / "out").string() + "'");
+    const ProgramResult result = run_program(scratch.path(), "map '" + (scratch.path() / "data").string() +
+                                                                 "' --out '" + (scratch.path() / "out").string() + "'");
     check_error(result, 3, scan.filename().string());
     CHECK(contains(result.errors, "byte"));
   }
@@ -92,8 +94,8 @@ TEST_SUITE("program/errors") {
     const ProgramResult first = run_program(scratch.path(), command);
     CAPTURE(first.errors);
     REQUIRE(first.exit_code == 0);
-    for (const char* name : {"trajectory.tum", "trajectory.kitti.txt", "odometry.tum", "map.ply", "graph.g2o", "summary.json",
-                             "report.html", "config.toml", "keyframes.csv", "closures.csv"})
+    for (const char* name : {"trajectory.tum", "trajectory.kitti.txt", "odometry.tum", "map.ply", "graph.g2o",
+                             "summary.json", "report.html", "config.toml", "keyframes.csv", "closures.csv"})
       CHECK_MESSAGE(fs::exists(out / name), name);
     CHECK(summary_of(out)["scans"] == 8);
 
@@ -112,7 +114,8 @@ TEST_SUITE("program/errors") {
     const std::string command = "map '" + (scratch.path() / "data").string() + "' --out ";
     check_error(run_program(scratch.path(), command + "/proc/no/such/place"), 4, "/proc/no");
     write_text(scratch.path() / "file", "a file, not a folder");
-    check_error(run_program(scratch.path(), command + "'" + (scratch.path() / "file" / "map").string() + "'"), 4, "file");
+    check_error(run_program(scratch.path(), command + "'" + (scratch.path() / "file" / "map").string() + "'"), 4,
+                "file");
 
     // A full disk: no file may grow past 8 KiB (blocks of 1 KiB), and writing more fails instead of raising a signal.
     const fs::path out = scratch.path() / "out";
@@ -166,7 +169,8 @@ TEST_SUITE("program/errors") {
 
   TEST_CASE("eval of trajectories that are empty, of one pose, or apart in time is 3") {
     const ScratchFolder scratch("eval");
-    const fs::path one = scratch.path() / "one.tum", empty = scratch.path() / "empty.tum", late = scratch.path() / "late.tum";
+    const fs::path one = scratch.path() / "one.tum", empty = scratch.path() / "empty.tum",
+                   late = scratch.path() / "late.tum";
     write_text(one, "1.0 0 0 0 0 0 0 1\n");
     write_text(empty, "");
     write_text(late, "1000.0 0 0 0 0 0 0 1\n1001.0 1 0 0 0 0 0 1\n1002.0 1 1 0 0 0 0 1\n");

@@ -18,9 +18,7 @@ inline std::string read_text(const fs::path& path) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-inline void write_text(const fs::path& path, const std::string& text) {
-  std::ofstream(path, std::ios::binary) << text;
-}
+inline void write_text(const fs::path& path, const std::string& text) { std::ofstream(path, std::ios::binary) << text; }
 
 /// An empty folder of its own, removed at the end.
 class ScratchFolder {
@@ -50,7 +48,8 @@ struct ProgramResult {
 };
 
 /// Runs `prefix chainslam ARGUMENTS` in a shell; CHAINSLAM_PROGRAM is the built program.
-inline ProgramResult run_program(const fs::path& scratch, const std::string& arguments, const std::string& prefix = "") {
+inline ProgramResult run_program(const fs::path& scratch, const std::string& arguments,
+                                 const std::string& prefix = "") {
   const fs::path output = scratch / "stdout.txt", errors = scratch / "stderr.txt";
   const std::string command =
       prefix + " '" CHAINSLAM_PROGRAM "' " + arguments + " >'" + output.string() + "' 2>'" + errors.string() + "'";

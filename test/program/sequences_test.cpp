@@ -17,14 +17,18 @@ using namespace chainslam;
 using namespace chainslam::test;
 
 /// Prints a figure that test/run.sh shows.
-void figure(const char* name, double value, const char* unit) { std::printf("FIGURE %-60s %.4g %s\n", name, value, unit); }
+void figure(const char* name, double value, const char* unit) {
+  std::printf("FIGURE %-60s %.4g %s\n", name, value, unit);
+}
 
 std::string quoted(const fs::path& path) { return "'" + path.string() + "'"; }
 
 /// Maps a data set and returns the folder of results.
-fs::path map(const ScratchFolder& scratch, const fs::path& data, const std::string& name, const std::string& options = "") {
+fs::path map(const ScratchFolder& scratch, const fs::path& data, const std::string& name,
+             const std::string& options = "") {
   const fs::path out = scratch.path() / name;
-  const ProgramResult result = run_program(scratch.path(), "map " + quoted(data) + " --out " + quoted(out) + " " + options);
+  const ProgramResult result =
+      run_program(scratch.path(), "map " + quoted(data) + " --out " + quoted(out) + " " + options);
   CAPTURE(result.errors);
   REQUIRE(result.exit_code == 0);
   return out;
@@ -83,8 +87,8 @@ TEST_SUITE("program/sequences") {
 
     // NCLT's own axes are the wrong ones for these scans; taken all the same, the program says that they look wrong.
     const fs::path flipped = scratch.path() / "flipped";
-    const ProgramResult wrong = run_program(
-        scratch.path(), "map " + quoted(*data) + " --out " + quoted(flipped) + " --set dataset.axes=nclt --max-scans 10");
+    const ProgramResult wrong = run_program(scratch.path(), "map " + quoted(*data) + " --out " + quoted(flipped) +
+                                                                " --set dataset.axes=nclt --max-scans 10");
     CHECK(wrong.exit_code == 0);
     CHECK((wrong.output + wrong.errors).find("axes") != std::string::npos);
   }

@@ -42,8 +42,8 @@ struct SubmapRange {
                                                        SubmapRange range, double voxel_size) {
   PointCloud<float> points;
   const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
-  for (const Keyframe& keyframe : keyframes.subspan(static_cast<std::size_t>(range.begin),
-                                                    static_cast<std::size_t>(range.end - range.begin))) {
+  for (const Keyframe& keyframe :
+       keyframes.subspan(static_cast<std::size_t>(range.begin), static_cast<std::size_t>(range.end - range.begin))) {
     if (!keyframe.cloud) continue;
     const PointCloud<float> seen = transformed(keyframe.cloud->positions, T_center_map * keyframe.T_map_body);
     points.positions.insert(points.positions.end(), seen.positions.begin(), seen.positions.end());

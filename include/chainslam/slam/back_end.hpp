@@ -20,10 +20,10 @@ namespace chainslam {
 
 /// How far odometry between two keyframes may be off, by the way between them.
 struct OdometryNoise {
-  double translation = 0.02;            ///< metres per step,
-  double translation_per_metre = 0.005; ///< and per metre travelled
-  double rotation = 0.001;              ///< radians per step,
-  double rotation_per_metre = 0.0002;   ///< and per metre travelled
+  double translation = 0.02;             ///< metres per step,
+  double translation_per_metre = 0.005;  ///< and per metre travelled
+  double rotation = 0.001;               ///< radians per step,
+  double rotation_per_metre = 0.0002;    ///< and per metre travelled
 
   /// Covariance of T_from_to, tangent [translation; rotation].
   [[nodiscard]] Matrix6d covariance(const SE3d& T_from_to) const {
@@ -50,8 +50,8 @@ struct BackEndCounts {
 
 /// Keeps the keyframes of all sessions in one pose graph, closes loops and optimises.
 ///
-/// All work is done inside `add`, in the order of the calls: the same keyframes give the same map, bit for bit. Only one
-/// thread may call `add`, `begin_session` and `finish`; `snapshot` and `T_map_odom` may be read by any.
+/// All work is done inside `add`, in the order of the calls: the same keyframes give the same map, bit for bit. Only
+/// one thread may call `add`, `begin_session` and `finish`; `snapshot` and `T_map_odom` may be read by any.
 /// @tparam Closer  finds closures: `LoopCloser` with its policies.
 /// @tparam Kernel  weighs closures down that the rest of the graph contradicts; in standard deviations.
 template <class Closer = LoopCloser<>, RobustCost Kernel = Cauchy>

@@ -17,21 +17,21 @@ namespace chainslam {
 /// `find(keyframes, index, query)` gives ids of keyframes other than `query`, the most promising first; the same input
 /// gives the same answer. `index` holds the positions of all `keyframes`.
 template <class C>
-concept ClosureCandidates =
-    requires(const C& candidates, std::span<const Keyframe> keyframes, const PositionIndex& index, KeyframeId query) {
-      { candidates.find(keyframes, index, query) } -> std::same_as<std::vector<KeyframeId>>;
-    };
+concept ClosureCandidates = requires(const C& candidates, std::span<const Keyframe> keyframes,
+                                     const PositionIndex& index, KeyframeId query) {
+  { candidates.find(keyframes, index, query) } -> std::same_as<std::vector<KeyframeId>>;
+};
 
 /// Keyframes that the graph puts near the query, of other sessions or of long enough ago (section 5 of the paper).
 ///
 /// Near ones that look the same way come first, since a scanner with a narrow view sees little in common with one that
 /// looks elsewhere. Of keyframes whose submaps are largely the same, only the best is proposed.
 struct ProximityCandidates {
-  double radius = 15.0;                     ///< metres (r_lc of the paper)
-  Duration min_interval = seconds(30);      ///< between query and candidate of the same session
-  double heading_weight = 3.0;              ///< metres that a radian of difference in attitude counts for
-  Index min_separation = 10;                ///< keyframes between two proposals of one session
-  Index max_count = 3;                      ///< proposals
+  double radius = 15.0;                 ///< metres (r_lc of the paper)
+  Duration min_interval = seconds(30);  ///< between query and candidate of the same session
+  double heading_weight = 3.0;          ///< metres that a radian of difference in attitude counts for
+  Index min_separation = 10;            ///< keyframes between two proposals of one session
+  Index max_count = 3;                  ///< proposals
 
   [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                              KeyframeId query) const {

@@ -28,15 +28,15 @@ static_assert(ClosureCovariance<IsotropicCovariance>);
 
 /// From the registration's Hessian: directions that the points do not determine stay open.
 ///
-/// Sigma = (H / (c s^2) + P)^-1 + F, with s^2 the mean squared residual, c the number of neighbouring residuals that err
-/// together, P what is known beforehand (the pose is not off by more than the search radius) and F a floor for what the
-/// residuals do not show: voxels, and the submap's own bend.
+/// Sigma = (H / (c s^2) + P)^-1 + F, with s^2 the mean squared residual, c the number of neighbouring residuals that
+/// err together, P what is known beforehand (the pose is not off by more than the search radius) and F a floor for what
+/// the residuals do not show: voxels, and the submap's own bend.
 struct HessianCovariance {
   double correlated_residuals = 100;
-  double prior_translation = 5.0;  ///< metres
-  double prior_rotation = 0.2;     ///< radians
-  double floor_translation = 0.05; ///< metres
-  double floor_rotation = 0.002;   ///< radians
+  double prior_translation = 5.0;   ///< metres
+  double prior_rotation = 0.2;      ///< radians
+  double floor_translation = 0.05;  ///< metres
+  double floor_rotation = 0.002;    ///< radians
 
   [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
     constexpr double least_residual = 1e-4;  // m^2: a centimetre, the sensor's own noise

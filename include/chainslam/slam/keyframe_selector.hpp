@@ -12,9 +12,9 @@ namespace chainslam {
 
 /// Which frames become keyframes. The paper: 3 m (NCLT) or 10 m (MARS), or 0.2 rad.
 struct KeyframeOptions {
-  double distance = 3.0;     ///< metres from the last keyframe; 0 takes every frame
-  double angle = 0.2;        ///< radians turned since the last keyframe
-  double scan_voxel = 0.4;   ///< metres, of the scan that is kept: the voxel at which closures are sought; 0 keeps all
+  double distance = 3.0;    ///< metres from the last keyframe; 0 takes every frame
+  double angle = 0.2;       ///< radians turned since the last keyframe
+  double scan_voxel = 0.4;  ///< metres, of the scan that is kept: the voxel at which closures are sought; 0 keeps all
 };
 
 /// Picks frames that have moved far enough from the last one picked. Frames that odometry lost are never picked: their

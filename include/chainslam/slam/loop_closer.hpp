@@ -79,7 +79,8 @@ class LoopCloser {
     return tried;
   }
 
-  /// Aligns keyframe `to`'s scan to the submap around `from`, starting from the graph's estimate, and judges the result.
+  /// Aligns keyframe `to`'s scan to the submap around `from`, starting from the graph's estimate, and judges the
+  /// result.
   template <Executor E = Serial>
   [[nodiscard]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
                                   const E& executor = {}) {
@@ -119,7 +120,8 @@ class LoopCloser {
   [[no_unique_address]] Registration registration_;
   [[no_unique_address]] Covariance covariance_;
   SubmapCache submaps_;
-  double travelled_ = std::numeric_limits<double>::infinity();  // metres since the last search: the first is due at once
+  double travelled_ =
+      std::numeric_limits<double>::infinity();  // metres since the last search: the first is due at once
 };
 
 }  // namespace chainslam

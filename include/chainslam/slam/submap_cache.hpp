@@ -21,10 +21,10 @@ namespace chainslam {
 using Submap = IndexedCloud<>;
 
 struct SubmapOptions {
-  Index radius = 20;             ///< keyframes on each side of the centre (n of the paper)
-  double voxel_size = 0.4;       ///< metres
-  Index normal_neighbors = 12;   ///< points that a normal is fitted to
-  double normal_radius = 2.0;    ///< metres, their largest distance
+  Index radius = 20;                               ///< keyframes on each side of the centre (n of the paper)
+  double voxel_size = 0.4;                         ///< metres
+  Index normal_neighbors = 12;                     ///< points that a normal is fitted to
+  double normal_radius = 2.0;                      ///< metres, their largest distance
   std::size_t max_bytes = std::size_t{512} << 20;  ///< of all submaps kept; the least recently used go first
 };
 
@@ -59,9 +59,9 @@ class SubmapCache {
     return entries_.front().submap;
   }
 
-  [[nodiscard]] std::size_t bytes() const { return bytes_; }     ///< of all submaps kept, about
+  [[nodiscard]] std::size_t bytes() const { return bytes_; }  ///< of all submaps kept, about
   [[nodiscard]] std::size_t size() const { return entries_.size(); }
-  [[nodiscard]] std::size_t built() const { return built_; }     ///< submaps made so far
+  [[nodiscard]] std::size_t built() const { return built_; }  ///< submaps made so far
 
  private:
   struct Entry {
@@ -102,8 +102,8 @@ class SubmapCache {
                      Eigen::Vector3d::Zero(), executor);
     // Positions and normals, and as much again for the tree's own columns and links.
     const std::size_t bytes = points.size() * 4 * sizeof(Eigen::Vector3f);
-    return {center, range, relative_poses(keyframes, center, range),
-            std::make_shared<const Submap>(std::move(points)), bytes};
+    return {center, range, relative_poses(keyframes, center, range), std::make_shared<const Submap>(std::move(points)),
+            bytes};
   }
 
   void erase(Entries::iterator entry) {
