@@ -2,4 +2,10 @@
 #include "chainslam/lie/product.hpp"
 #include "chainslam/lie/se3.hpp"
 
-int main() { (void)sizeof(chainslam::Product<chainslam::SE3d, chainslam::SO3f>); }
+#ifdef CHAINSLAM_RIGHT
+using Bias = chainslam::SO3d;
+#else
+using Bias = chainslam::SO3f;
+#endif
+
+int main() { (void)sizeof(chainslam::Product<chainslam::SE3d, Bias>); }
