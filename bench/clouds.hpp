@@ -34,6 +34,7 @@ class City {
   /// Scan number `step`, in the city's frame, metres.
   [[nodiscard]] PointCloud<float> scan(int step) const {
     const Eigen::Vector3d eye = position(step);
+    const City around = within_range(eye);
     Rng rng = rng_.fork(static_cast<std::uint64_t>(step));
     PointCloud<float> cloud;
     for (int beam = 0; beam < 32; ++beam) {
@@ -42,7 +43,7 @@ class City {
         const double azimuth = 2 * std::numbers::pi * column / 1024;
         const Eigen::Vector3d direction(std::cos(elevation) * std::cos(azimuth),
                                         std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
-        const double range = cast(eye, direction);
+        const double range = around.cast(eye, direction);
         if (range > max_range) continue;
         cloud.positions.push_back((eye + (range + rng.normal(0, 0.02)) * direction).cast<float>());
       }
@@ -63,6 +64,21 @@ class City {
   };
   static constexpr int blocks = 14;
   static constexpr double block = 40, max_range = 80, pole_radius = 0.15, pole_height = 6;
+
+  struct Nothing {};
+  explicit City(Nothing) {}
+
+  /// The part of the city that a scan can reach.
+  [[nodiscard]] City within_range(const Eigen::Vector3d& eye) const {
+    City part{Nothing{}};
+    for (const Building& building : buildings_) {
+      const Eigen::Vector2d nearest = eye.head<2>().cwiseMax(building.low).cwiseMin(building.high);
+      if ((nearest - eye.head<2>()).norm() < max_range) part.buildings_.push_back(building);
+    }
+    for (const Eigen::Vector2d& pole : poles_)
+      if ((pole - eye.head<2>()).norm() < max_range + pole_radius) part.poles_.push_back(pole);
+    return part;
+  }
 
   /// Range to the first thing hit, infinity if none.
   [[nodiscard]] double cast(const Eigen::Vector3d& eye, const Eigen::Vector3d& direction) const {
