@@ -1,0 +1,89 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <concepts>
+#include <cstddef>
+#include <vector>
+
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/executor.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/lie/se3.hpp"
+
+namespace chainslam {
+
+/// The body's motion during a sweep, as poses relative to the sweep's end, evenly spaced in time.
+///
+/// `T_end_body[k]` is the body's pose at k / (size - 1) of the duration, in the body frame of the sweep's end; the last
+/// is the identity. Between two knots points are carried linearly: with steps of at most `knot_angle` radians that is
+/// within range * knot_angle^2 / 8 of the exact arc (0.1 mm at 100 m for 3 mrad).
+struct SweepMotion {
+  static constexpr double knot_angle = 0.003;  ///< radians between knots
+
+  double duration = 0;           ///< seconds from the scan's stamp to its end
+  std::vector<SE3d> T_end_body;  ///< at least two knots
+
+  /// Samples a motion. @param pose  `SE3d pose(double time_offset)`: T_end_body at seconds from the scan's stamp.
+  /// @param angle  radians turned in the whole sweep; sets the number of knots.
+  template <std::invocable<double> Pose>
+  [[nodiscard]] static SweepMotion sample(double duration, double angle, Pose&& pose) {
+    const auto pieces = static_cast<std::size_t>(std::clamp(std::ceil(angle / knot_angle), 8.0, 2048.0));
+    SweepMotion motion{duration, {}};
+    motion.T_end_body.reserve(pieces + 1);
+    for (std::size_t k = 0; k <= pieces; ++k)
+      motion.T_end_body.push_back(pose(duration * static_cast<double>(k) / static_cast<double>(pieces)));
+    return motion;
+  }
+
+  /// Constant twist (per second, body frame, [translation; rotation]) through the whole sweep.
+  [[nodiscard]] static SweepMotion constant_twist(double duration, const Vector6d& twist) {
+    return sample(duration, twist.tail<3>().norm() * duration,
+                  [&](double t) { return SE3d::exp((t - duration) * twist); });
+  }
+};
+
+/// Brings every point of a sweep to where it would have been seen at the sweep's end.
+///
+/// @param sweep   n points, lidar frame, metres. Without time offsets it counts as a snapshot at the end.
+/// @param motion  of the body during the sweep; time offsets beyond it are held at its ends.
+/// @returns n points in the same order, body frame at the sweep's end; time offsets and intensities are kept.
+template <Executor E = Serial>
+[[nodiscard]] PointCloud<float> deskew(const PointCloud<float>& sweep, const SweepMotion& motion,
+                                       const SE3d& T_body_lidar = {}, const E& executor = {}) {
+  constexpr Index grain = 4096;
+  struct Affine {
+    Eigen::Matrix3d R;
+    Eigen::Vector3d t;
+  };
+  std::vector<Affine> knots;
+  knots.reserve(motion.T_end_body.size());
+  for (const SE3d& T_end_body : motion.T_end_body) {
+    const SE3d T_end_lidar = T_end_body * T_body_lidar;
+    knots.push_back({T_end_lidar.rotation().matrix(), T_end_lidar.translation()});
+  }
+  const bool timed = sweep.has_times() && motion.duration > 0;
+  const double last = static_cast<double>(knots.size() - 1);
+  const double knots_per_second = timed ? last / motion.duration : 0;
+
+  PointCloud<float> corrected;
+  corrected.time_offsets = sweep.time_offsets;
+  corrected.intensities = sweep.intensities;
+  corrected.positions.resize(sweep.size());
+  executor.for_chunks(to_index(sweep.size()), grain, [&](Index begin, Index end) {
+    for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+      const Eigen::Vector3d p = sweep.positions[i].cast<double>();
+      const double wanted = timed ? sweep.time_offsets[i] * knots_per_second : last;
+      const double place = wanted > 0 ? std::min(wanted, last) : 0.0;  // NaN counts as the sweep's begin
+      const auto k = std::min(static_cast<std::size_t>(place), knots.size() - 2);
+      const double share = place - static_cast<double>(k);
+      const Eigen::Vector3d before = knots[k].R * p + knots[k].t;
+      const Eigen::Vector3d after = knots[k + 1].R * p + knots[k + 1].t;
+      corrected.positions[i] = (before + share * (after - before)).cast<float>();
+    }
+  });
+  return corrected;
+}
+
+}  // namespace chainslam

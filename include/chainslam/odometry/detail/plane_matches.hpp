@@ -1,0 +1,120 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "chainslam/cloud/plane_fit.hpp"
+#include "chainslam/core/executor.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "chainslam/search/concepts.hpp"
+
+namespace chainslam::detail {
+
+/// The plane a point was matched with: {p : normal . (p - anchor) = 0}; no match if the normal is zero.
+struct MatchedPlane {
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+  Eigen::Vector3f anchor = Eigen::Vector3f::Zero();
+};
+
+/// What makes neighbours a plane.
+struct PlaneRule {
+  double max_neighbor_distance;  ///< metres
+  double max_deviation;          ///< metres
+  double min_width;              ///< metres
+};
+
+inline constexpr Index scan_grain = 512;  ///< points a chunk
+
+/// The plane through the nearest neighbours of `p`, or none if they are too few, too far, uneven or on one line.
+template <std::size_t Neighbors, NearestNeighborSearch Map>
+[[nodiscard]] MatchedPlane match_plane(const Map& map, const Eigen::Vector3d& p, const PlaneRule& rule) {
+  using Scalar = typename Map::Scalar;
+  std::array<Neighbor<Scalar>, Neighbors> found;
+  const Index count = map.knn(p.cast<Scalar>(), std::span(found), static_cast<Scalar>(rule.max_neighbor_distance));
+  if (count < static_cast<Index>(Neighbors)) return {};
+  std::array<Eigen::Vector3d, Neighbors> points;
+  for (std::size_t i = 0; i < Neighbors; ++i) points[i] = map.position(found[i].index).template cast<double>();
+  const PlaneFit plane = fit_plane(std::span<const Eigen::Vector3d>(points));
+  if (!plane.good() || plane.eigenvalues[1] < rule.min_width * rule.min_width) return {};
+  for (const Eigen::Vector3d& point : points)
+    if (std::abs(plane.distance(point)) > rule.max_deviation) return {};
+  return {plane.normal.cast<float>(), plane.centroid.cast<float>()};
+}
+
+/// Matches all points of a scan, lying at T_map_body.
+template <std::size_t Neighbors, Cloud Scan, NearestNeighborSearch Map, Executor E>
+void match_planes(const Scan& scan, const Map& map, const SE3d& T_map_body, const PlaneRule& rule,
+                  std::vector<MatchedPlane>& planes, const E& executor) {
+  const Eigen::Matrix3d R = T_map_body.rotation().matrix();
+  const Eigen::Vector3d& t = T_map_body.translation();
+  planes.resize(cloud_size(scan));
+  executor.for_chunks(to_index(planes.size()), scan_grain, [&](Index begin, Index end) {
+    for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
+      planes[i] = match_plane<Neighbors>(map, R * position(scan, i) + t, rule);
+  });
+}
+
+/// Sums over matches for one Gauss-Newton step on the pose; tangent [translation; rotation].
+struct PlaneEquations {
+  Matrix6d hessian = Matrix6d::Zero();   ///< sum w J J^T
+  Vector6d gradient = Vector6d::Zero();  ///< sum w J r
+  double weight = 0;                     ///< sum w
+  double squared_residuals = 0;          ///< sum w r^2, m^2
+  double squared_ranges = 0;             ///< sum w |p|^2, m^2
+  Index matches = 0;
+
+  PlaneEquations& operator+=(const PlaneEquations& other) {
+    hessian += other.hessian;
+    gradient += other.gradient;
+    weight += other.weight;
+    squared_residuals += other.squared_residuals;
+    squared_ranges += other.squared_ranges;
+    matches += other.matches;
+    return *this;
+  }
+};
+
+/// @param gate     `double gate(double range)`: largest residual that counts, metres.
+/// @param weight   `double weight(double squared_residual)`.
+/// The residual is r = n . (R p + t - a); moving the pose by exp([v; w]) on the right changes it by m . v + (p x m) . w
+/// with m = R^T n.
+template <Cloud Scan, Executor E, class Gate, class Weight>
+[[nodiscard]] PlaneEquations plane_equations(const Scan& scan, const std::vector<MatchedPlane>& planes,
+                                             const SE3d& T_map_body, Gate&& gate, Weight&& weight, const E& executor) {
+  const Eigen::Matrix3d R = T_map_body.rotation().matrix();
+  const Eigen::Vector3d& t = T_map_body.translation();
+  const auto chunk = [&](Index begin, Index end) {
+    PlaneEquations sum;
+    for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+      const Eigen::Vector3d n = planes[i].normal.cast<double>();
+      if (n.squaredNorm() == 0) continue;
+      const Eigen::Vector3d p = position(scan, i);
+      const Eigen::Vector3d anchor = planes[i].anchor.cast<double>();
+      const double residual = n.dot(R * p + t - anchor);
+      const double squared_range = p.squaredNorm();
+      if (std::abs(residual) > gate(std::sqrt(squared_range))) continue;
+      const double w = weight(residual * residual);
+      Vector6d row;
+      row.head<3>() = R.transpose() * n;
+      row.tail<3>() = p.cross(row.head<3>());
+      const Vector6d weighted = w * row;
+      sum.hessian.noalias() += weighted * row.transpose();
+      sum.gradient += residual * weighted;
+      sum.weight += w;
+      sum.squared_residuals += w * residual * residual;
+      sum.squared_ranges += w * squared_range;
+      ++sum.matches;
+    }
+    return sum;
+  };
+  const auto add = [](PlaneEquations left, const PlaneEquations& right) { return left += right; };
+  return reduce_chunks(executor, to_index(planes.size()), scan_grain, PlaneEquations{}, chunk, add);
+}
+
+}  // namespace chainslam::detail

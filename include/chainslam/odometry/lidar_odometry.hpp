@@ -1,0 +1,294 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <variant>
+
+#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/executor.hpp"
+#include "chainslam/map/frame.hpp"
+#include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/imu_initializer.hpp"
+#include "chainslam/odometry/motion_predictor.hpp"
+#include "chainslam/odometry/scan_filter.hpp"
+#include "chainslam/odometry/scan_to_map.hpp"
+#include "chainslam/search/voxel_map.hpp"
+#include "chainslam/sensor/packet.hpp"
+
+namespace chainslam {
+
+/// Settings of `LidarOdometry`; the defaults serve spinning LiDARs of 16 to 128 rings on cars and robots.
+template <class Kernel = GemanMcClure, class MapOptions = VoxelMapOptions>
+struct LidarOdometryOptions {
+  SE3d T_body_lidar;  ///< mounting; body = the IMU, or the LiDAR itself if there is none
+  ScanFilter filter{};
+  double map_voxel = 0.5;    ///< metres; points of a scan offered to the map
+  double scan_voxel = 0.75;  ///< metres; points of a scan given to registration
+  MapOptions map{.voxel_size = 1.0, .max_points_per_voxel = 8, .min_spacing = 0.35};
+  double map_radius = 150;          ///< metres around the body; farther points leave the local map
+  Index min_points = 50;            ///< after the voxel filter; scans with fewer count as empty
+  double min_match_ratio = 0.1;     ///< of the points given to registration; with less the scan is lost
+  double redeskew_distance = 0.06;  ///< metres of skew left after registration that call for a second pass
+  Index max_lost_scans = 10;        ///< in a row; then the local map starts anew where the body is believed to be
+  ImuInitializer imu_initializer{};
+  MotionPredictorOptions motion{};
+  ScanToMap<Kernel> scan_to_map{};
+};
+
+/// What became of the input so far.
+struct LidarOdometryCounts {
+  ScanFilterCounts points{};
+  std::int64_t scans = 0;               ///< given
+  std::int64_t frames = 0;              ///< answered
+  std::int64_t empty_scans = 0;         ///< too few usable points: no frame
+  std::int64_t out_of_order_scans = 0;  ///< not later than the frame before, or ending before they begin: no frame
+  std::int64_t gaps = 0;                ///< pauses too long to extrapolate the motion
+  std::int64_t degenerate_scans = 0;    ///< frames with status degenerate
+  std::int64_t lost_scans = 0;          ///< frames with status lost
+  std::int64_t map_restarts = 0;        ///< the local map was given up
+  std::int64_t gyro_scans = 0;          ///< frames whose rotation was predicted by the gyroscope
+  std::int64_t dropped_imu_samples = 0;
+};
+
+/// LiDAR odometry: each scan is registered to a local map of the scans before it. A gyroscope, where there is one,
+/// predicts the rotation and corrects the sweep; without one the motion of the scan before is continued.
+///
+/// The first pose is the origin of `odom`; with an IMU its +z is up. Scans without an answer leave defined traces:
+/// - too few points, or a time not later than the last frame's: no frame, counted;
+/// - too few matches or an implausible pose: a frame with status `lost` at the predicted pose, with a covariance that
+///   grows with every lost scan; its points do not enter the map;
+/// - more than `max_lost_scans` lost in a row: the local map starts anew at the predicted pose.
+/// Same packets, same bits, whatever the executor. Poses are always finite.
+template <class Map = VoxelMap<float>, class Kernel = GemanMcClure>
+class LidarOdometry {
+ public:
+  using Options = LidarOdometryOptions<Kernel>;
+
+  explicit LidarOdometry(Options options = {})
+      : options_(std::move(options)), map_(options_.map), motion_(options_.motion) {}
+
+  /// Takes the next packet, in time order. @returns a frame, at the end of the scan, if the packet was a usable scan.
+  /// @throws std::invalid_argument if a scan's columns do not match.
+  template <Executor E = Serial>
+  std::optional<Frame> process(const Packet& packet, const E& executor = {});
+
+  [[nodiscard]] const LidarOdometryCounts& counts() const { return counts_; }
+  [[nodiscard]] const ImuStart& imu_start() const { return imu_start_; }
+  [[nodiscard]] const Eigen::Vector3d& gyro_bias() const { return motion_.gyro_bias(); }  ///< rad/s
+  [[nodiscard]] const Map& local_map() const { return map_; }                             ///< odom frame
+
+ private:
+  struct Registered {
+    PointCloud<float> cloud;       ///< body frame at the scan's end
+    PointCloud<float> map_points;  ///< for the map
+    PointCloud<float> points;      ///< for registration
+    ScanMatch match;
+  };
+  struct Sweep {
+    Timestamp begin, end;
+    PointCloud<float> points;  ///< usable ones, lidar frame
+  };
+
+  [[nodiscard]] bool in_order(const LidarScan& scan) const;
+  template <Executor E>
+  [[nodiscard]] std::optional<Frame> start(Sweep sweep, const E& executor);
+  template <Executor E>
+  [[nodiscard]] Registered corrected(const Sweep& sweep, const Vector6d& twist, const E& executor) const;
+  template <Executor E>
+  [[nodiscard]] Registered registered(const Sweep& sweep, const MotionPrediction& prediction, const E& executor) const;
+  template <Executor E>
+  void rebuild_map(const Sweep& first, const Vector6d& twist, const E& executor);
+  [[nodiscard]] Frame answer(Registered& scan, FrameStatus status) const;
+  [[nodiscard]] bool empty(const Registered& scan) const { return to_index(scan.points.size()) < options_.min_points; }
+  [[nodiscard]] bool believable(const Registered& scan, const MotionPrediction& prediction) const;
+  [[nodiscard]] Frame follow(Registered scan, const MotionPrediction& prediction);
+  [[nodiscard]] Frame lose(Registered scan, const MotionPrediction& prediction);
+  [[nodiscard]] double skew_left(const Sweep& sweep, const Vector6d& twist_change) const;
+  void extend_map(const PointCloud<float>& points);
+
+  Options options_;
+  LidarOdometryCounts counts_;
+  Map map_;
+  MotionPredictor motion_;
+  ImuStart imu_start_;
+  std::optional<Sweep> first_;  ///< the first scan, until the motion during it is known
+  bool started_ = false;
+  Index lost_in_a_row_ = 0;
+  Eigen::Vector3d map_center_ = Eigen::Vector3d::Zero();  ///< where the map was last cut to its radius
+};
+
+template <class Map, class Kernel>
+template <Executor E>
+std::optional<Frame> LidarOdometry<Map, Kernel>::process(const Packet& packet, const E& executor) {
+  if (const auto* sample = std::get_if<ImuSample>(&packet); sample != nullptr && !motion_.add(*sample))
+    ++counts_.dropped_imu_samples;
+  const auto* scan = std::get_if<LidarScan>(&packet);
+  if (scan == nullptr) return std::nullopt;
+  ++counts_.scans;
+  if (!in_order(*scan)) {
+    ++counts_.out_of_order_scans;
+    return std::nullopt;
+  }
+  Sweep sweep{scan->time, scan->end, options_.filter.apply(scan->cloud, counts_.points)};
+  if (!started_) return start(std::move(sweep), executor);
+
+  MotionPrediction prediction = motion_.predict(sweep.end);
+  Registered result = registered(sweep, prediction, executor);
+  if (empty(result)) {
+    ++counts_.empty_scans;
+    return std::nullopt;
+  }
+  if (!believable(result, prediction) && prediction.error < options_.motion.initial_error) {
+    prediction.error = options_.motion.initial_error;  // once more, as if nothing were known of the motion
+    result = registered(sweep, prediction, executor);
+  }
+  if (first_ && believable(result, prediction)) {
+    prediction.T_odom_body = result.match.T_map_body;
+    prediction.twist = motion_.twist_to(prediction, prediction.T_odom_body);
+    rebuild_map(*first_, prediction.twist, executor);
+    result = registered(sweep, prediction, executor);
+  }
+  first_.reset();
+  ++counts_.frames;
+  if (prediction.interval > options_.motion.max_gap) ++counts_.gaps;
+  if (prediction.with_gyro) ++counts_.gyro_scans;
+  return believable(result, prediction) ? follow(std::move(result), prediction) : lose(std::move(result), prediction);
+}
+
+template <class Map, class Kernel>
+bool LidarOdometry<Map, Kernel>::in_order(const LidarScan& scan) const {
+  return scan.time <= scan.end && (!started_ || scan.end > motion_.time());
+}
+
+template <class Map, class Kernel>
+template <Executor E>
+std::optional<Frame> LidarOdometry<Map, Kernel>::start(Sweep sweep, const E& executor) {
+  Registered scan = corrected(sweep, Vector6d::Zero(), executor);
+  if (empty(scan)) {
+    ++counts_.empty_scans;
+    return std::nullopt;
+  }
+  ++counts_.frames;
+  imu_start_ = motion_.start(sweep.end, options_.imu_initializer);
+  started_ = true;
+  extend_map(scan.map_points);
+  if (sweep.points.has_times()) first_ = std::move(sweep);
+  constexpr double anchored = 1e-12;  // m^2, rad^2: the first pose is the origin by definition
+  const Index points = to_index(scan.points.size());
+  return Frame{.time = motion_.time(),
+               .T_odom_body = motion_.T_odom_body(),
+               .covariance = anchored * Matrix6d::Identity(),
+               .cloud = std::move(scan.cloud),
+               .health = {.points = points}};
+}
+
+template <class Map, class Kernel>
+template <Executor E>
+auto LidarOdometry<Map, Kernel>::corrected(const Sweep& sweep, const Vector6d& twist, const E& executor) const
+    -> Registered {
+  Registered scan;
+  const SweepMotion motion = motion_.sweep_motion(sweep.begin, sweep.end, twist);
+  scan.cloud = deskew(sweep.points, motion, options_.T_body_lidar, executor);
+  scan.map_points = voxel_downsample(scan.cloud, options_.map_voxel);
+  scan.points = voxel_downsample(scan.map_points, options_.scan_voxel);
+  return scan;
+}
+
+template <class Map, class Kernel>
+void LidarOdometry<Map, Kernel>::extend_map(const PointCloud<float>& points) {
+  map_.insert(transformed(points, motion_.T_odom_body()));
+  const Eigen::Vector3d& center = motion_.T_odom_body().translation();
+  if ((center - map_center_).norm() < 0.1 * options_.map_radius) return;
+  map_.erase_farther_than(center.cast<float>(), static_cast<float>(options_.map_radius));
+  map_center_ = center;
+}
+
+/// Corrects the sweep by the predicted motion, registers it, and once more by the motion found if that differs enough.
+template <class Map, class Kernel>
+template <Executor E>
+auto LidarOdometry<Map, Kernel>::registered(const Sweep& sweep, const MotionPrediction& prediction,
+                                            const E& executor) const -> Registered {
+  Registered scan = corrected(sweep, prediction.twist, executor);
+  if (empty(scan)) return scan;
+  scan.match = options_.scan_to_map.align(scan.points, map_, prediction.T_odom_body, prediction.error, executor);
+  if (scan.match.status == ScanMatchStatus::too_few_matches || !sweep.points.has_times()) return scan;
+  const Vector6d twist = motion_.twist_to(prediction, scan.match.T_map_body);
+  if (skew_left(sweep, twist - prediction.twist) < options_.redeskew_distance) return scan;
+  const ScanMatch before = scan.match;
+  scan = corrected(sweep, twist, executor);
+  scan.match = options_.scan_to_map.align(scan.points, map_, before.T_map_body, options_.motion.min_error, executor);
+  scan.match.iterations += before.iterations;
+  return scan;
+}
+
+/// Corrects the first scan by the motion that the second has shown, and builds the map from it again.
+template <class Map, class Kernel>
+template <Executor E>
+void LidarOdometry<Map, Kernel>::rebuild_map(const Sweep& first, const Vector6d& twist, const E& executor) {
+  map_ = Map(options_.map);
+  extend_map(corrected(first, twist, executor).map_points);
+}
+
+/// How far a change of the twist moves the sweep's first points against its last, metres.
+template <class Map, class Kernel>
+double LidarOdometry<Map, Kernel>::skew_left(const Sweep& sweep, const Vector6d& twist_change) const {
+  constexpr double lever = 20;  // metres
+  return to_seconds(sweep.end - sweep.begin) * (twist_change.head<3>().norm() + lever * twist_change.tail<3>().norm());
+}
+
+template <class Map, class Kernel>
+bool LidarOdometry<Map, Kernel>::believable(const Registered& scan, const MotionPrediction& prediction) const {
+  return scan.match.status != ScanMatchStatus::too_few_matches &&
+         scan.match.matches >= options_.min_match_ratio * static_cast<double>(scan.points.size()) &&
+         MotionPredictor::deviation(prediction, scan.match.T_map_body) <= 2 * options_.motion.initial_error;
+}
+
+template <class Map, class Kernel>
+Frame LidarOdometry<Map, Kernel>::follow(Registered scan, const MotionPrediction& prediction) {
+  motion_.follow(prediction, scan.match.T_map_body);
+  lost_in_a_row_ = 0;
+  extend_map(scan.map_points);
+  Frame frame = answer(scan, scan.match.degenerate_directions > 0 ? FrameStatus::degenerate : FrameStatus::good);
+  if (frame.health.status == FrameStatus::degenerate) ++counts_.degenerate_scans;
+  frame.covariance = scan.match.covariance;
+  return frame;
+}
+
+template <class Map, class Kernel>
+Frame LidarOdometry<Map, Kernel>::lose(Registered scan, const MotionPrediction& prediction) {
+  motion_.lose(prediction);
+  ++counts_.lost_scans;
+  if (++lost_in_a_row_ > options_.max_lost_scans) {
+    ++counts_.map_restarts;
+    map_ = Map(options_.map);
+    extend_map(scan.map_points);
+  }
+  Frame frame = answer(scan, FrameStatus::lost);
+  constexpr double lost_rotation = 0.1;  // radians per lost scan
+  const double n = lost_in_a_row_;
+  frame.covariance.setIdentity();
+  frame.covariance.topLeftCorner<3, 3>() *= n * n * prediction.error * prediction.error;
+  frame.covariance.bottomRightCorner<3, 3>() *= n * n * lost_rotation * lost_rotation;
+  return frame;
+}
+
+template <class Map, class Kernel>
+Frame LidarOdometry<Map, Kernel>::answer(Registered& scan, FrameStatus status) const {
+  Frame frame;
+  frame.time = motion_.time();
+  frame.T_odom_body = motion_.T_odom_body();
+  frame.health = {.status = status,
+                  .points = to_index(scan.points.size()),
+                  .matches = scan.match.matches,
+                  .residual_rms = scan.match.residual_rms,
+                  .iterations = scan.match.iterations};
+  frame.cloud = std::move(scan.cloud);
+  return frame;
+}
+
+}  // namespace chainslam

@@ -1,0 +1,164 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "chainslam/core/executor.hpp"
+#include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "chainslam/odometry/detail/plane_matches.hpp"
+#include "chainslam/search/concepts.hpp"
+
+namespace chainslam {
+
+enum class ScanMatchStatus {
+  converged,
+  iteration_limit,  ///< the pose still moved by more than the tolerance; it is finite and the best at hand
+  too_few_matches,  ///< the pose is the guess
+};
+
+/// Where a scan fits into the local map.
+struct ScanMatch {
+  SE3d T_map_body{};
+  ScanMatchStatus status = ScanMatchStatus::too_few_matches;
+  Matrix6d covariance = Matrix6d::Identity();  ///< of T_map_body, tangent [translation; rotation]
+  Vector6d information = Vector6d::Zero();     ///< ascending eigenvalues per match, rotations scaled by the lever arm
+  Index degenerate_directions = 0;             ///< of six, in which the scan says nothing and the guess was kept
+  Index matches = 0;                           ///< points with a plane within the gate
+  Index iterations = 0;
+  double residual_rms = 0;  ///< metres, over matches, weighted by the kernel
+};
+
+/// Registers a scan to a growing map by point-to-plane distances: FAST-LIO2's measurement (Xu et al. 2022, section V-B)
+/// in Gauss-Newton form, made robust.
+///
+/// Each point takes the plane through its nearest neighbours in the map. The gate on the distance to that plane and the
+/// kernel's scale start at the error to be expected of the guess and shrink by half with every pass, so that a bad
+/// guess (the first scans of a drive) is caught without letting traffic in later. Directions in which the planes carry
+/// too little information are left at the guess (Zhang et al. 2016, solution remapping) and get the guess's variance.
+///
+/// @tparam Kernel  its argument is the squared residual over the current scale.
+template <class Kernel = GemanMcClure>
+struct ScanToMap {
+  static_assert(RobustKernel<Kernel>, "ScanToMap: Kernel needs `double weight(double squared_residual) const`");
+  static constexpr std::size_t neighbors = 5;  // FAST-LIO2
+
+  Index max_iterations = 20;  ///< Gauss-Newton steps
+  Index max_matchings = 4;    ///< times the planes of all points are looked up
+  Index min_matches = 30;
+  double max_neighbor_distance = 2.236;  ///< metres, of the fifth neighbour (FAST-LIO2: sqrt(5))
+  double max_plane_deviation = 0.1;      ///< metres, of every neighbour from the plane (FAST-LIO2)
+  double min_plane_width = 0.1;          ///< metres, root mean square across the plane's narrow direction: no lines
+  double gate = 1.0 / 9.0;      ///< |residual| <= gate sqrt(range), metres (FAST-LIO2: 1 - 0.9 |r| / sqrt(range) > 0.9)
+  double residual_scale = 0.1;  ///< metres: the kernel's unit once the pose has settled
+  double translation_tolerance = 2e-3;  ///< metres, of the last step
+  double rotation_tolerance = 2e-4;     ///< radians, of the last step
+  double rematch_distance = 0.03;       ///< metres a point may move before its plane is looked up again
+  double min_information = 2e-3;        ///< of the residuals that must face a direction for it to count as seen
+  double residual_floor = 0.01;         ///< metres: residuals are never trusted to be smaller than this
+  double correlated_residuals = 25;     ///< neighbouring residuals err together: so many count as one
+  [[no_unique_address]] Kernel kernel{};
+
+  /// @param scan         n points, body frame, metres, all finite.
+  /// @param map          m points, map frame.
+  /// @param guess        T_map_body to start from.
+  /// @param guess_error  metres: how far the guess may put a point from its place.
+  template <Cloud Scan, NearestNeighborSearch Map, Executor E = Serial>
+  [[nodiscard]] ScanMatch align(const Scan& scan, const Map& map, const SE3d& guess, double guess_error,
+                                const E& executor = {}) const;
+};
+
+namespace detail {
+
+/// The eigenvalues and directions of a pose's information, in coordinates where a radian counts as `lever` metres.
+struct PoseInformation {
+  Vector6d scale;        ///< tangent = scale * coordinates
+  Vector6d eigenvalues;  ///< ascending, of the sum over matches
+  Matrix6d directions;   ///< columns
+  Index degenerate = 0;  ///< leading directions that carry too little
+
+  PoseInformation(const PlaneEquations& sum, double min_information) {
+    const double lever = std::max(1.0, std::sqrt(sum.squared_ranges / sum.weight));
+    scale << Eigen::Vector3d::Ones(), Eigen::Vector3d::Constant(1 / lever);
+    const Matrix6d scaled = scale.asDiagonal() * sum.hessian * scale.asDiagonal();
+    const JacobiEigen<double, 6> eigen = jacobi_eigen(scaled);
+    eigenvalues = eigen.values;
+    directions = eigen.vectors;
+    while (degenerate < 6 && !(eigenvalues[degenerate] > min_information * sum.weight)) ++degenerate;
+  }
+
+  /// The Gauss-Newton step, without the degenerate directions.
+  [[nodiscard]] Vector6d step(const Vector6d& gradient) const {
+    Vector6d coordinates = directions.transpose() * (scale.asDiagonal() * gradient);
+    for (Index i = 0; i < 6; ++i) coordinates[i] = i < degenerate ? 0.0 : -coordinates[i] / eigenvalues[i];
+    return scale.asDiagonal() * (directions * coordinates);
+  }
+
+  /// Covariance with `variance` per residual, and `guess_variance` (m^2) in degenerate directions.
+  [[nodiscard]] Matrix6d covariance(double variance, double guess_variance) const {
+    Vector6d variances;
+    for (Index i = 0; i < 6; ++i) variances[i] = i < degenerate ? guess_variance : variance / eigenvalues[i];
+    const Matrix6d axes = scale.asDiagonal() * directions;
+    const Matrix6d result = axes * variances.asDiagonal() * axes.transpose();
+    return 0.5 * (result + result.transpose());
+  }
+};
+
+}  // namespace detail
+
+template <class Kernel>
+template <Cloud Scan, NearestNeighborSearch Map, Executor E>
+ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d& guess, double guess_error,
+                                   const E& executor) const {
+  ScanMatch match{.T_map_body = guess};
+  std::vector<detail::MatchedPlane> planes;
+  double error = guess_error;
+  double moved = 0;  // metres at the lever arm, since planes were looked up
+  bool stale = true;
+  Index matchings = 0;
+  while (match.status != ScanMatchStatus::converged && match.iterations < max_iterations) {
+    if (stale) {
+      if (matchings++ == max_matchings) break;
+      const detail::PlaneRule rule{std::max(max_neighbor_distance, error), max_plane_deviation, min_plane_width};
+      detail::match_planes<neighbors>(scan, map, match.T_map_body, rule, planes, executor);
+      moved = 0;
+    }
+    const double unit = std::max(residual_scale, 0.5 * error);
+    const auto in_gate = [&](double range) { return std::max(gate * std::sqrt(range), error); };
+    const auto weight = [&](double squared_residual) { return kernel.weight(squared_residual / (unit * unit)); };
+    const detail::PlaneEquations sum =
+        detail::plane_equations(scan, planes, match.T_map_body, in_gate, weight, executor);
+    ++match.iterations;
+    match.matches = sum.matches;
+    if (sum.matches < min_matches || !(sum.weight > 0)) {
+      match.T_map_body = guess;
+      match.status = ScanMatchStatus::too_few_matches;
+      return match;
+    }
+
+    const detail::PoseInformation information(sum, min_information);
+    const Vector6d step = information.step(sum.gradient);
+    match.T_map_body = match.T_map_body.retract(step);
+    match.residual_rms = std::sqrt(sum.squared_residuals / sum.weight);
+    match.information = information.eigenvalues / sum.weight;
+    match.degenerate_directions = information.degenerate;
+    const double noise = std::max(match.residual_rms, residual_floor);
+    match.covariance = information.covariance(noise * noise * correlated_residuals, guess_error * guess_error);
+
+    const bool settled = error <= 2 * residual_scale;
+    const bool small = step.head<3>().norm() < translation_tolerance && step.tail<3>().norm() < rotation_tolerance;
+    moved += step.head<3>().norm() + step.tail<3>().norm() / information.scale[5];
+    match.status = settled && small && stale ? ScanMatchStatus::converged : ScanMatchStatus::iteration_limit;
+    // A small step on old planes is not yet an answer: look the planes up once more.
+    stale = !settled || small || moved > rematch_distance;
+    error *= 0.5;
+  }
+  return match;
+}
+
+}  // namespace chainslam
