@@ -34,9 +34,9 @@ enum class NcltAxes {
 enum class NcltGnss { automatic, rtk, consumer, none };
 
 struct DatasetOptions {
-  std::optional<DatasetKind> kind;   ///< found by looking at the folder if absent
-  std::optional<SE3d> T_body_lidar;  ///< mounting, if the data set's own is to be overridden
-  std::filesystem::path truth;       ///< a TUM file with T_map_body, if the data set's own is to be overridden
+  std::optional<DatasetKind> kind{};   ///< found by looking at the folder if absent
+  std::optional<SE3d> T_body_lidar{};  ///< mounting, if the data set's own is to be overridden
+  std::filesystem::path truth{};       ///< a TUM file with T_map_body, if the data set's own is to be overridden
   NcltAxes axes = NcltAxes::automatic;
   NcltGnss gnss = NcltGnss::automatic;  ///< automatic: RTK if it is there
   bool prefer_sync = false;             ///< NCLT: velodyne_sync although there is a velodyne_hits.bin
@@ -62,7 +62,7 @@ struct DatasetInfo {
   std::optional<Eigen::Vector3d> p_body_antenna;  ///< of the GNSS antenna, where known
   bool motion_corrected = false;                  ///< scans are snapshots already
   bool has_odometry = false;                      ///< `next_frame` yields the frames of a recorded odometry
-  std::filesystem::path truth;                    ///< file with the true trajectory; empty if there is none
+  std::filesystem::path truth{};                  ///< file with the true trajectory; empty if there is none
   std::vector<std::string> notes;                 ///< how the data were read
   std::vector<std::string> oddities;              ///< what looks wrong, and what can be done
 };

@@ -23,10 +23,11 @@ struct RangeImageGeometry {
 /// @throws IoError if the numbers do not add up.
 [[nodiscard]] RangeImageGeometry read_range_image_geometry(const std::filesystem::path& path);
 
-/// Points of a range image measured between `start` and `end`, column after column from the first: clockwise from behind
-/// the sensor, as the HDL-64E turns. Derived from the Muehlburger Tor recording (scans 240 to 500, the car drives): with
-/// sweeps corrected by this order, scan-to-map registration matches 52.5 % of the points at 42.1 mm rms; in the reverse
-/// order 50.3 % at 44.2 mm, without correction 52.0 % at 43.1 mm, and every order that starts elsewhere does worse too.
+/// Points of a range image measured between `start` and `end`, column after column from the first: clockwise from
+/// behind the sensor, as the HDL-64E turns. Derived from the Muehlburger Tor recording (scans 240 to 500, the car
+/// drives): with sweeps corrected by this order, scan-to-map registration matches 52.5 % of the points at 42.1 mm rms;
+/// in the reverse order 50.3 % at 44.2 mm, without correction 52.0 % at 43.1 mm, and every order that starts elsewhere
+/// does worse too.
 /// @param mask  none, or an image of the same size whose zeros are left out.
 [[nodiscard]] LidarScan scan_of_range_image(const GrayImage& image, const RangeImageGeometry& geometry, Timestamp start,
                                             Timestamp end, const GrayImage* mask = nullptr);
