@@ -1,6 +1,10 @@
 // expect: Icp: Kernel needs `double weight(double squared_residual) const`, as in Huber
 #include "chainslam/registration/icp.hpp"
 
-struct NoKernel {};
+struct Kernel {
+#ifdef CHAINSLAM_RIGHT
+  double weight(double squared_residual) const { return squared_residual < 1 ? 1.0 : 0.0; }
+#endif
+};
 
-int main() { (void)sizeof(chainslam::Icp<chainslam::PointToPlane, NoKernel>); }
+int main() { (void)sizeof(chainslam::Icp<chainslam::PointToPlane, Kernel>); }

@@ -2,10 +2,15 @@
 #include <vector>
 
 #include "chainslam/registration/icp.hpp"
-#include "chainslam/search/kd_tree.hpp"
+#include "chainslam/search/indexed_cloud.hpp"
+
+#ifdef CHAINSLAM_RIGHT
+using Target = chainslam::IndexedCloud<>;
+#else
+using Target = chainslam::KdTree<float>;
+#endif
 
 int main() {
   const std::vector<Eigen::Vector3f> scan;
-  const chainslam::KdTree<float> target(scan);
-  (void)chainslam::PointToPlaneIcp{}.align(scan, target, chainslam::SE3d());
+  (void)chainslam::PointToPlaneIcp{}.align(scan, Target(), chainslam::SE3d());
 }

@@ -3,9 +3,9 @@
 #include "chainslam/lie/se3.hpp"
 
 #ifdef CHAINSLAM_RIGHT
-using Bias = chainslam::SO3d;
+using Second = chainslam::SO3d;
 #else
-using Bias = chainslam::SO3f;
+using Second = chainslam::SO3f;
 #endif
 
-int main() { (void)sizeof(chainslam::Product<chainslam::SE3d, Bias>); }
+int main() { (void)sizeof(chainslam::Product<chainslam::SE3d, Second>); }
