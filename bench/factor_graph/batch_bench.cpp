@@ -1,0 +1,82 @@
+#include <benchmark/benchmark.h>
+
+#include <array>
+#include <cmath>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+
+#include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/sparse/cholmod.hpp"
+#include "eigen_ldlt.hpp"
+#include "pose_graphs.hpp"
+#include "versus.hpp"
+
+namespace chainslam {
+namespace {
+
+using bench::Peer;
+
+/// Gauss-Newton from the first guess to its end, with symbolic analysis, as a program would call it.
+template <class Solver, class Group>
+OptimizeReport optimised(const FactorGraph<Group>& graph) {
+  FactorGraph<Group> copy = graph;
+  Solver solver;
+  return optimise(copy, GaussNewton{}, solver);
+}
+
+template <class Group>
+void batch(benchmark::State& state, const FactorGraph<Group>& graph) {
+  constexpr int dof = Group::dof;
+  const OptimizeReport report = optimised<BlockCholesky<dof>>(graph);
+  const std::array<double, 1> ours{report.final_cost};
+  const std::array<double, 1> eigen{optimised<bench::EigenLdlt<dof>>(graph).final_cost};
+  const std::array<double, 1> cholmod{optimised<Cholmod<dof>>(graph).final_cost};
+  if (report.status == OptimizeStatus::converged) {
+    bench::require_same_answers(ours, eigen, 1e-7);
+    bench::require_same_answers(ours, cholmod, 1e-7);
+  }
+  bench::versus(
+      state, [&] { return optimised<BlockCholesky<dof>>(graph).final_cost; },
+      Peer{"eigen", [&] { return optimised<bench::EigenLdlt<dof>>(graph).final_cost; }},
+      Peer{"cholmod", [&] { return optimised<Cholmod<dof>>(graph).final_cost; }});
+  state.counters["poses"] = static_cast<double>(graph.values().size());
+  state.counters["iterations"] = static_cast<double>(report.iterations);
+  state.counters["chi2"] = report.final_cost;
+}
+
+/// What a mapper pays when it optimises again after one more closure, from the optimum before it.
+void closure(benchmark::State& state, Index keyframes) {
+  PoseGraph graph = bench::StreetWalk(1, keyframes, 1).graph();
+  if (!optimise(graph).ok()) throw std::runtime_error("the first optimisation failed");
+  const Key last = graph.values().size() - 1;
+  Vector6d bend = Vector6d::Zero();
+  bend.head<3>().setConstant(0.3);
+  const SE3d measured = graph[last / 2].inverse() * graph[last] * SE3d::exp(bend);
+  graph.add_between(last / 2, last, measured, PoseGraph::Noise::from_sigma(0.05));
+  for (auto _ : state) {
+    PoseGraph copy = graph;
+    benchmark::DoNotOptimize(optimise(copy, GaussNewton{.relative_tolerance = 1e-6}).final_cost);
+  }
+}
+
+const bool registered = [] {
+  bench::for_each_pose_graph([](const std::string& name, const auto& graph) {
+    using Graph = std::remove_cvref_t<decltype(graph)>;
+    const auto kept = std::make_shared<const Graph>(graph);
+    benchmark::RegisterBenchmark(("factor_graph/batch/" + name).c_str(),
+                                 [kept](benchmark::State& state) { batch(state, *kept); })
+        ->UseManualTime()
+        ->Unit(benchmark::kMillisecond);
+  });
+  for (const Index keyframes : {1000, 3000}) {
+    benchmark::RegisterBenchmark(("factor_graph/closure/streets_1x" + std::to_string(keyframes)).c_str(),
+                                 [keyframes](benchmark::State& state) { closure(state, keyframes); })
+        ->Unit(benchmark::kMillisecond);
+  }
+  return true;
+}();
+
+}  // namespace
+}  // namespace chainslam
