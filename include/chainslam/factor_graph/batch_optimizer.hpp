@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <span>
 #include <vector>
 
@@ -82,7 +83,7 @@ class BatchOptimization {
     while (std::isfinite(cost)) {
       if (!solve({}, report)) return report;
       equations_.retract(step_, values_, values_);
-      const double predicted = -equations_.gradient().dot(step_);
+      const double predicted = downhill();
       const bool converged = predicted <= tolerance(method, cost);
       if (converged || report.iterations >= method.max_iterations) {
         report.status = converged ? OptimizeStatus::converged : OptimizeStatus::iteration_limit;
@@ -102,7 +103,7 @@ class BatchOptimization {
     while (std::isfinite(cost)) {
       std::ranges::transform(diagonal_, damping_.begin(), [&](double entry) { return lambda * entry; });
       if (!solve(damping_, report)) return report;
-      const double predicted = -equations_.gradient().dot(step_) + damped_square(step_);
+      const double predicted = downhill() + damped_square();
       equations_.retract(step_, values_, candidate_);
       const double next = graph_.cost(candidate_);
       const bool accepted = next <= cost;
@@ -152,8 +153,17 @@ class BatchOptimization {
     return true;
   }
 
-  [[nodiscard]] double damped_square(const Eigen::VectorXd& step) const {
-    return step.cwiseAbs2().dot(Eigen::Map<const Eigen::VectorXd>(damping_.data(), step.size()));
+  /// -gradient . step
+  [[nodiscard]] double downhill() const {
+    const Eigen::VectorXd& gradient = equations_.gradient();
+    return -std::inner_product(step_.data(), step_.data() + step_.size(), gradient.data(), 0.0);
+  }
+
+  /// step . diag(damping) step
+  [[nodiscard]] double damped_square() const {
+    double sum = 0.0;
+    for (Eigen::Index i = 0; i < step_.size(); ++i) sum += damping_[static_cast<std::size_t>(i)] * step_[i] * step_[i];
+    return sum;
   }
 
   template <class Method>
