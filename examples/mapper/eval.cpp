@@ -186,14 +186,14 @@ void add_choice(CLI::App& verb, const std::string& name, Value& member, const st
     if (found == choices.end()) throw CLI::ValidationError(name, "'" + text + "' is none of " + words);
     member = found->second;
   };
-  verb.add_option_function<std::string>(name, assign, help)->type_name(words);
+  verb.add_option_function<std::string>(name, assign, help)->option_text(words);
 }
 
 }  // namespace
 
 CLI::App* add_eval(CLI::App& program, int& exit_code) {
   const auto options = std::make_shared<EvalOptions>();
-  CLI::App* verb = program.add_subcommand("eval", "Compare estimated trajectories with references, as evo does");
+  CLI::App* verb = program.add_subcommand("eval", "compare estimated trajectories with references, as evo does");
   verb->footer(
       "Formats are told by content: TUM, KITTI poses, EuRoC csv, NCLT ground truth csv. Several pairs are sessions of\n"
       "one map: they share one alignment, and relative errors do not reach from one into the next.\n"
@@ -204,37 +204,37 @@ CLI::App* add_eval(CLI::App& program, int& exit_code) {
       "e.json");
   verb->add_option("files", options->files, "REFERENCE ESTIMATE, once for each session")
       ->required()
-      ->type_name("PATH")
+      ->option_text("PATH PATH ...")
       ->expected(2, CLI::detail::expected_max_vector_size);
   add_choice<Alignment>(
       *verb, "--align", options->alignment.align,
-      "Transform of the estimate that is fitted before errors are taken: se3 (default), sim3 (with scale),\n"
+      "transform of the estimate that is fitted before errors are taken: se3 (default), sim3 (with scale),\n"
       "origin (the first poses agree), none",
       {{"none", Alignment::none}, {"origin", Alignment::origin}, {"se3", Alignment::se3}, {"sim3", Alignment::sim3}});
   add_choice<bool>(*verb, "--project", options->alignment.project_xy, "xy: lay poses flat before they are aligned",
                    {{"xy", true}, {"none", false}});
   add_choice<Associate>(
       *verb, "--associate", options->associate,
-      "Which poses belong together: time (nearest; default where both have times), index (default else),\n"
+      "which poses belong together: time (nearest; default where both have times), index (default else),\n"
       "interpolate (the reference is interpolated to the estimate's times)",
       {{"time", Associate::time}, {"index", Associate::index}, {"interpolate", Associate::interpolate}});
   verb->add_option("--max-difference", options->max_difference,
-                   "Largest difference of the times of two poses that are joined (default 0.01), or with interpolate\n"
+                   "largest difference of the times of two poses that are joined (default 0.01), or with interpolate\n"
                    "the longest gap in the reference (default 1)")
-      ->type_name("SECONDS")
+      ->option_text("SECONDS")
       ->check(CLI::Range(0.0, 1e9).description(""));
-  verb->add_option("--delta", options->delta, "Distance of relative errors, as in 10m or 1frame (default)")
-      ->type_name("DELTA")
+  verb->add_option("--delta", options->delta, "distance of relative errors, as in 10m or 1frame (default)")
+      ->option_text("DELTA")
       ->check(CLI::Validator(
           [](std::string& text) {
             return parse_delta(text) ? std::string{} : "'" + text + "' is no distance: write 10m or 1frame";
           },
           ""));
-  add_choice<PairChoice>(*verb, "--pairs", options->pairs, "Which pairs of that distance: consecutive (default) or all",
+  add_choice<PairChoice>(*verb, "--pairs", options->pairs, "which pairs of that distance: consecutive (default) or all",
                          {{"consecutive", PairChoice::consecutive}, {"all", PairChoice::all}});
-  verb->add_option("--json", options->json, "Write all figures to this file as well")->type_name("FILE");
-  verb->add_option("--max-ape", options->max_ape, "Exit with 5 if the APE's rmse exceeds this")->type_name("METRES");
-  verb->add_option("--max-rpe", options->max_rpe, "Exit with 5 if the RPE's rmse exceeds this")->type_name("METRES");
+  verb->add_option("--json", options->json, "write all figures to this file as well")->option_text("FILE");
+  verb->add_option("--max-ape", options->max_ape, "exit with 5 if the APE's rmse exceeds this")->option_text("METRES");
+  verb->add_option("--max-rpe", options->max_rpe, "exit with 5 if the RPE's rmse exceeds this")->option_text("METRES");
   verb->callback([options, &exit_code] {
     if (options->files.size() % 2 != 0)
       throw CLI::ValidationError("files", "each REFERENCE needs its ESTIMATE: an even number of files");

@@ -7,7 +7,8 @@ namespace chainslam::mapper {
 /// A folder of results that appears whole or not at all.
 ///
 /// Results go to `path()`, a folder beside the target; `commit` gives it the target's name. What stands under that name
-/// until then is kept: as TARGET~1, TARGET~2, ... if overwriting was allowed. Without a commit the new folder is removed.
+/// until then is kept: as TARGET~1, TARGET~2, ... if overwriting was allowed. Without a commit the new folder is
+/// removed.
 class OutputFolder {
  public:
   /// Makes the folder beside the target, parents and all, and tries to write to it, so that a long run does not end in

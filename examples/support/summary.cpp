@@ -12,7 +12,10 @@ using Json = nlohmann::ordered_json;
 std::string summary_json(const RunSummary& summary) {
   Json json;
   json["dataset"] = summary.dataset;
+  json["interrupted"] = summary.interrupted;
   json["scans"] = summary.scans;
+  json["frames"] = {
+      {"answered", summary.frames}, {"lost", summary.lost_frames}, {"degenerate", summary.degenerate_frames}};
   json["keyframes"] = summary.keyframes;
   json["sessions"] = summary.sessions;
   json["merges"] = summary.merges;
@@ -20,6 +23,7 @@ std::string summary_json(const RunSummary& summary) {
   json["refusals"] = summary.refusals.empty() ? Json::object() : Json(summary.refusals);
   json["data_seconds"] = summary.data_seconds;
   json["wall_seconds"] = summary.wall_seconds;
+  if (summary.wall_seconds > 0) json["times_real_time"] = summary.data_seconds / summary.wall_seconds;
   json["path_length_m"] = summary.path_length;
   json["peak_memory_bytes"] = summary.peak_memory;
   json["stages"] = Json::object();
@@ -35,6 +39,10 @@ std::string summary_json(const RunSummary& summary) {
     std::ranges::replace(pointer, '.', '/');
     json[Json::json_pointer(pointer)] = value;
   }
+  json["goals"] = Json::array();
+  for (const GoalResult& goal : summary.goals)
+    json["goals"].push_back({{"name", goal.name}, {"bound", goal.bound}, {"value", goal.value}, {"met", goal.met}});
+  json["notes"] = summary.notes;
   // Names come from files: what is not UTF-8 in them is replaced, not thrown at the end of a long run.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }

@@ -11,10 +11,22 @@
 
 namespace chainslam::support {
 
+/// A bound that the configuration set, and what came out.
+struct GoalResult {
+  std::string name{};
+  double bound = 0.0;
+  double value = 0.0;
+  bool met = false;
+};
+
 /// What a run came to, in figures that scripts can read.
 struct RunSummary {
   std::string dataset{};
-  Index scans = 0;
+  bool interrupted = false;     ///< the data were not read to their end
+  Index scans = 0;              ///< given to odometry
+  Index frames = 0;             ///< answered by odometry
+  Index lost_frames = 0;        ///< of these, without a match in the map
+  Index degenerate_frames = 0;  ///< of these, with directions that the scan says nothing about
   Index keyframes = 0;
   Index sessions = 0;
   Index merges = 0;
@@ -26,7 +38,9 @@ struct RunSummary {
   double path_length = 0.0;                 ///< metres, all sessions
   std::uint64_t peak_memory = 0;            ///< bytes
   std::vector<StageTime> stages{};
-  std::map<std::string, double> errors{};  ///< "ape.translation.rmse", ... when truth is given; each dot is a level
+  std::map<std::string, double> errors{};  ///< "optimised.ape.translation.rmse", ...; each dot is a level
+  std::vector<GoalResult> goals{};
+  std::vector<std::string> notes{};
 };
 
 /// The summary as JSON text: `scans`, `keyframes`, `closures.direct`, `closures.chained`, `refusals.<reason>`,

@@ -41,8 +41,8 @@ double rmse(const nlohmann::json& summary, const char* which) {
 void figures_of_run(const char* name, const nlohmann::json& summary) {
   const std::string prefix = name;
   figure((prefix + ": times real time").c_str(), summary["times_real_time"].get<double>(), "");
-  figure((prefix + ": odometry per scan, median").c_str(), summary["times_ms"]["odometry"]["p50"].get<double>(), "ms");
-  figure((prefix + ": peak memory").c_str(), summary["peak_memory_mb"].get<double>(), "MB");
+  figure((prefix + ": odometry per scan, median").c_str(), summary["stages"]["odometry"]["p50_ms"].get<double>(), "ms");
+  figure((prefix + ": peak memory").c_str(), summary["peak_memory_bytes"].get<double>() / 1e6, "MB");
 }
 
 }  // namespace

@@ -1,0 +1,106 @@
+#include "datasets/inspect.hpp"
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "chainslam/core/error.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "exit_code.hpp"
+#include "options.hpp"
+#include "verbs.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct InspectArguments {
+  fs::path path, config;
+  std::vector<std::string> overrides;
+  bool closures = false;
+};
+
+/// Whether a folder holds the results of a run of `chainslam map`.
+bool is_map(const fs::path& path) { return fs::is_regular_file(path / "summary.json"); }
+
+/// The figures of a summary as facts, levels joined by dots.
+void add_figures(const nlohmann::ordered_json& json, const std::string& prefix, datasets::Inspection& result) {
+  for (const auto& [key, value] : json.items()) {
+    const std::string name = prefix.empty() ? key : prefix + '.' + key;
+    if (value.is_object())
+      add_figures(value, name, result);
+    else
+      result.facts.emplace_back(name, value.is_string() ? value.get<std::string>() : value.dump());
+  }
+}
+
+/// What the files of a map say, one after the other.
+datasets::Inspection inspect_map(const fs::path& path) {
+  datasets::Inspection result{.kind = "map made by chainslam", .facts = {}, .oddities = {}};
+  std::ifstream file(path / "summary.json");
+  const auto summary = nlohmann::ordered_json::parse(file, nullptr, false);
+  if (summary.is_discarded())
+    throw_input_error((path / "summary.json").string(), "", "no JSON text",
+                      "the file was cut short or changed: make the map again");
+  add_figures(summary, "", result);
+  for (const char* name : {"trajectory.tum", "odometry.tum", "graph.g2o", "map.ply"}) {
+    if (!fs::is_regular_file(path / name)) {
+      result.oddities.push_back(std::string(name) + " is missing");
+      continue;
+    }
+    datasets::Inspection part = datasets::inspect(path / name);
+    for (const auto& [fact, text] : part.facts) result.facts.emplace_back(std::string(name) + ": " + fact, text);
+    for (const std::string& oddity : part.oddities) result.oddities.push_back(std::string(name) + ": " + oddity);
+  }
+  return result;
+}
+
+void print_closures(const fs::path& path) {
+  InputFile file(path / "closures.csv");
+  while (const auto line = file.read_line()) std::printf("%.*s\n", static_cast<int>(line->size()), line->data());
+}
+
+int run(const InspectArguments& arguments) {
+  if (!fs::exists(arguments.path))
+    throw_input_error(arguments.path.string(), "", "no such file or folder", "check the path");
+  MapperOptions options;
+  configure(options, arguments.config, arguments.overrides);
+  const bool map = is_map(arguments.path);
+  if (arguments.closures && !map)
+    throw_input_error(arguments.path.string(), "", "no map, so no closures",
+                      "give a folder that `chainslam map` wrote");
+  const datasets::Inspection found =
+      map ? inspect_map(arguments.path) : datasets::inspect(arguments.path, options.dataset);
+  std::printf("%s: %s", arguments.path.c_str(), to_text(found).c_str());
+  if (arguments.closures) print_closures(arguments.path);
+  return exit_good;
+}
+
+}  // namespace
+
+CLI::App* add_inspect(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<InspectArguments>();
+  CLI::App* verb =
+      program.add_subcommand("inspect", "say what a data set, a file or a map is, and what looks odd in it");
+  verb->footer(
+      "Reads everything once. Data sets: NCLT, folders of range images, of clouds, of keyframes with odometry. Files:\n"
+      ".pcd, .ply, KITTI's .bin, .g2o, trajectories of TUM, KITTI, EuRoC and NCLT. Maps: what `chainslam map` wrote.\n"
+      "Lines that begin with ! are worth a look before the data are used.");
+  verb->add_option("PATH", arguments->path, "data set, file or map")->required()->option_text(" ");
+  verb->add_option("--config", arguments->config, "configuration file, for how the data set is read")
+      ->option_text("FILE");
+  verb->add_option("--set", arguments->overrides, "override a key of it, may be given again")
+      ->option_text("KEY=VALUE")
+      ->allow_extra_args(false);
+  verb->add_flag("--closures", arguments->closures, "list a map's closures as well");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+  return verb;
+}
+
+}  // namespace chainslam::mapper

@@ -1,0 +1,129 @@
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "chainslam/core/error.hpp"
+#include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/factor_graph/factor_graph.hpp"
+#include "chainslam/io/g2o.hpp"
+#include "exit_code.hpp"
+#include "verbs.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+struct OptimizeArguments {
+  std::filesystem::path input, out;
+  int max_iterations = 100;
+};
+
+/// Gives vertices that the file does not state the place that the first edge from a known vertex puts them at.
+template <class Pose>
+void add_missing_vertices(G2oRecords<Pose>& records) {
+  std::map<std::int64_t, Pose> known;
+  for (const auto& vertex : records.vertices) known.emplace(vertex.id, vertex.pose);
+  const std::size_t stated = known.size();
+  if (known.empty() && !records.edges.empty()) known.emplace(records.edges.front().from, Pose());
+  for (bool found = true; found;) {
+    found = false;
+    for (const auto& edge : records.edges) {
+      const auto from = known.find(edge.from), to = known.find(edge.to);
+      if (from != known.end() && to == known.end())
+        found = known.emplace(edge.to, from->second * edge.measurement).second;
+      else if (from == known.end() && to != known.end())
+        found = known.emplace(edge.from, to->second * edge.measurement.inverse()).second;
+    }
+  }
+  if (known.size() == stated) return;
+  records.vertices.clear();
+  for (const auto& [id, pose] : known) records.vertices.push_back({id, pose});
+}
+
+const char* words(OptimizeStatus status) {
+  switch (status) {
+    case OptimizeStatus::converged:
+      return "converged";
+    case OptimizeStatus::iteration_limit:
+      return "stopped at the iteration limit; raise --max-iterations";
+    case OptimizeStatus::stalled:
+      return "stalled: no step lowers the cost any more";
+    case OptimizeStatus::unconstrained:
+      return "parts of the graph are not connected with the first vertex";
+    case OptimizeStatus::singular:
+      return "a vertex is not fully determined by its edges";
+    case OptimizeStatus::diverged:
+      return "the cost rose";
+    case OptimizeStatus::not_finite:
+      return "the cost is not a number";
+  }
+  return "";
+}
+
+template <class Pose>
+int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArguments& arguments) {
+  add_missing_vertices(records);
+  FactorGraph<Pose> graph;
+  std::map<std::int64_t, Key> keys;
+  for (const auto& vertex : records.vertices) keys.emplace(vertex.id, graph.add_value(vertex.pose));
+  const auto key_of = [&](std::int64_t id) {
+    const auto found = keys.find(id);
+    if (found == keys.end())
+      throw_input_error(arguments.input.string(), "vertex " + std::to_string(id),
+                        "no pose and no edge to a known vertex", "add a VERTEX line, or the edge that is missing");
+    return found->second;
+  };
+  for (const auto& edge : records.edges)
+    graph.add_between(key_of(edge.from), key_of(edge.to), edge.measurement,
+                      NoiseModel<Pose::dof>::from_information(edge.information));
+  if (file.fixed.empty()) file.fixed.push_back(records.vertices.front().id);
+  for (const std::int64_t id : file.fixed) graph.set_fixed(key_of(id));
+
+  const OptimizeReport report =
+      optimise(graph, LevenbergMarquardt{.max_iterations = to_index(arguments.max_iterations)});
+  std::printf("poses        %zu\nedges        %zu\ncost (chi2)  %.10g -> %.10g\niterations   %d, %s\n",
+              records.vertices.size(), records.edges.size(), report.initial_cost, report.final_cost, report.iterations,
+              words(report.status));
+  for (const auto& [kind, count] : file.unknown) std::printf("skipped      %d lines %s\n", count, kind.c_str());
+  if (!report.ok()) {
+    for (const Key key : report.variables)
+      std::fprintf(stderr, "vertex %lld\n", static_cast<long long>(records.vertices[static_cast<std::size_t>(key)].id));
+    throw_input_error(arguments.input.string(), "", words(report.status),
+                      "check the edges of the vertices named above");
+  }
+  if (!arguments.out.empty()) {
+    for (std::size_t i = 0; i < records.vertices.size(); ++i) records.vertices[i].pose = graph[static_cast<Key>(i)];
+    write_g2o(arguments.out, file);
+    std::printf("written      %s\n", arguments.out.c_str());
+  }
+  return report.status == OptimizeStatus::converged ? exit_good : exit_goal_missed;
+}
+
+int run(const OptimizeArguments& arguments) {
+  G2oFile file = read_g2o(arguments.input);
+  if (file.planar.edges.empty() == file.spatial.edges.empty())
+    throw_input_error(arguments.input.string(), "",
+                      file.planar.edges.empty() ? "no edges" : "edges in the plane and in space in one file",
+                      "give a file with EDGE_SE2 or with EDGE_SE3:QUAT lines");
+  return file.spatial.edges.empty() ? optimise_records(file, file.planar, arguments)
+                                    : optimise_records(file, file.spatial, arguments);
+}
+
+}  // namespace
+
+CLI::App* add_optimize(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<OptimizeArguments>();
+  CLI::App* verb = program.add_subcommand("optimize", "optimise a pose graph in g2o's format");
+  verb->add_option("FILE", arguments->input, "pose graph")->required()->option_text(" ");
+  verb->add_option("--out", arguments->out, "write the optimised graph here")->option_text("FILE");
+  verb->add_option("--max-iterations", arguments->max_iterations, "default 100")
+      ->check(CLI::Range(1, 100000))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+  return verb;
+}
+
+}  // namespace chainslam::mapper

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "chainslam/odometry/lidar_odometry.hpp"
+#include "chainslam/slam/back_end.hpp"
+#include "chainslam/slam/keyframe_selector.hpp"
+#include "datasets/dataset.hpp"
+#include "support/configuration.hpp"
+
+namespace chainslam::mapper {
+
+/// Bounds that a run has to meet; the program ends with exit code 5 if one is missed. 0 asks for nothing.
+struct Goals {
+  double max_ape = 0;           ///< metres, of the optimised trajectory against the truth
+  double min_odometry_ape = 0;  ///< metres: a drive tests closures only if odometry alone drifts
+  double min_ape_ratio = 0;     ///< odometry's error over the optimised one
+  Index min_closures = 0;
+};
+
+/// All that the configuration file can state, with its defaults.
+struct MapperOptions {
+  datasets::DatasetOptions dataset;
+  LidarOdometryOptions<> odometry;
+  KeyframeOptions keyframes;
+  ProximityCandidates candidates;
+  LoopCloserOptions closures;
+  HessianCovariance closure_covariance;
+  Cauchy closure_kernel{.width = 4.0};
+  BackEndOptions back_end;
+  double map_voxel = 0.2;  ///< metres, of map.ply
+  Goals goals;
+};
+
+/// Binds the keys of the file to `options`, which must outlive the result.
+[[nodiscard]] support::Configuration make_configuration(MapperOptions& options);
+
+/// Reads file (none if empty) and overrides into `options`. @throws support::ConfigError
+void configure(MapperOptions& options, const std::filesystem::path& file, const std::vector<std::string>& overrides);
+
+}  // namespace chainslam::mapper

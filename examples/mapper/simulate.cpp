@@ -1,0 +1,88 @@
+#include "simulator/simulate.hpp"
+
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <thread>
+
+#include "chainslam/core/thread_pool.hpp"
+#include "exit_code.hpp"
+#include "output_folder.hpp"
+#include "support/configuration.hpp"
+#include "support/interrupt.hpp"
+#include "support/progress.hpp"
+#include "verbs.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+struct Interrupted {};
+
+std::string known_presets() {
+  std::string names;
+  for (const std::string_view name : simulator::preset_names())
+    names += (names.empty() ? "" : ", ") + std::string(name);
+  return names;
+}
+
+struct SimulateArguments {
+  std::string preset = "town";
+  std::filesystem::path out;
+  std::uint64_t seed = 1;
+  bool overwrite = false;
+  int threads = static_cast<int>(std::thread::hardware_concurrency());
+};
+
+int run(const SimulateArguments& arguments) {
+  const auto preset = simulator::preset(arguments.preset);
+  if (!preset)
+    throw support::ConfigError("simulate", "there is no such preset", arguments.preset,
+                               "take one of: " + known_presets());
+  OutputFolder folder(arguments.out, arguments.overwrite);
+  const support::Interrupt interrupt;
+  support::Progress progress;
+  simulator::SimulationReport report;
+  try {
+    report = simulator::simulate(*preset, arguments.seed, folder.path(), ThreadPool(to_index(arguments.threads)),
+                                 [&](Index done, Index total) {
+                                   if (interrupt.requested()) throw Interrupted();
+                                   support::ProgressState state;
+                                   state.stage = "simulating";
+                                   state.done = done;
+                                   state.total = total;
+                                   progress.update(state);
+                                 });
+  } catch (const Interrupted&) {
+    progress.finish();
+    std::fprintf(stderr, "interrupted: nothing was kept, and what stood at %s still does\n", folder.target().c_str());
+    return exit_interrupted;
+  }
+  progress.finish();
+  folder.commit();
+  std::printf("%s, seed %llu: %d scans, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n", preset->name.c_str(),
+              static_cast<unsigned long long>(arguments.seed), report.scans, 1e-6 * static_cast<double>(report.points),
+              report.duration, report.length, 1e-6 * static_cast<double>(report.bytes), folder.target().c_str());
+  return exit_good;
+}
+
+}  // namespace
+
+CLI::App* add_simulate(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<SimulateArguments>();
+  CLI::App* verb = program.add_subcommand("simulate", "make a data set: a drive through a town, in NCLT's file layout");
+  verb->add_option("PRESET", arguments->preset, "what to make: " + known_presets())->required()->option_text(" ");
+  verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
+  verb->add_option("--seed", arguments->seed, "the same seed gives the same bytes (default 1)")->option_text("N");
+  verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");
+  verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+  return verb;
+}
+
+}  // namespace chainslam::mapper
