@@ -114,13 +114,21 @@ TEST_SUITE("trajectory/association") {
     }
   }
 
-  TEST_CASE("times that do not increase, or none, are refused with what to do") {
+  TEST_CASE("times that go back, or none, are refused with what to do") {
     CHECK_THROWS_WITH_AS(
         (void)associate_by_time(timed({1, 0}), timed({1})),
-        "association by time: time 1 of the reference is not later than the one before; use sorted_by_time",
+        "association by time: time 1 of the reference is earlier than the one before; use sorted_by_time",
         std::invalid_argument);
     CHECK_THROWS_WITH_AS((void)associate_by_time(timed({1}), {{}, {SE3d()}}),
                          "association by time: the estimate has no times; associate by index", std::invalid_argument);
+  }
+
+  TEST_CASE("of poses with one time the first is matched") {
+    const auto repeated = timed({0, 1, 1, 2}), single = timed({0, 1, 2});
+    CHECK(associate_by_time(single, repeated).matches == Matches{{0, 0}, {1, 1}, {2, 3}});
+    CHECK(associate_by_time(single, repeated).estimate == UnmatchedCounts{.taken = 1});
+    CHECK(associate_by_time(repeated, single).matches == Matches{{0, 0}, {1, 1}, {3, 2}});
+    CHECK(match_interpolated(repeated, timed({0.5, 1, 1.5}), seconds(1)).trajectories.reference.size() == 3);
   }
 
   TEST_CASE("by index, what one has more is left over") {

@@ -59,9 +59,11 @@ inline void require_times(const Trajectory& trajectory, const char* name) {
   if (trajectory.empty()) return;
   if (!trajectory.has_times())
     throw std::invalid_argument(std::string("association by time: the ") + name + " has no times; associate by index");
-  if (const auto at = first_disorder(trajectory.times))
-    throw std::invalid_argument(std::string("association by time: time ") + std::to_string(*at) + " of the " + name +
-                                " is not later than the one before; use sorted_by_time");
+  const auto back = std::is_sorted_until(trajectory.times.begin(), trajectory.times.end());
+  if (back != trajectory.times.end())
+    throw std::invalid_argument(std::string("association by time: time ") +
+                                std::to_string(back - trajectory.times.begin()) + " of the " + name +
+                                " is earlier than the one before; use sorted_by_time");
 }
 
 inline Duration magnitude(Duration duration) { return duration < Duration::zero() ? -duration : duration; }
@@ -133,7 +135,7 @@ inline UnmatchedCounts unmatched(std::span<const Timestamp> times, std::span<con
 
 /// Associates by time as evo does: each pose of the shorter trajectory takes the nearest of the longer, if that is no
 /// farther than `max_difference`. O(n log n).
-/// @throws std::invalid_argument if a trajectory has no times, or times that do not increase.
+/// @throws std::invalid_argument if a trajectory has no times, or times that go back; they may repeat.
 [[nodiscard]] inline Association associate_by_time(const Trajectory& reference, const Trajectory& estimate,
                                                    const TimeAssociationOptions& options = {}) {
   detail::require_times(reference, "reference");
@@ -191,7 +193,7 @@ struct InterpolatedMatch {
   UnmatchedCounts estimate;
 };
 
-/// @throws std::invalid_argument if a trajectory has no times, or times that do not increase.
+/// @throws std::invalid_argument if a trajectory has no times, or times that go back; they may repeat.
 [[nodiscard]] inline InterpolatedMatch match_interpolated(const Trajectory& reference, const Trajectory& estimate,
                                                           Duration max_gap) {
   detail::require_times(reference, "reference");

@@ -13,7 +13,7 @@ namespace chainslam {
 /// The pose at a time, on the geodesic between its two neighbours. Nothing outside the trajectory's span, and nothing
 /// where the neighbours are more than `max_gap` apart; never extrapolated.
 ///
-/// @param trajectory  with times that increase (see `first_disorder`). O(log n).
+/// @param trajectory  with times that do not go back; of poses with one time the first counts. O(log n).
 [[nodiscard]] inline std::optional<SE3d> pose_at(const Trajectory& trajectory, Timestamp time, Duration max_gap) {
   if (!trajectory.has_times()) return std::nullopt;
   const auto& times = trajectory.times;
