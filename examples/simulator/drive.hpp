@@ -14,7 +14,7 @@ namespace chainslam::simulator {
 /// How the vehicle drives.
 struct DriveOptions {
   std::vector<Crossing> route;        ///< see `follow_lane`
-  double lane = 1.9;                  ///< right of the street's middle, metres
+  double lane = 1.7;                  ///< right of the street's middle, metres
   double cruise = 9.5;                ///< on straight streets, m/s; each street has its own, up to 15 % off
   double lateral_acceleration = 2.9;  ///< in corners, m/s^2
   double acceleration = 2.0;          ///< m/s^2

@@ -208,7 +208,15 @@ void RayCaster::meet_ground(const Ray& ray, Index column, Index row, float enter
   const std::array<Index, 2> high{std::min(ground.columns - 1, x + samples_per_cell_) - 1,
                                   std::min(ground.rows - 1, y + samples_per_cell_) - 1};
   if (low[0] > high[0] || low[1] > high[1]) return;
-  Walk walk(ray, ground.origin, ground.spacing, low, high, enter, leave);
+  detail::Span over_ground{.enter = enter, .leave = leave};  // the cell may reach beyond the ground
+  for (int axis = 0; axis < 2; ++axis) {
+    const auto i = static_cast<std::size_t>(axis);
+    const float half = 0.5F * ground.spacing * static_cast<float>(high[i] + 1 - low[i]);
+    const float middle = ground.origin[axis] + 0.5F * ground.spacing * static_cast<float>(high[i] + 1 + low[i]);
+    over_ground.clip_to_slab(ray.origin[axis] - middle, ray.direction[axis], half + 1e-4F);
+  }
+  if (over_ground.enter > over_ground.leave) return;
+  Walk walk(ray, ground.origin, ground.spacing, low, high, over_ground.enter, over_ground.leave);
   do {
     meet_ground_cell(ray, walk.cell[0], walk.cell[1], walk.enter, walk.leave, nearest);
   } while (nearest.distance > walk.leave && walk.advance());
@@ -256,15 +264,16 @@ void RayCaster::meet_ground_cell(const Ray& ray, Index column, Index row, float 
 }
 
 RayHit RayCaster::describe(const Ray& ray, const Nearest& nearest) const {
-  const Eigen::Vector3f point = ray.origin + nearest.distance * ray.direction;
   const auto shape = static_cast<std::size_t>(nearest.shape);
   switch (nearest.kind) {
     case Kind::box:
-      return {nearest.distance, normal_at(world_.boxes[shape], point), world_.boxes[shape].material};
+      return {nearest.distance, normal_at(world_.boxes[shape], ray, nearest.distance), world_.boxes[shape].material};
     case Kind::cylinder:
-      return {nearest.distance, normal_at(world_.cylinders[shape], point), world_.cylinders[shape].material};
+      return {nearest.distance, normal_at(world_.cylinders[shape], ray, nearest.distance),
+              world_.cylinders[shape].material};
     case Kind::ellipsoid:
-      return {nearest.distance, normal_at(world_.ellipsoids[shape], point), world_.ellipsoids[shape].material};
+      return {nearest.distance, normal_at(world_.ellipsoids[shape], ray, nearest.distance),
+              world_.ellipsoids[shape].material};
     default:
       break;
   }

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <utility>
 
 namespace chainslam::simulator {
 
@@ -131,25 +130,34 @@ struct Span {
   return span.enter > 0.0F ? span.enter : infinite_distance;
 }
 
-/// Outward unit normal at a point of the surface.
-[[nodiscard]] inline Eigen::Vector3f normal_at(const Box& box, const Eigen::Vector3f& point) {
-  const Eigen::Vector3f local = box.R_box_world * (point - box.center);
-  Eigen::Index face = 0;
-  (local.cwiseAbs() - box.half_extents).maxCoeff(&face);
-  const Eigen::Vector3f axis = box.R_box_world.row(face).transpose();
-  return local[face] < 0.0F ? Eigen::Vector3f(-axis) : axis;
+/// Outward unit normal where the ray enters the solid: of the face that is nearest among those that face the ray.
+[[nodiscard]] inline Eigen::Vector3f normal_at(const Box& box, const Ray& ray, float distance) {
+  const Eigen::Vector3f local = box.R_box_world * (ray.origin + distance * ray.direction - box.center);
+  const Eigen::Vector3f rate = box.R_box_world * ray.direction;
+  int face = 0;
+  float nearest = infinite_distance;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (rate[axis] == 0.0F) continue;
+    const float gap = std::abs(local[axis] + std::copysign(box.half_extents[axis], rate[axis]));
+    if (gap < nearest) nearest = gap, face = axis;
+  }
+  return box.R_box_world.row(face).transpose() * std::copysign(1.0F, -rate[face]);
 }
 
-[[nodiscard]] inline Eigen::Vector3f normal_at(const Cylinder& cylinder, const Eigen::Vector3f& point) {
-  const Eigen::Vector3f local = point - cylinder.base;
-  const float side_depth = cylinder.radius - local.head<2>().norm();
-  if (side_depth > local.z()) return -Eigen::Vector3f::UnitZ();
-  if (side_depth > cylinder.height - local.z()) return Eigen::Vector3f::UnitZ();
+[[nodiscard]] inline Eigen::Vector3f normal_at(const Cylinder& cylinder, const Ray& ray, float distance) {
+  const Eigen::Vector3f local = ray.origin + distance * ray.direction - cylinder.base;
+  const float to_side = std::abs(cylinder.radius - local.head<2>().norm());
+  const bool upwards = ray.direction.z() > 0.0F;
+  const float to_end = std::abs(upwards ? local.z() : cylinder.height - local.z());
+  const bool faces_side = local.head<2>().dot(ray.direction.head<2>()) < 0.0F;
+  if (!faces_side || (to_end < to_side && ray.direction.z() != 0.0F))
+    return Eigen::Vector3f::UnitZ() * (upwards ? -1.0F : 1.0F);
   return Eigen::Vector3f(local.x(), local.y(), 0.0F).normalized();
 }
 
-[[nodiscard]] inline Eigen::Vector3f normal_at(const Ellipsoid& ellipsoid, const Eigen::Vector3f& point) {
-  return (point - ellipsoid.center).cwiseQuotient(ellipsoid.radii.cwiseAbs2()).normalized();
+[[nodiscard]] inline Eigen::Vector3f normal_at(const Ellipsoid& ellipsoid, const Ray& ray, float distance) {
+  const Eigen::Vector3f local = ray.origin + distance * ray.direction - ellipsoid.center;
+  return local.cwiseQuotient(ellipsoid.radii.cwiseAbs2()).normalized();
 }
 
 [[nodiscard]] inline Bounds bounds(const Box& box) {

@@ -1,0 +1,109 @@
+#include "simulator/gnss_receiver.hpp"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "simulator/preset.hpp"
+#include "simulator/rig.hpp"
+
+namespace chainslam::simulator {
+namespace {
+
+Drive small_drive() {
+  const Preset options = *preset("town-small");
+  return Drive(options.drive, make_town(options.town, Rng(1)), Rng(1).fork(1));
+}
+
+GnssOptions perfect_receiver() {
+  return {.session_bias = 0.0, .wander = 0.0, .noise = 0.0, .time_between_outages = 1e9};
+}
+
+}  // namespace
+
+TEST_SUITE("simulator/gnss_receiver") {
+  TEST_CASE("the map frame is north, west, up at NCLT's origin") {
+    const Eigen::Vector3d origin = map_to_geodetic(Eigen::Vector3d::Zero());
+    CHECK(origin[0] * 180.0 / std::numbers::pi == doctest::Approx(42.293227).epsilon(1e-12));
+    CHECK(origin[1] * 180.0 / std::numbers::pi == doctest::Approx(-83.709657).epsilon(1e-12));
+    CHECK(origin[2] == doctest::Approx(270.0).epsilon(1e-9));
+    CHECK(map_to_geodetic({100.0, 0.0, 0.0})[0] > origin[0]);
+    CHECK(map_to_geodetic({0.0, 100.0, 0.0})[1] < origin[1]);
+    // NCLT's own formula (radii of curvature in its coordinate_frame.py) agrees to the difference of its ellipsoids.
+    const double a = 6378135.0, b = 6356750.0, s = std::sin(origin[0]), c = std::cos(origin[0]);
+    const double r_ns = a * a * b * b / std::pow(a * a * c * c + b * b * s * s, 1.5);
+    const double r_ew = a * a / std::sqrt(a * a * c * c + b * b * s * s);
+    const Eigen::Vector3d there = map_to_geodetic({200.0, -150.0, 3.0});
+    CHECK(std::sin(there[0] - origin[0]) * r_ns == doctest::Approx(200.0).epsilon(1e-4));
+    CHECK(std::sin(there[1] - origin[1]) * r_ew * c == doctest::Approx(150.0).epsilon(1e-4));
+    // Distances survive the way through the Earth's frame.
+    CHECK((map_to_ecef({3.0, 4.0, 12.0}) - map_to_ecef(Eigen::Vector3d::Zero())).norm() ==
+          doctest::Approx(13.0).epsilon(1e-9));
+  }
+
+  TEST_CASE("a perfect receiver gives the antenna's position") {
+    const Drive drive = small_drive();
+    const auto readings = record_gnss(drive, perfect_receiver(), Timestamp(), Rng(1));
+    REQUIRE(readings.size() == static_cast<std::size_t>(drive.duration() * 2.0) + 1);
+    for (const GnssReading& reading : readings) {
+      const Eigen::Vector3d antenna = drive.pose(reading.time.to_seconds()) * nominal_antenna_body();
+      CHECK(reading.mode == 3);
+      CHECK((reading.fix.position_ecef - map_to_ecef(antenna)).norm() < 1e-6);
+      CHECK(reading.latitude == doctest::Approx(map_to_geodetic(antenna)[0]).epsilon(1e-14));
+    }
+  }
+
+  TEST_CASE("errors have the stated size, and the covariance says so") {
+    const Drive drive = small_drive();
+    GnssOptions options;
+    options.time_between_outages = 1e9;
+    double fast = 0.0;
+    double all = 0.0;
+    double vertical = 0.0;
+    constexpr int sessions = 300;
+    for (int session = 0; session < sessions; ++session) {
+      const auto readings = record_gnss(drive, options, Timestamp(), Rng(static_cast<std::uint64_t>(session)));
+      const auto error = [&](std::size_t i) {
+        const Eigen::Vector3d truth = drive.pose(readings[i].time.to_seconds()) * nominal_antenna_body();
+        const Eigen::Vector3d zero = map_to_ecef(truth);
+        const Eigen::Vector3d error_ecef = readings[i].fix.position_ecef - zero;
+        Eigen::Matrix3d R;
+        for (int axis = 0; axis < 3; ++axis) R.col(axis) = map_to_ecef(truth + Eigen::Vector3d::Unit(axis)) - zero;
+        return Eigen::Vector3d(R.transpose() * error_ecef);
+      };
+      const Eigen::Vector3d first = error(0);
+      const Eigen::Vector3d second = error(1);
+      all += first.head<2>().squaredNorm() / 2.0;
+      vertical += first.z() * first.z();
+      fast += (second - first).head<2>().squaredNorm() / 2.0;
+      const double trace = readings[0].fix.covariance_ecef.trace();
+      CHECK(trace == doctest::Approx(6.0 * (1.5 * 1.5 + 0.3 * 0.3)).epsilon(1e-6));
+    }
+    const double wander_step = 2.0 * 1.5 * 1.5 * (1.0 - std::exp(-0.5 / 60.0));
+    // 600 values: 2.9 % of a standard deviation.
+    CHECK(std::sqrt(all / sessions) == doctest::Approx(std::sqrt(1.0 + 1.5 * 1.5 + 0.3 * 0.3)).epsilon(0.1));
+    CHECK(std::sqrt(vertical / sessions) ==
+          doctest::Approx(2.0 * std::sqrt(1.0 + 1.5 * 1.5 + 0.3 * 0.3)).epsilon(0.15));
+    CHECK(std::sqrt(fast / sessions) == doctest::Approx(std::sqrt(2.0 * 0.3 * 0.3 + wander_step)).epsilon(0.1));
+  }
+
+  TEST_CASE("outages happen and say so") {
+    const Drive drive = small_drive();
+    std::size_t lost = 0;
+    std::size_t all = 0;
+    for (std::uint64_t session = 0; session < 100; ++session)
+      for (const GnssReading& reading : record_gnss(drive, {}, Timestamp(), Rng(session))) {
+        ++all;
+        const bool none = reading.mode == 0;
+        lost += none ? 1 : 0;
+        CHECK(none == (reading.fix.quality == GnssQuality::none));
+        CHECK(none == std::isnan(reading.altitude));
+        CHECK(std::isfinite(reading.latitude));
+      }
+    CHECK(static_cast<double>(lost) / static_cast<double>(all) > 0.05);
+    CHECK(static_cast<double>(lost) / static_cast<double>(all) < 0.2);
+  }
+}
+
+}  // namespace chainslam::simulator
