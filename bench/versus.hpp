@@ -6,6 +6,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <ctime>
 #include <span>
 #include <sstream>
 #include <stdexcept>
@@ -24,15 +25,30 @@ struct Peer {
 template <class Run>
 Peer(const char*, Run) -> Peer<Run>;
 
+/// The processor time of the calling thread, seconds: other programs on the machine do not count. For work on one
+/// thread.
+struct ThreadTime {
+  static double now() {
+    timespec time{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+  }
+};
+
+/// The time on the wall, seconds: for work on several threads, and for files.
+struct WallTime {
+  static double now() {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+  }
+};
+
 namespace detail {
 
-using Clock = std::chrono::steady_clock;
-
-template <class Run>
+template <class Time, class Run>
 double seconds(Run& run, int repeats) {
-  const Clock::time_point start = Clock::now();
+  const double start = Time::now();
   for (int i = 0; i < repeats; ++i) benchmark::DoNotOptimize(run());
-  return std::chrono::duration<double>(Clock::now() - start).count() / repeats;
+  return (Time::now() - start) / repeats;
 }
 
 inline double median(std::vector<double> values) {
@@ -43,10 +59,10 @@ inline double median(std::vector<double> values) {
 }
 
 /// Runs of a few microseconds are repeated to last long enough for the clock.
-template <class Run>
+template <class Time, class Run>
 int repeats_for(Run& run) {
   constexpr double long_enough = 200e-6;
-  const double once = std::max(seconds(run, 1), 1e-9);
+  const double once = std::max(seconds<Time>(run, 1), 1e-9);
   return static_cast<int>(std::clamp(std::ceil(long_enough / once), 1.0, 1e5));
 }
 
@@ -54,14 +70,14 @@ int repeats_for(Run& run) {
 
 /// Times ours and the peers turn about, each iteration beginning with another one, so that noise hits all alike.
 ///
-/// The bench's time is ours (use `UseManualTime()`). Counters: `speedup_vs_<peer>`, the median over iterations of the
-/// peer's time divided by ours of the same iteration, which one preempted run cannot move; and `<peer>_ms`, the median
-/// time of the peer.
-template <class Ours, class... Runs>
+/// The bench's time is ours (use `UseManualTime()`), by `Time`: `versus<WallTime>(...)` where threads or files take
+/// part. Counters: `speedup_vs_<peer>`, the median over iterations of the peer's time divided by ours of the same
+/// iteration, which one preempted run cannot move; and `<peer>_ms`, the median time of the peer.
+template <class Time = ThreadTime, class Ours, class... Runs>
 void versus(benchmark::State& state, Ours&& ours, Peer<Runs>... peers) {
   constexpr std::size_t runners = sizeof...(Runs) + 1;
   const std::array<std::string, runners> names{"ours", peers.name...};
-  const std::array<int, runners> repeats{detail::repeats_for(ours), detail::repeats_for(peers.run)...};
+  const std::array<int, runners> repeats{detail::repeats_for<Time>(ours), detail::repeats_for<Time>(peers.run)...};
   std::array<std::vector<double>, runners> ratios, times;
   std::size_t turn = 0;
   for (auto _ : state) {
@@ -70,7 +86,7 @@ void versus(benchmark::State& state, Ours&& ours, Peer<Runs>... peers) {
       const std::size_t next = (turn + i) % runners;
       std::size_t runner = 0;
       const auto run_if_next = [&](auto& run) {
-        if (runner == next) elapsed[runner] = detail::seconds(run, repeats[runner]);
+        if (runner == next) elapsed[runner] = detail::seconds<Time>(run, repeats[runner]);
         ++runner;
       };
       run_if_next(ours);
@@ -90,9 +106,9 @@ void versus(benchmark::State& state, Ours&& ours, Peer<Runs>... peers) {
 }
 
 /// `versus` with one peer.
-template <class Ours, class Theirs>
+template <class Time = ThreadTime, class Ours, class Theirs>
 void versus(benchmark::State& state, const char* peer, Ours&& ours, Theirs&& theirs) {
-  versus(state, std::forward<Ours>(ours), Peer<std::decay_t<Theirs>>{peer, std::forward<Theirs>(theirs)});
+  versus<Time>(state, std::forward<Ours>(ours), Peer<std::decay_t<Theirs>>{peer, std::forward<Theirs>(theirs)});
 }
 
 /// Throws, which ends the bench, unless both gave the same numbers up to `relative` (of the larger one) or `absolute`.
