@@ -1,0 +1,269 @@
+#include "simulator/simulate.hpp"
+
+#include <doctest/doctest.h>
+#include <sys/resource.h>
+
+#include <charconv>
+#include <csignal>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include "chainslam/core/thread_pool.hpp"
+#include "chainslam/io/tum.hpp"
+#include "simulator/rig.hpp"
+#include "simulator/town_drive.hpp"
+
+namespace chainslam::simulator {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A folder's name that is free, and is removed with all that was put there.
+struct Folder {
+  fs::path path;
+
+  explicit Folder(const std::string& name)
+      : path(fs::temp_directory_path() / ("chainslam_simulate_" + name + "_" + std::to_string(::getpid()))) {
+    fs::remove_all(path);
+  }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  ~Folder() { fs::remove_all(path); }
+};
+
+Preset quick_preset() {
+  Preset quick = *preset("town-small");
+  quick.lidar.firings_per_revolution = 60;
+  return quick;
+}
+
+std::string read_file(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+std::vector<std::vector<double>> read_csv(const fs::path& path) {
+  std::vector<std::vector<double>> rows;
+  std::istringstream text(read_file(path));
+  for (std::string line; std::getline(text, line);) {
+    std::vector<double> row;
+    std::istringstream fields(line);
+    for (std::string field; std::getline(fields, field, ',');) row.push_back(std::strtod(field.c_str(), nullptr));
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+struct Hit {
+  Eigen::Vector3d position;  ///< as recorded: z down
+  int laser;
+};
+struct HitsPacket {
+  std::uint64_t utime;
+  std::vector<Hit> hits;
+};
+
+/// By the layout alone: 4 x u16 44444, u32, u64, 4 bytes, then 8 bytes a hit; little endian, as this machine is.
+std::vector<HitsPacket> read_hits(const fs::path& path) {
+  const std::string bytes = read_file(path);
+  std::vector<HitsPacket> packets;
+  for (std::size_t at = 0; at < bytes.size();) {
+    REQUIRE(at + 24 <= bytes.size());
+    REQUIRE(bytes.compare(at, 8, "\x9c\xad\x9c\xad\x9c\xad\x9c\xad") == 0);
+    std::uint32_t count = 0;
+    HitsPacket packet{};
+    std::memcpy(&count, bytes.data() + at + 8, 4);
+    std::memcpy(&packet.utime, bytes.data() + at + 12, 8);
+    REQUIRE(count <= 384);
+    at += 24;
+    REQUIRE(at + 8 * count <= bytes.size());
+    for (std::uint32_t i = 0; i < count; ++i, at += 8) {
+      std::uint16_t raw[3];
+      std::memcpy(raw, bytes.data() + at, 6);
+      packet.hits.push_back({{raw[0] * 0.005 - 100.0, raw[1] * 0.005 - 100.0, raw[2] * 0.005 - 100.0},
+                             static_cast<unsigned char>(bytes[at + 7])});
+    }
+    packets.push_back(std::move(packet));
+  }
+  return packets;
+}
+
+SO3d from_rph(double roll, double pitch, double heading) {
+  return SO3d::from_quaternion(Eigen::Quaterniond(Eigen::AngleAxisd(heading, Eigen::Vector3d::UnitZ()) *
+                                                  Eigen::AngleAxisd(pitch, Eigen::Vector3d::UnitY()) *
+                                                  Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitX())));
+}
+
+/// Limits the size of files that this process may write, as a full disk would.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit{bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  void (*handler_)(int);
+  rlimit before_{};
+};
+
+std::size_t entries_in(const fs::path& path) {
+  return static_cast<std::size_t>(std::distance(fs::directory_iterator(path), fs::directory_iterator()));
+}
+
+}  // namespace
+
+TEST_SUITE("simulator/simulate") {
+  TEST_CASE("one thread and two write the same bytes") {
+    const Folder one("one");
+    const Folder two("two");
+    const SimulationReport report = simulate(quick_preset(), 11, one.path, Serial{});
+    CHECK(simulate(quick_preset(), 11, two.path, ThreadPool(2)).points == report.points);
+    std::uint64_t bytes = 0;
+    for (const auto& entry : fs::directory_iterator(one.path)) {
+      const std::string name = entry.path().filename().string();
+      CAPTURE(name);
+      CHECK(read_file(entry.path()) == read_file(two.path / name));
+      bytes += entry.file_size();
+    }
+    CHECK(entries_in(one.path) == 6);
+    CHECK(entries_in(two.path) == 6);
+    CHECK(bytes == report.bytes);
+  }
+
+  TEST_CASE("what is written reads back by NCLT's layout as what the stream gives") {
+    const Folder folder("layout");
+    const SimulationReport report = simulate(quick_preset(), 5, folder.path, ThreadPool(2));
+    const TownDrive drive(quick_preset(), 5);
+    const std::uint64_t epoch_us = static_cast<std::uint64_t>(TownDrive::epoch().nanoseconds() / 1000);
+
+    SUBCASE("velodyne_hits.bin") {
+      const auto packets = read_hits(folder.path / "velodyne_hits.bin");
+      REQUIRE(packets.size() == static_cast<std::size_t>(5 * drive.scan_count()));
+      CHECK(packets.front().utime == epoch_us);
+      std::uint64_t points = 0;
+      for (std::size_t i = 0; i < packets.size(); ++i) {
+        points += packets[i].hits.size();
+        CHECK(packets[i].utime == epoch_us + 20000 * i);  // five packets a revolution of 0.1 s
+      }
+      CHECK(points == report.points);
+      const Index index = 100;
+      const LidarScan scan = drive.scan(index);
+      std::size_t i = 0;
+      for (std::size_t p = 500; p < 505; ++p)
+        for (const Hit& hit : packets[p].hits) {
+          const Eigen::Vector3d z_up(hit.position.x(), -hit.position.y(), -hit.position.z());
+          CHECK((z_up - scan.cloud.positions[i].cast<double>()).cwiseAbs().maxCoeff() < 0.0026);
+          CHECK(hit.laser < 32);
+          ++i;
+        }
+      CHECK(i == scan.cloud.size());
+    }
+    SUBCASE("ms25.csv") {
+      const auto rows = read_csv(folder.path / "ms25.csv");
+      REQUIRE(rows.size() == drive.imu().size());
+      for (std::size_t i = 0; i < rows.size(); i += 37) {
+        REQUIRE(rows[i].size() == 10);
+        CHECK(rows[i][0] == static_cast<double>(drive.imu()[i].time.nanoseconds() / 1000));
+        const Eigen::Vector3d accel(rows[i][4], -rows[i][5], -rows[i][6]);
+        const Eigen::Vector3d gyro(rows[i][7], -rows[i][8], -rows[i][9]);
+        CHECK((accel - drive.imu()[i].accel).norm() < 1e-5);
+        CHECK((gyro - drive.imu()[i].gyro).norm() < 1e-6);
+      }
+      CHECK(rows[0][6] < -9.5);  // z down: specific force at rest points up
+      CHECK(rows[0][3] > 0.4);   // the magnetic field points down
+    }
+    SUBCASE("gps.csv") {
+      const auto rows = read_csv(folder.path / "gps.csv");
+      REQUIRE(rows.size() == drive.gnss().size());
+      for (std::size_t i = 0; i < rows.size(); ++i) {
+        REQUIRE(rows[i].size() == 8);
+        CHECK(rows[i][1] == drive.gnss()[i].mode);
+        CHECK(std::abs(rows[i][3] - drive.gnss()[i].latitude) < 1e-11);
+        CHECK(std::abs(rows[i][4] - drive.gnss()[i].longitude) < 1e-11);
+        CHECK(std::isnan(rows[i][5]) == (drive.gnss()[i].mode == 0));
+      }
+    }
+    SUBCASE("groundtruth and truth.tum") {
+      const SE3d T_base_ms25(SO3d(), {-0.11, -0.18, -0.71});
+      for (const auto& row : read_csv(folder.path / "groundtruth_2013-06-01.csv")) {
+        REQUIRE(row.size() == 7);
+        const SE3d T_ned_base(from_rph(row[4], row[5], row[6]), {row[1], row[2], row[3]});
+        const SE3d T_ned_body = T_ned_base * T_base_ms25;
+        const SE3d truth = drive.truth(Timestamp::from_microseconds(static_cast<std::int64_t>(row[0])));
+        const Eigen::Vector3d p = T_ned_body.translation();
+        CHECK((Eigen::Vector3d(p.x(), -p.y(), -p.z()) - truth.translation()).norm() < 1e-5);
+        const Eigen::Vector3d ahead = T_ned_body.rotation() * Eigen::Vector3d::UnitX();
+        const Eigen::Vector3d ahead_z_up(ahead.x(), -ahead.y(), -ahead.z());
+        CHECK((ahead_z_up - truth.rotation() * Eigen::Vector3d::UnitX()).norm() < 1e-7);
+      }
+      const Trajectory trajectory = read_tum(folder.path / "truth.tum");
+      REQUIRE(trajectory.size() == static_cast<std::size_t>(drive.scan_count()));
+      CHECK(trajectory.times == drive.truth_at_scan_ends().times);
+      CHECK(trajectory.poses[17].local(drive.truth(trajectory.times[17])).norm() < 1e-9);
+      CHECK(read_file(folder.path / "README.txt").find("seed: 5\n") != std::string::npos);
+    }
+  }
+
+  TEST_CASE("progress reaches the end, and what it throws stops the work without a trace") {
+    const Folder folder("progress");
+    Index last = 0;
+    Index all = 0;
+    static_cast<void>(simulate(quick_preset(), 1, folder.path, Serial{}, [&](Index done, Index total) {
+      CHECK(done > last);
+      last = done;
+      all = total;
+    }));
+    CHECK(last == all);
+    CHECK(all > 200);
+
+    const Folder stopped("stopped");
+    const auto stop = [](Index done, Index) {
+      if (done > 100) throw std::runtime_error("stop");
+    };
+    CHECK_THROWS_AS(static_cast<void>(simulate(quick_preset(), 1, stopped.path, Serial{}, stop)), std::runtime_error);
+    CHECK(entries_in(stopped.path) == 0);
+  }
+
+  TEST_CASE("a folder that holds something is refused and left as it is") {
+    const Folder folder("full");
+    fs::create_directories(folder.path);
+    std::ofstream(folder.path / "mine.txt") << "mine";
+    try {
+      static_cast<void>(simulate(quick_preset(), 1, folder.path, Serial{}));
+      FAIL("an exception was expected");
+    } catch (const IoError& error) {
+      CHECK(error.kind() == IoError::Kind::output);
+      CHECK(error.report().found == "a folder that is not empty");
+    }
+    CHECK(entries_in(folder.path) == 1);
+  }
+
+  TEST_CASE("a disk that takes no more is an error with a remedy, and no file is left") {
+    const Folder folder("limit");
+    const auto fails_at = [&](rlim_t bytes) {
+      const FileSizeLimit limit(bytes);
+      try {
+        static_cast<void>(simulate(quick_preset(), 1, folder.path, Serial{}));
+      } catch (const IoError& error) {
+        return error.kind() == IoError::Kind::output && !error.report().remedy.empty();
+      }
+      return false;
+    };
+    CHECK(fails_at(100'000));  // within velodyne_hits.bin
+    CHECK(entries_in(folder.path) == 0);
+    CHECK_FALSE(fails_at(100'000'000));
+  }
+}
+
+}  // namespace chainslam::simulator
