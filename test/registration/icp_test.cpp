@@ -93,7 +93,6 @@ TEST_SUITE("registration/icp") {
   }
 
   TEST_CASE("the hessian is J'J of the residuals for a right perturbation of the source's own frame") {
-    Rng rng(4);
     const SE3d truth = asymmetric_pose();
     const PointCloud<float> all = yard_target().cloud();
     PointCloud<float> few;  // far from their centre and from the origin: the centre must not show in the result
@@ -282,6 +281,16 @@ TEST_SUITE("registration/icp") {
     bare.normals.clear();
     CHECK(translation_error(truth, align(source, IndexedCloud<>(bare), guess).T_target_source) < 0.05);
     CHECK(translation_error(truth, align(source, KdTree<float>(bare), guess).T_target_source) < 0.05);
+  }
+
+  TEST_CASE("two clouds in one go") {
+    Rng rng(14);
+    const SE3d truth = asymmetric_pose();
+    const PointCloud<float> source = seen_from(sample(rng, yard(), 2000, 0.01), truth);
+    const AlignResult result = align(source, yard_target().cloud().positions, truth * random_motion(rng, 0.2, 0.02));
+    CHECK(result.status == AlignStatus::converged);
+    CHECK(translation_error(truth, result.T_target_source) < 0.01);
+    CHECK(align(source, std::vector<Eigen::Vector3f>{}).status == AlignStatus::too_few_points);
   }
 
   TEST_CASE("a caller's mistakes are thrown at the door") {

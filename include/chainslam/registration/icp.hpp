@@ -8,11 +8,13 @@
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/features/normals.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/match_cache.hpp"
 #include "chainslam/registration/detail/normal_equations.hpp"
 #include "chainslam/registration/point_to_plane.hpp"
 #include "chainslam/registration/point_to_point.hpp"
+#include "chainslam/search/indexed_cloud.hpp"
 
 namespace chainslam {
 
@@ -136,8 +138,8 @@ struct Icp {
   /// de / dxi = (de / dp) R [I, -hat(x)].
   template <class Target, class Exec>
   [[nodiscard]] detail::AlignmentEquations linearize(const std::vector<Eigen::Vector3d>& points, const Target& target,
-                                                  const SE3d& T, detail::MatchCache<Target>& matches,
-                                                  const Exec& executor) const {
+                                                     const SE3d& T, detail::MatchCache<Target>& matches,
+                                                     const Exec& executor) const {
     using Scalar = typename Target::Scalar;
     constexpr Index grain = 512;
     const Eigen::Matrix3d R = T.rotation().matrix();
@@ -173,8 +175,8 @@ struct Icp {
         [](detail::AlignmentEquations left, const detail::AlignmentEquations& right) { return left += right; });
   }
 
-  static void report(AlignResult& result, const detail::AlignmentEquations& sums, const detail::RestrictedStep& solution,
-                     const CenteredSource& points) {
+  static void report(AlignResult& result, const detail::AlignmentEquations& sums,
+                     const detail::RestrictedStep& solution, const CenteredSource& points) {
     const auto inliers = static_cast<double>(sums.inliers);
     // A perturbation xi of the source's frame is Ad(T_center_source) xi of the centered one.
     const Matrix6d Ad = SE3d(SO3d(), -points.center).adjoint();
@@ -203,6 +205,19 @@ template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
     if (oriented) return icp.align(source, target, guess, executor);
   }
   return PointToPointIcp{}.align(source, target, guess, executor);
+}
+
+/// The same for two clouds, in one go: indexes the target and estimates its normals first. Keep an `IndexedCloud` where
+/// several sources meet one target, and make large clouds smaller with `voxel_downsample`.
+template <Cloud Source, Cloud Target, Executor Exec = Serial>
+  requires(!NearestNeighborSearch<Target>)
+[[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess = {},
+                                const Exec& executor = {}) {
+  PointCloud<float> oriented;
+  oriented.positions.reserve(cloud_size(target));
+  for (std::size_t i = 0; i < cloud_size(target); ++i) oriented.positions.push_back(position_f(target, i));
+  estimate_normals(oriented, {.neighbors = 10}, Eigen::Vector3d::Zero(), executor);
+  return align(source, IndexedCloud<>(std::move(oriented)), guess, executor);
 }
 
 }  // namespace chainslam
