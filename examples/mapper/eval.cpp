@@ -28,6 +28,7 @@ struct EvalOptions {
   std::vector<std::filesystem::path> files;
   AlignmentOptions alignment;
   Associate associate = Associate::automatic;
+  NcltPoses nclt_poses = NcltPoses::stated;
   std::optional<double> max_difference;  ///< seconds
   std::string delta = "1frame";
   PairChoice pairs = PairChoice::consecutive;
@@ -132,8 +133,8 @@ Evaluation evaluate(const EvalOptions& options) {
   std::vector<MatchedTrajectories> sessions;
   for (std::size_t i = 0; i + 1 < options.files.size(); i += 2) {
     EvaluatedSession session;
-    session.reference = read_trajectory(options.files[i]);
-    session.estimate = read_trajectory(options.files[i + 1]);
+    session.reference = read_trajectory(options.files[i], options.nclt_poses);
+    session.estimate = read_trajectory(options.files[i + 1], options.nclt_poses);
     sessions.push_back(match(session, options));
     result.sessions.push_back(std::move(session));
   }
@@ -200,6 +201,7 @@ CLI::App* add_eval(CLI::App& program, int& exit_code) {
       "Examples:\n"
       "  chainslam eval truth.tum map/trajectory.tum\n"
       "  chainslam eval KITTI_00_gt.txt KITTI_00_ORB.txt --align none --delta 10m\n"
+      "  chainslam eval groundtruth_2012-01-08.csv map/trajectory.tum --nclt imu --associate interpolate\n"
       "  chainslam eval truth1.csv session1.tum truth2.csv session2.tum --max-difference 0.2 --project xy --json "
       "e.json");
   verb->add_option("files", options->files, "REFERENCE ESTIMATE, once for each session")
@@ -232,6 +234,10 @@ CLI::App* add_eval(CLI::App& program, int& exit_code) {
           ""));
   add_choice<PairChoice>(*verb, "--pairs", options->pairs, "which pairs of that distance: consecutive (default) or all",
                          {{"consecutive", PairChoice::consecutive}, {"all", PairChoice::all}});
+  add_choice<NcltPoses>(*verb, "--nclt", options->nclt_poses,
+                        "what NCLT's csv gives: its poses as stated, z down (default), or imu: z up, of the inertial\n"
+                        "unit, as this program's maps have them",
+                        {{"stated", NcltPoses::stated}, {"imu", NcltPoses::imu}});
   verb->add_option("--json", options->json, "write all figures to this file as well")->option_text("FILE");
   verb->add_option("--max-ape", options->max_ape, "exit with 5 if the APE's rmse exceeds this")->option_text("METRES");
   verb->add_option("--max-rpe", options->max_rpe, "exit with 5 if the RPE's rmse exceeds this")->option_text("METRES");

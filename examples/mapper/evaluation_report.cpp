@@ -36,6 +36,7 @@ void append_file(std::string& text, const char* role, const TrajectoryFile& file
   if (file.trajectory.has_times())
     append(text, ", %.1f s", to_seconds(file.trajectory.times.back() - file.trajectory.times.front()));
   if (file.repeated > 0) append(text, "; %d with a repeated stamp left out", file.repeated);
+  if (file.not_finite > 0) append(text, "; %d rows with NaN left out", file.not_finite);
   text += ")\n";
 }
 
@@ -73,11 +74,9 @@ nlohmann::json to_json(const UnmatchedCounts& counts) {
 }
 
 nlohmann::json to_json(const TrajectoryFile& file) {
-  return {{"file", file.path.string()},
-          {"format", format_name(file.format)},
-          {"poses", file.trajectory.size()},
-          {"path_length", path_length(file.trajectory)},
-          {"repeated", file.repeated}};
+  return {{"file", file.path.string()},      {"format", format_name(file.format)},
+          {"poses", file.trajectory.size()}, {"path_length", path_length(file.trajectory)},
+          {"repeated", file.repeated},       {"not_finite", file.not_finite}};
 }
 
 }  // namespace

@@ -1,10 +1,12 @@
 #include "trajectory_file.hpp"
 
+#include <algorithm>
 #include <array>
 #include <optional>
 #include <string>
 #include <string_view>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/io/euroc_csv.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/line_fields.hpp"
@@ -33,6 +35,28 @@ int count_fields(LineFields fields) {
   return count;
 }
 
+/// NCLT's ground truth: microseconds, metres, radians; R = Rz(heading) Ry(pitch) Rx(roll). Rows with NaN are left out.
+void read_nclt_csv(TrajectoryFile& result) {
+  InputFile file(result.path);
+  while (const auto row = next_row(file)) {
+    LineFields fields(file, *row, ',');
+    const Timestamp time = Timestamp::from_microseconds(fields.integer("utime"));
+    std::array<double, 6> pose{};
+    constexpr std::array<const char*, 6> names = {"x", "y", "z", "roll", "pitch", "heading"};
+    for (std::size_t i = 0; i < pose.size(); ++i) pose[i] = fields.number_or_nan(names[i]);
+    fields.end("seven fields: utime, x, y, z, roll, pitch, heading");
+    if (!result.trajectory.times.empty() && time < result.trajectory.times.back())
+      fields.fail("utime", "a stamp that is earlier than the one before it", "sort the lines by time");
+    if (!std::all_of(pose.begin(), pose.end(), [](double value) { return is_finite(value); })) {
+      ++result.not_finite;
+      continue;
+    }
+    const SO3d rotation = SO3d::exp({0, 0, pose[5]}) * SO3d::exp({0, pose[4], 0}) * SO3d::exp({pose[3], 0, 0});
+    result.trajectory.times.push_back(time);
+    result.trajectory.poses.push_back(SE3d(rotation, {pose[0], pose[1], pose[2]}));
+  }
+}
+
 }  // namespace
 
 const char* format_name(TrajectoryFormat format) {
@@ -56,7 +80,7 @@ TrajectoryFormat trajectory_format(const std::filesystem::path& path) {
             known_formats);
 }
 
-TrajectoryFile read_trajectory(const std::filesystem::path& path) {
+TrajectoryFile read_trajectory(const std::filesystem::path& path, NcltPoses nclt_poses) {
   TrajectoryFile result;
   result.path = path;
   result.format = trajectory_format(path);
@@ -71,10 +95,14 @@ TrajectoryFile read_trajectory(const std::filesystem::path& path) {
       result.trajectory = read_euroc_csv(path);
       break;
     case TrajectoryFormat::nclt_csv:
-      result.trajectory = datasets::read_nclt_ground_truth(path);
+      if (nclt_poses == NcltPoses::imu)
+        result.trajectory = datasets::read_nclt_ground_truth(path);
+      else
+        read_nclt_csv(result);
       break;
   }
-  if (result.trajectory.empty()) throw_input_error(path.string(), "", "no pose", "check that this is the right file");
+  if (result.trajectory.empty())
+    throw_input_error(path.string(), "", "no pose with finite numbers", "check that this is the right file");
   if (result.trajectory.has_times()) {
     const std::size_t before = result.trajectory.size();
     result.trajectory = sorted_by_time(result.trajectory);

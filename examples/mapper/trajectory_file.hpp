@@ -17,7 +17,8 @@ struct TrajectoryFile {
   std::filesystem::path path;
   TrajectoryFormat format = TrajectoryFormat::tum;
   Trajectory trajectory;
-  Index repeated = 0;  ///< poses left out because their stamp was that of the one before
+  Index repeated = 0;    ///< poses left out because their stamp was that of the one before
+  Index not_finite = 0;  ///< rows left out because they hold NaN (NCLT's truth, as stated, has some)
 };
 
 /// Tells a trajectory's format by its first row: 12 numbers are KITTI's poses, 8 are TUM's `t x y z qx qy qz qw`; with
@@ -25,8 +26,15 @@ struct TrajectoryFile {
 /// @throws IoError if the row is none of these or there is no row.
 [[nodiscard]] TrajectoryFormat trajectory_format(const std::filesystem::path& path);
 
-/// Reads a trajectory of any of these formats; NCLT's with our axes (z up) and without the rows that hold NaN.
+/// What NCLT's ground truth is to say.
+enum class NcltPoses {
+  stated,  ///< the file's own poses: map and body with z down, body where NCLT puts it
+  imu      ///< those that this program's maps have: z up, body = the inertial unit
+};
+
+/// Reads a trajectory of any of these formats.
 /// @throws IoError as the format's reader.
-[[nodiscard]] TrajectoryFile read_trajectory(const std::filesystem::path& path);
+[[nodiscard]] TrajectoryFile read_trajectory(const std::filesystem::path& path,
+                                             NcltPoses nclt_poses = NcltPoses::stated);
 
 }  // namespace chainslam::mapper
