@@ -84,6 +84,9 @@ GrayImage read_gray_png(const std::filesystem::path& path) {
   image.width = static_cast<int>(png_get_image_width(decoder.png, decoder.info));
   image.height = static_cast<int>(png_get_image_height(decoder.png, decoder.info));
   const std::size_t stride = png_get_rowbytes(decoder.png, decoder.info);
+  // Deflate packs at most 1032 to 1: a larger claim is a lie, and must not cost memory.
+  if (stride * static_cast<std::size_t>(image.height) / 1032 > file.size().value_or(0))
+    fail("a size that the file is too small for");
   decoder.bytes.resize(stride * static_cast<std::size_t>(image.height));
   for (std::size_t row = 0; row < static_cast<std::size_t>(image.height); ++row)
     decoder.rows.push_back(decoder.bytes.data() + row * stride);

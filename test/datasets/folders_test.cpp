@@ -182,9 +182,10 @@ TEST_SUITE("datasets/range_image") {
     write_range_images(folder);
     write_bytes(folder / "r/data/0000000009.png", "PNG?");
     CHECK(says(open_error(folder / "r"), "no PNG image"));
-    std::string colour = small_image();
     write_bytes(folder / "r/data/0000000009.png", png(1, 1, 4, std::string("\0\0", 2)));
     CHECK(says(open_error(folder / "r"), "not grey of 8 or 16 bits"));
+    write_bytes(folder / "r/data/0000000009.png", png(16384, 16384, 16, std::string("\0\0\0", 3)));
+    CHECK(says(open_error(folder / "r"), "the file is too small for"));
   }
 
   TEST_CASE("any truncation of an image is refused") {
