@@ -71,7 +71,7 @@ TEST_SUITE("support/progress") {
     }
     const std::string text = capture.text();
     CHECK(count(text, "\n") == 11);
-    for (const char* line : {"mapping 0/1000", "mapping 100/1000", "mapping 900/1000", "mapping 995/1000"}) {
+    for (const std::string line : {"mapping 0/1000", "mapping 100/1000", "mapping 900/1000", "mapping 995/1000"}) {
       CAPTURE(line);
       CHECK(count(text, line) == 1);
     }
