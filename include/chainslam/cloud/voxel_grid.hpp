@@ -1,8 +1,8 @@
 #pragma once
 
-#include <array>
-#include <cstdint>
-#include <limits>
+#include <Eigen/Core>
+#include <optional>
+#include <span>
 #include <stdexcept>
 #include <vector>
 
@@ -51,101 +51,120 @@ template <Cloud Points>
 
 namespace detail {
 
-/// Which voxel every point fell into, voxels numbered as they first appear.
-struct VoxelGroups {
-  std::vector<Index> voxel_of_point;  ///< -1: rejected
-  std::vector<Index> first_point;     ///< of each voxel
-  Index rejected = 0;
-};
-
-template <Cloud Points>
-[[nodiscard]] VoxelGroups group_by_voxel(const Points& cloud, double inverse_size) {
+/// Calls `visit(i, voxel, p, offset)` for the points in their order; `voxel` counts the voxels as they first appear,
+/// `offset` is where p lies in its voxel, from the centre, in voxel sizes. Returns how many points were rejected.
+template <Cloud Points, class Visit>
+Index visit_voxels(const Points& cloud, double inverse_size, Visit&& visit) {
   const Index count = to_index(cloud_size(cloud), "cloud");
-  VoxelGroups groups;
-  groups.voxel_of_point.resize(static_cast<std::size_t>(count), -1);
   CellTable table;
   Cell last_cell;
   Index last_voxel = -1;  // neighbours in a scan often share a voxel
+  Index rejected = 0;
   for (Index i = 0; i < count; ++i) {
-    const Eigen::Vector3d scaled = position(cloud, static_cast<std::size_t>(i)) * inverse_size;
+    const Eigen::Vector3d p = position(cloud, static_cast<std::size_t>(i));
+    const Eigen::Vector3d scaled = p * inverse_size;
     const std::optional<Cell> cell = cell_of(scaled);
     if (!cell) {
-      ++groups.rejected;
+      ++rejected;
       continue;
     }
     if (last_voxel < 0 || !(*cell == last_cell)) {
-      const std::pair<Index, bool> found = table.insert(*cell, table.size());
-      if (found.second) groups.first_point.push_back(i);
       last_cell = *cell;
-      last_voxel = found.first;
+      last_voxel = table.insert(*cell, table.size()).first;
     }
-    groups.voxel_of_point[static_cast<std::size_t>(i)] = last_voxel;
+    visit(static_cast<std::size_t>(i), static_cast<std::size_t>(last_voxel), p,
+          Eigen::Vector3d(scaled - Eigen::Vector3d(cell->x + 0.5, cell->y + 0.5, cell->z + 0.5)));
   }
-  return groups;
+  return rejected;
 }
 
-template <Cloud Points>
-[[nodiscard]] std::vector<Index> nearest_to_centers(const Points& cloud, const VoxelGroups& groups,
-                                                    double inverse_size) {
-  std::vector<Index> nearest = groups.first_point;
-  std::vector<double> best(nearest.size(), std::numeric_limits<double>::max());
-  for (std::size_t i = 0; i < groups.voxel_of_point.size(); ++i) {
-    if (groups.voxel_of_point[i] < 0) continue;
-    const auto voxel = static_cast<std::size_t>(groups.voxel_of_point[i]);
-    const Eigen::Vector3d scaled = position(cloud, i) * inverse_size;
-    const double distance = (scaled.array() - scaled.array().floor() - 0.5).matrix().squaredNorm();
-    if (distance < best[voxel]) {
-      best[voxel] = distance;
-      nearest[voxel] = static_cast<Index>(i);
-    }
-  }
-  return nearest;
+/// The first point of each voxel, or the one nearest its centre.
+template <class Scalar, Cloud Points>
+[[nodiscard]] DownsampledCloud<Scalar> choose_in_voxels(const Points& cloud, double inverse_size, bool nearest) {
+  std::vector<Index> chosen;
+  std::vector<double> squared_offsets;
+  const Index rejected =
+      visit_voxels(cloud, inverse_size,
+                   [&](std::size_t i, std::size_t voxel, const Eigen::Vector3d&, const Eigen::Vector3d& offset) {
+                     const double squared = nearest ? offset.squaredNorm() : 0.0;
+                     if (voxel == chosen.size()) {
+                       chosen.push_back(static_cast<Index>(i));
+                       squared_offsets.push_back(squared);
+                     } else if (squared < squared_offsets[voxel]) {
+                       chosen[voxel] = static_cast<Index>(i);
+                       squared_offsets[voxel] = squared;
+                     }
+                   });
+  return {.cloud = select<Scalar>(cloud, chosen), .rejected = rejected};
 }
 
-/// Means of one column over the points of each voxel, summed in double in the order of the points.
-template <int Rows, class Value>
-[[nodiscard]] std::vector<Eigen::Matrix<double, Rows, 1>> voxel_means(const VoxelGroups& groups, Value&& value) {
-  using Vector = Eigen::Matrix<double, Rows, 1>;
-  std::vector<Vector> sums(groups.first_point.size(), Vector::Zero());
-  std::vector<Index> counts(groups.first_point.size(), 0);
-  for (std::size_t i = 0; i < groups.voxel_of_point.size(); ++i) {
-    if (groups.voxel_of_point[i] < 0) continue;
-    const auto voxel = static_cast<std::size_t>(groups.voxel_of_point[i]);
-    sums[voxel] += value(i);
-    ++counts[voxel];
+/// A voxel's sum of positions, in double in the order of the points.
+struct VoxelSum {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  Index count = 0;
+  Index first_point = 0;
+};
+
+inline constexpr Index in_no_voxel = -1;
+
+/// Means of one column over the points of each voxel; `value(i)` is a number or a vector of doubles, like `zero`.
+template <class T, class Value>
+[[nodiscard]] std::vector<T> voxel_means(std::span<const Index> voxel_of_point, const std::vector<VoxelSum>& voxels,
+                                         const T& zero, Value&& value) {
+  std::vector<T> means(voxels.size(), zero);
+  for (std::size_t i = 0; i < voxel_of_point.size(); ++i)
+    if (voxel_of_point[i] != in_no_voxel) means[static_cast<std::size_t>(voxel_of_point[i])] += value(i);
+  for (std::size_t voxel = 0; voxel < voxels.size(); ++voxel) means[voxel] /= static_cast<double>(voxels[voxel].count);
+  return means;
+}
+
+/// Unit normals of the voxels: means made unit length again; of normals that cancel, the first point's.
+template <class Scalar, Cloud Points>
+[[nodiscard]] std::vector<Eigen::Matrix<Scalar, 3, 1>> mean_normals(const Points& cloud,
+                                                                    std::span<const Index> voxel_of_point,
+                                                                    const std::vector<VoxelSum>& voxels) {
+  constexpr double cancelled = 1e-3;
+  const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
+  const auto means = voxel_means(voxel_of_point, voxels, zero, [&](std::size_t i) { return normal(cloud, i); });
+  std::vector<Eigen::Matrix<Scalar, 3, 1>> normals;
+  normals.reserve(voxels.size());
+  for (std::size_t voxel = 0; voxel < voxels.size(); ++voxel) {
+    const bool usable = means[voxel].norm() > cancelled;
+    const Eigen::Vector3d mean =
+        usable ? means[voxel] : normal(cloud, static_cast<std::size_t>(voxels[voxel].first_point));
+    normals.push_back(mean.normalized().template cast<Scalar>());
   }
-  for (std::size_t voxel = 0; voxel < sums.size(); ++voxel) sums[voxel] /= static_cast<double>(counts[voxel]);
-  return sums;
+  return normals;
 }
 
 template <class Scalar, Cloud Points>
-[[nodiscard]] PointCloud<Scalar> mean_of_voxels(const Points& cloud, const VoxelGroups& groups) {
-  PointCloud<Scalar> means;
-  const auto fill = [](auto& column, const auto& values, auto&& convert) {
-    column.reserve(values.size());
-    for (const auto& value : values) column.push_back(convert(value));
+[[nodiscard]] DownsampledCloud<Scalar> mean_of_voxels(const Points& cloud, double inverse_size) {
+  const bool normals = carries_normals(cloud), times = carries_times(cloud), intensities = carries_intensities(cloud);
+  std::vector<VoxelSum> voxels;
+  std::vector<Index> voxel_of_point(normals || times || intensities ? cloud_size(cloud) : 0, in_no_voxel);
+  DownsampledCloud<Scalar> result;
+  result.rejected = visit_voxels(
+      cloud, inverse_size, [&](std::size_t i, std::size_t voxel, const Eigen::Vector3d& p, const Eigen::Vector3d&) {
+        if (voxel == voxels.size()) voxels.emplace_back().first_point = static_cast<Index>(i);
+        voxels[voxel].position += p;
+        ++voxels[voxel].count;
+        if (!voxel_of_point.empty()) voxel_of_point[i] = static_cast<Index>(voxel);
+      });
+  if (voxels.empty()) return result;
+  PointCloud<Scalar>& means = result.cloud;
+  means.positions.reserve(voxels.size());
+  for (const VoxelSum& sum : voxels)
+    means.positions.push_back((sum.position / static_cast<double>(sum.count)).template cast<Scalar>());
+  const auto mean_column = [&](auto&& value) {
+    const auto column = voxel_means(voxel_of_point, voxels, 0.0, value);
+    return std::vector<float>(column.begin(), column.end());
   };
-  const auto to_vector = [](const Eigen::Vector3d& v) { return v.cast<Scalar>().eval(); };
-  const auto to_float = [](const Eigen::Matrix<double, 1, 1>& v) { return static_cast<float>(v[0]); };
-  fill(means.positions, voxel_means<3>(groups, [&](std::size_t i) { return position(cloud, i); }), to_vector);
-  if (carries_normals(cloud)) {
-    auto normals = voxel_means<3>(groups, [&](std::size_t i) { return normal(cloud, i); });
-    for (std::size_t voxel = 0; voxel < normals.size(); ++voxel) {
-      // Opposite normals cancel: then the first point's is the honest one.
-      if (!(normals[voxel].norm() > 1e-3))
-        normals[voxel] = normal(cloud, static_cast<std::size_t>(groups.first_point[voxel]));
-      normals[voxel].normalize();
-    }
-    fill(means.normals, normals, to_vector);
-  }
-  const auto scalar = [](double value) { return Eigen::Matrix<double, 1, 1>(value); };
-  if (carries_times(cloud))
-    fill(means.time_offsets, voxel_means<1>(groups, [&](std::size_t i) { return scalar(time_offset(cloud, i)); }),
-         to_float);
-  if (carries_intensities(cloud))
-    fill(means.intensities, voxel_means<1>(groups, [&](std::size_t i) { return scalar(intensity(cloud, i)); }),
-         to_float);
-  return means;
+  if (normals) means.normals = mean_normals<Scalar>(cloud, voxel_of_point, voxels);
+  if (times)
+    means.time_offsets = mean_column([&](std::size_t i) { return static_cast<double>(time_offset(cloud, i)); });
+  if (intensities)
+    means.intensities = mean_column([&](std::size_t i) { return static_cast<double>(intensity(cloud, i)); });
+  return result;
 }
 
 }  // namespace detail
@@ -154,21 +173,8 @@ template <class Scalar, Cloud Points>
 DownsampledCloud<Scalar> VoxelGrid::downsample(const Points& cloud) const {
   if (!(size > 0) || !is_finite(1.0 / size) || !is_finite(size))
     throw std::invalid_argument("VoxelGrid: size must be positive and finite");
-  const double inverse_size = 1.0 / size;
-  const detail::VoxelGroups groups = detail::group_by_voxel(cloud, inverse_size);
-  DownsampledCloud<Scalar> result{.cloud = {}, .rejected = groups.rejected};
-  switch (mode) {
-    case VoxelMode::mean:
-      result.cloud = detail::mean_of_voxels<Scalar>(cloud, groups);
-      break;
-    case VoxelMode::first:
-      result.cloud = detail::select<Scalar>(cloud, groups.first_point);
-      break;
-    case VoxelMode::nearest_to_center:
-      result.cloud = detail::select<Scalar>(cloud, detail::nearest_to_centers(cloud, groups, inverse_size));
-      break;
-  }
-  return result;
+  if (mode == VoxelMode::mean) return detail::mean_of_voxels<Scalar>(cloud, 1.0 / size);
+  return detail::choose_in_voxels<Scalar>(cloud, 1.0 / size, mode == VoxelMode::nearest_to_center);
 }
 
 }  // namespace chainslam
