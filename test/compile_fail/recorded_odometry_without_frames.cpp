@@ -1,0 +1,12 @@
+// expect: RecordedOdometry: NextFrame needs `std::optional<Frame> operator()()`
+#include "chainslam/odometry/recorded_odometry.hpp"
+
+struct MyReader {
+#ifdef CHAINSLAM_RIGHT
+  std::optional<chainslam::Frame> operator()() { return std::nullopt; }
+#else
+  bool operator()(chainslam::Frame& frame);
+#endif
+};
+
+int main() { (void)sizeof(chainslam::RecordedOdometry<MyReader>); }
