@@ -101,15 +101,18 @@ class NormalEquations {
     for (std::size_t b = 0; b < F::arity; ++b) {
       const Index column_b = column(keys[b]);
       if (column_b < 0) continue;
-      gradient_.segment<dof>(Eigen::Index{column_b} * dof).noalias() +=
-          linearized.jacobians[b].transpose() * linearized.residual;
+      // Transposed once, so that the products run down columns.
+      const Eigen::Matrix<double, dof, F::rows> transposed = linearized.jacobians[b].transpose();
+      gradient_.segment<dof>(Eigen::Index{column_b} * dof).noalias() += transposed.lazyProduct(linearized.residual);
       for (std::size_t a = 0; a <= b; ++a) {
         const Index column_a = column(keys[a]);
         if (column_a < 0) continue;
-        const bool a_is_row = column_a >= column_b;
         auto block = matrix_.block(*place++);
-        block.noalias() +=
-            linearized.jacobians[a_is_row ? a : b].transpose().lazyProduct(linearized.jacobians[a_is_row ? b : a]);
+        if (column_b >= column_a) {
+          block += transposed.lazyProduct(linearized.jacobians[a]);
+        } else {
+          block += transposed.lazyProduct(linearized.jacobians[a]).transpose();
+        }
       }
     }
     return cost;
