@@ -103,7 +103,8 @@ footer { margin-top: 48px; color: var(--quiet); font-size: 13px; }
   .above image { filter: none; }
   main { max-width: none; padding: 0; }
   .interactive { display: none; }
-  section, .figure, tr { break-inside: avoid; }
+  .panel, .figure, tr { break-inside: avoid; }
+  h2, h3 { break-after: avoid; }
   section { margin-top: 28px; }
 }
 )css";
