@@ -37,21 +37,21 @@ class LineFields {
   double number_or_nan(const char* name) {
     const std::string_view field = text(name);
     const auto value = detail::parse_double(field);
-    if (!value) fail(name, detail::shown(field), detail::number_remedy(field, "a number"));
+    if (!value) fail_number(name, field, "a number");
     return *value;
   }
 
   double number(const char* name) {
     const std::string_view field = text(name);
     const auto value = detail::parse_double(field);
-    if (!value || !is_finite(*value)) fail(name, detail::shown(field), detail::number_remedy(field, "a finite number"));
+    if (!value || !is_finite(*value)) fail_number(name, field, "a finite number");
     return *value;
   }
 
   std::int64_t integer(const char* name) {
     const std::string_view field = text(name);
     const auto value = detail::parse_integer(field);
-    if (!value) fail(name, detail::shown(field), detail::number_remedy(field, "a whole number"));
+    if (!value) fail_number(name, field, "a whole number");
     return *value;
   }
 
@@ -59,10 +59,7 @@ class LineFields {
     const std::string_view field = text(name);
     const auto value = detail::parse_seconds(field);
     if (value) return Timestamp::from_nanoseconds(*value);
-    const bool huge = detail::parse_double(field).value_or(0) > 9e9;
-    fail(name, detail::shown(field),
-         huge ? "write the time in seconds; this looks like nanoseconds or microseconds"
-              : detail::number_remedy(field, "the time in seconds"));
+    fail(name, detail::shown(field), detail::time_remedy(field));
   }
 
   /// @throws IoError if fields are left.
@@ -75,6 +72,10 @@ class LineFields {
   }
 
  private:
+  [[noreturn]] void fail_number(const char* name, std::string_view field, const char* wanted) const {
+    fail(name, detail::shown(field), detail::number_remedy(field, wanted));
+  }
+
   const InputFile* file_;
   std::string_view rest_;
   char separator_;

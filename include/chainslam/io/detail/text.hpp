@@ -104,7 +104,17 @@ inline void append_seconds(std::string& text, Timestamp time) {
 inline std::string number_remedy(std::string_view field, const char* wanted) {
   if (field.find(',') != field.npos)
     return "write decimals with a point and separate fields as the format asks: a comma is read as part of the number";
-  return std::string("write ") + wanted + " here";
+  std::string remedy = "write ";
+  remedy += wanted;
+  remedy += " here";
+  return remedy;
+}
+
+/// As `number_remedy`, for a time in seconds.
+inline std::string time_remedy(std::string_view field) {
+  if (parse_double(field).value_or(0) > 9e9)
+    return "write the time in seconds; this looks like nanoseconds or microseconds";
+  return number_remedy(field, "the time in seconds");
 }
 
 /// At most 40 characters of a field, fit for a message.
