@@ -14,10 +14,15 @@ Preset town() {
                 .lidar = {},
                 .imu = {},
                 .gnss = {}};
-  // Three loops that share streets: the second and the last pass the first one's start in the same direction, the way
-  // down from (2, 3) meets the way up on the other lane.
-  preset.drive.route = {{1, 2}, {2, 2}, {2, 3}, {1, 3}, {1, 2}, {2, 2}, {3, 2},
-                        {3, 3}, {2, 3}, {2, 2}, {2, 1}, {1, 1}, {1, 2}, {2, 2}};
+  // Once around, then a smaller loop that shares streets with the first, in the same and in the opposite direction.
+  preset.drive.route = {{1, 1}, {2, 1}, {3, 1}, {4, 1}, {4, 2}, {4, 3}, {3, 3}, {2, 3}, {1, 3},
+                        {1, 2}, {1, 1}, {2, 1}, {2, 2}, {3, 2}, {3, 1}, {2, 1}, {1, 1}};
+  // A sensor that sees 25 m and is badly calibrated: odometry alone ends more than a metre off.
+  preset.lidar.firings_per_revolution = 480;
+  preset.lidar.max_range = 25.0;
+  preset.lidar.elevation_error_deg = 0.2;
+  preset.lidar.range_bias = 0.03;
+  preset.lidar.mount_angle_deg = 0.5;
   return preset;
 }
 
