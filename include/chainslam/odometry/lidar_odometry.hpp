@@ -32,7 +32,7 @@ struct LidarOdometryOptions {
   MapOptions map{.voxel_size = 1.0, .max_points_per_voxel = 8, .min_spacing = 0.35};
   double map_radius = 150;          ///< metres around the body; farther points leave the local map
   Index min_points = 50;            ///< after the voxel filter; scans with fewer count as empty
-  double min_match_ratio = 0.1;     ///< of the points given to registration; with less the scan is lost
+  double min_match_ratio = 0.2;     ///< of the points given to registration; with less the scan is lost
   double redeskew_distance = 0.06;  ///< metres of skew left after registration that call for a second pass
   Index max_lost_scans = 10;        ///< in a row; then the local map starts anew where the body is believed to be
   ImuInitializer imu_initializer{};
@@ -84,9 +84,10 @@ class LidarOdometry {
 
  private:
   struct Registered {
-    PointCloud<float> cloud;       ///< body frame at the scan's end
-    PointCloud<float> map_points;  ///< for the map
-    PointCloud<float> points;      ///< for registration
+    PointCloud<float> cloud;            ///< body frame at the scan's end
+    PointCloud<float> map_points;       ///< for the map
+    PointCloud<float> points;           ///< for registration
+    Vector6d twist = Vector6d::Zero();  ///< that corrected it
     ScanMatch match;
   };
   struct Sweep {
@@ -137,7 +138,7 @@ std::optional<Frame> LidarOdometry<Map, Kernel>::process(const Packet& packet, c
   Sweep sweep{scan->time, scan->end, options_.filter.apply(scan->cloud, counts_.points)};
   if (!started_) return start(std::move(sweep), executor);
 
-  MotionPrediction prediction = motion_.predict(sweep.end);
+  MotionPrediction prediction = motion_.predict(sweep.begin, sweep.end);
   Registered result = registered(sweep, prediction, executor);
   if (empty(result)) {
     ++counts_.empty_scans;
@@ -148,14 +149,15 @@ std::optional<Frame> LidarOdometry<Map, Kernel>::process(const Packet& packet, c
     result = registered(sweep, prediction, executor);
   }
   if (first_ && believable(result, prediction)) {
-    prediction.T_odom_body = result.match.T_map_body;
-    prediction.twist = motion_.twist_to(prediction, prediction.T_odom_body);
-    rebuild_map(*first_, prediction.twist, executor);
+    prediction.twist = motion_.found_twist(prediction, result.twist, result.match.T_map_body);
+    prediction.T_odom_body = motion_.T_odom_body().retract(prediction.since_last * prediction.twist);
+    motion_.correct_start(prediction.twist);
+    rebuild_map(*std::exchange(first_, std::nullopt), prediction.twist, executor);
     result = registered(sweep, prediction, executor);
   }
   first_.reset();
   ++counts_.frames;
-  if (prediction.interval > options_.motion.max_gap) ++counts_.gaps;
+  if (prediction.since_last > options_.motion.max_gap) ++counts_.gaps;
   if (prediction.with_gyro) ++counts_.gyro_scans;
   return believable(result, prediction) ? follow(std::move(result), prediction) : lose(std::move(result), prediction);
 }
@@ -174,7 +176,7 @@ std::optional<Frame> LidarOdometry<Map, Kernel>::start(Sweep sweep, const E& exe
     return std::nullopt;
   }
   ++counts_.frames;
-  imu_start_ = motion_.start(sweep.end, options_.imu_initializer);
+  imu_start_ = motion_.start(sweep.begin, sweep.end, options_.imu_initializer);
   started_ = true;
   extend_map(scan.map_points);
   if (sweep.points.has_times()) first_ = std::move(sweep);
@@ -192,6 +194,7 @@ template <Executor E>
 auto LidarOdometry<Map, Kernel>::corrected(const Sweep& sweep, const Vector6d& twist, const E& executor) const
     -> Registered {
   Registered scan;
+  scan.twist = twist;
   const SweepMotion motion = motion_.sweep_motion(sweep.begin, sweep.end, twist);
   scan.cloud = deskew(sweep.points, motion, options_.T_body_lidar, executor);
   scan.map_points = voxel_downsample(scan.cloud, options_.map_voxel);
@@ -216,8 +219,9 @@ auto LidarOdometry<Map, Kernel>::registered(const Sweep& sweep, const MotionPred
   Registered scan = corrected(sweep, prediction.twist, executor);
   if (empty(scan)) return scan;
   scan.match = options_.scan_to_map.align(scan.points, map_, prediction.T_odom_body, prediction.error, executor);
-  if (scan.match.status == ScanMatchStatus::too_few_matches || !sweep.points.has_times()) return scan;
-  const Vector6d twist = motion_.twist_to(prediction, scan.match.T_map_body);
+  const bool skewed_map = first_.has_value();  // corrected as little as this sweep so far: to be mended together
+  if (scan.match.status == ScanMatchStatus::too_few_matches || !sweep.points.has_times() || skewed_map) return scan;
+  const Vector6d twist = motion_.found_twist(prediction, scan.twist, scan.match.T_map_body);
   if (skew_left(sweep, twist - prediction.twist) < options_.redeskew_distance) return scan;
   const ScanMatch before = scan.match;
   scan = corrected(sweep, twist, executor);
@@ -250,12 +254,14 @@ bool LidarOdometry<Map, Kernel>::believable(const Registered& scan, const Motion
 
 template <class Map, class Kernel>
 Frame LidarOdometry<Map, Kernel>::follow(Registered scan, const MotionPrediction& prediction) {
-  motion_.follow(prediction, scan.match.T_map_body);
+  const Vector6d skew = motion_.end_deviation(prediction, scan.twist, scan.match.T_map_body);
+  motion_.follow(prediction, scan.twist, scan.match.T_map_body);
   lost_in_a_row_ = 0;
   extend_map(scan.map_points);
   Frame frame = answer(scan, scan.match.degenerate_directions > 0 ? FrameStatus::degenerate : FrameStatus::good);
   if (frame.health.status == FrameStatus::degenerate) ++counts_.degenerate_scans;
   frame.covariance = scan.match.covariance;
+  frame.covariance.diagonal() += skew.cwiseAbs2();
   return frame;
 }
 

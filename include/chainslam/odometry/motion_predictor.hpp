@@ -17,10 +17,10 @@ namespace chainslam {
 
 /// Where the body should be at the end of the next scan.
 struct MotionPrediction {
-  Timestamp time;
-  double interval = 0;  ///< seconds since the last known pose
+  Timestamp begin, end;   ///< of the sweep
+  double since_last = 0;  ///< seconds from the last known pose to the sweep's end
   SE3d T_odom_body{};
-  Vector6d twist = Vector6d::Zero();  ///< mean over the interval, per second, body frame, [translation; rotation]
+  Vector6d twist = Vector6d::Zero();  ///< per second, body frame, [translation; rotation]
   double error = 0;                   ///< metres the pose may be off
   bool with_gyro = false;             ///< the rotation was measured, not extrapolated
 };
@@ -48,35 +48,43 @@ class MotionPredictor {
     return true;
   }
 
-  /// Begins at the origin, with +z against gravity if the IMU has told where that is.
-  ImuStart start(Timestamp time, const ImuInitializer& initializer) {
+  /// Begins at the origin, at the end of the first sweep, with +z against gravity if the IMU has told where that is.
+  ImuStart start(Timestamp begin, Timestamp end, const ImuInitializer& initializer) {
     const ImuStart imu_start = initializer.estimate(imu_.samples());
     gyro_bias_ = imu_start.gyro_bias;
-    time_ = time;
-    T_odom_body_ = SE3d(gravity_aligned(imu_start.up_body), Eigen::Vector3d::Zero());
+    time_ = end;
+    middle_time_ = begin + (end - begin) / 2;
+    T_odom_body_ = T_odom_middle_ = SE3d(gravity_aligned(imu_start.up_body), Eigen::Vector3d::Zero());
     return imu_start;
   }
 
-  [[nodiscard]] MotionPrediction predict(Timestamp time) const {
-    MotionPrediction prediction{.time = time, .interval = to_seconds(time - time_)};
-    const bool known = twist_.has_value() && prediction.interval <= options_.max_gap;
+  /// Tells the motion during the first sweep, which the second has shown.
+  void correct_start(const Vector6d& twist) {
+    T_odom_middle_ = T_odom_body_.retract(-to_seconds(time_ - middle_time_) * twist);
+  }
+
+  /// Where the body will be at the end of a sweep.
+  [[nodiscard]] MotionPrediction predict(Timestamp begin, Timestamp end) const {
+    MotionPrediction prediction{.begin = begin, .end = end, .since_last = to_seconds(end - time_)};
+    const bool known = twist_.has_value() && prediction.since_last <= options_.max_gap;
     if (known) prediction.twist = *twist_;
-    if (const auto R = imu_.rotation(time_, time, gyro_bias_); R && prediction.interval > 0) {
-      prediction.twist.tail<3>() = R->log() / prediction.interval;
+    if (const auto R = imu_.rotation(time_, end, gyro_bias_); R && prediction.since_last > 0) {
+      prediction.twist.tail<3>() = R->log() / prediction.since_last;
       prediction.with_gyro = true;
     }
-    prediction.T_odom_body = T_odom_body_.retract(prediction.twist * prediction.interval);
+    prediction.T_odom_body = T_odom_body_.retract(prediction.twist * prediction.since_last);
     prediction.error =
         known ? std::clamp(3 * error_, options_.min_error, options_.initial_error) : options_.initial_error;
     return prediction;
   }
 
-  /// The twist with which to correct the sweep that ends at this pose; the gyroscope's rates are kept if it measured
-  /// them.
-  [[nodiscard]] Vector6d twist_to(const MotionPrediction& prediction, const SE3d& T_odom_body) const {
-    Vector6d twist = smoothed(T_odom_body_.local(T_odom_body) / prediction.interval);
-    if (prediction.with_gyro) twist.tail<3>() = prediction.twist.tail<3>();
-    return twist;
+  /// The motion during the sweep, now that its end has been found at `T_odom_body` after correction by `twist`; the
+  /// gyroscope's rates are kept if it measured them.
+  [[nodiscard]] Vector6d found_twist(const MotionPrediction& prediction, const Vector6d& twist,
+                                     const SE3d& T_odom_body) const {
+    Vector6d found = extrapolated(mean_twist(prediction, twist, T_odom_body));
+    if (prediction.with_gyro) found.tail<3>() = prediction.twist.tail<3>();
+    return found;
   }
 
   /// The motion during a sweep: translation by the twist, rotation by the gyroscope or, without it, by the twist.
@@ -91,24 +99,43 @@ class MotionPredictor {
     });
   }
 
-  /// Takes the pose that was found where one had been predicted.
-  void follow(const MotionPrediction& prediction, const SE3d& T_odom_body) {
-    const Vector6d twist = T_odom_body_.local(T_odom_body) / prediction.interval;
-    if (prediction.with_gyro) gyro_bias_ -= options_.gyro_bias_gain * (twist - prediction.twist).tail<3>();
+  /// How far the body at the sweep's end may lie from where its middle, which is what was measured, puts it: by half of
+  /// the change of twist over half of the sweep. Tangent of the pose at the end.
+  [[nodiscard]] Vector6d end_deviation(const MotionPrediction& prediction, const Vector6d& twist,
+                                       const SE3d& T_odom_body) const {
+    if (!mean_twist_) return Vector6d::Zero();
+    const Vector6d change = mean_twist(prediction, twist, T_odom_body) - *mean_twist_;
+    Vector6d deviation = 0.25 * to_seconds(prediction.end - prediction.begin) * change;
+    if (prediction.with_gyro) deviation.tail<3>().setZero();
+    return deviation;
+  }
+
+  /// Takes the pose that was found where one had been predicted, and the twist the sweep was corrected by.
+  void follow(const MotionPrediction& prediction, const Vector6d& twist, const SE3d& T_odom_body) {
+    if (prediction.with_gyro) {
+      const Eigen::Vector3d rate = T_odom_body_.local(T_odom_body).tail<3>() / prediction.since_last;
+      gyro_bias_ -= options_.gyro_bias_gain * (rate - prediction.twist.tail<3>());
+    }
     if (twist_) {
       constexpr double memory = 0.9;
       const double off = deviation(prediction, T_odom_body);
       error_ = std::sqrt(memory * error_ * error_ + (1 - memory) * off * off);
     }
-    twist_ = smoothed(twist);
-    time_ = prediction.time;
+    const Vector6d mean = mean_twist(prediction, twist, T_odom_body);
+    twist_ = extrapolated(mean);
+    mean_twist_ = mean;
+    middle_time_ = middle(prediction);
+    T_odom_middle_ = at_middle(prediction, twist, T_odom_body);
+    time_ = prediction.end;
     T_odom_body_ = T_odom_body;
   }
 
   /// No pose was found: goes on at the predicted one, and expects the next prediction to be off by more.
   void lose(const MotionPrediction& prediction) {
     error_ = std::max(2 * error_, options_.min_error);
-    time_ = prediction.time;
+    middle_time_ = middle(prediction);
+    T_odom_middle_ = at_middle(prediction, prediction.twist, prediction.T_odom_body);
+    time_ = prediction.end;
     T_odom_body_ = prediction.T_odom_body;
   }
 
@@ -126,10 +153,26 @@ class MotionPredictor {
   [[nodiscard]] bool moving() const { return twist_.has_value(); }
 
  private:
-  /// The mean of the interval's twist and the smoothed one before. A sweep measures about the pose at its middle: with
-  /// the twist of one interval alone an error e of the last pose comes back as -e in this one, undamped.
-  [[nodiscard]] Vector6d smoothed(const Vector6d& twist) const {
-    return twist_ ? Vector6d(0.5 * (*twist_ + twist)) : twist;
+  // A sweep measures the pose at its middle, whatever twist corrects it; the pose at its end is that and half of the
+  // twist. Were motion taken from one end to the next, an error e of the last end would come back as -e in this one,
+  // undamped. Therefore motion is taken from middle to middle.
+
+  [[nodiscard]] static Timestamp middle(const MotionPrediction& sweep) {
+    return sweep.begin + (sweep.end - sweep.begin) / 2;
+  }
+  [[nodiscard]] static SE3d at_middle(const MotionPrediction& sweep, const Vector6d& twist, const SE3d& T_odom_end) {
+    return T_odom_end.retract(-to_seconds(sweep.end - middle(sweep)) * twist);
+  }
+  /// From the middle of the last sweep to that of this one, per second.
+  [[nodiscard]] Vector6d mean_twist(const MotionPrediction& sweep, const Vector6d& twist,
+                                    const SE3d& T_odom_end) const {
+    const double interval = to_seconds(middle(sweep) - middle_time_);
+    return T_odom_middle_.local(at_middle(sweep, twist, T_odom_end)) / interval;
+  }
+  /// A mean over an interval holds at its middle. This carries it on towards the interval's end by half of what
+  /// constant acceleration asks for: the other half would cost more in noise than it brings.
+  [[nodiscard]] Vector6d extrapolated(const Vector6d& mean) const {
+    return mean_twist_ ? Vector6d(mean + 0.25 * (mean - *mean_twist_)) : mean;
   }
 
   static constexpr Duration imu_memory = std::chrono::seconds(5);
@@ -139,8 +182,11 @@ class MotionPredictor {
   Eigen::Vector3d gyro_bias_ = Eigen::Vector3d::Zero();  ///< rad/s
   Timestamp time_;                                       ///< of the last pose
   SE3d T_odom_body_;
-  std::optional<Vector6d> twist_;  ///< smoothed, per second; nothing while unknown
-  double error_ = 0;               ///< metres, smoothed
+  Timestamp middle_time_;               ///< of the last sweep
+  SE3d T_odom_middle_;                  ///< the body there
+  std::optional<Vector6d> mean_twist_;  ///< from the middle of the sweep before to that of the last, per second
+  std::optional<Vector6d> twist_;       ///< at the end of the last sweep, per second; nothing while unknown
+  double error_ = 0;                    ///< metres, smoothed
 };
 
 }  // namespace chainslam

@@ -5,8 +5,8 @@
 #include <stdexcept>
 #include <vector>
 
-#include "chainslam/cloud/detail/columns.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/cloud/select.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/types.hpp"
 
@@ -55,7 +55,7 @@ struct ScanFilter {
       else
         kept.push_back(static_cast<Index>(i));
     }
-    return detail::select<float>(sweep, kept);
+    return select(sweep, kept);
   }
 };
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
@@ -27,7 +28,7 @@ struct ScanMatch {
   SE3d T_map_body{};
   ScanMatchStatus status = ScanMatchStatus::too_few_matches;
   Matrix6d covariance = Matrix6d::Identity();  ///< of T_map_body, tangent [translation; rotation]
-  Vector6d information = Vector6d::Zero();     ///< ascending eigenvalues per match, rotations scaled by the lever arm
+  Vector6d signal = Vector6d::Zero();          ///< ascending, of six directions: information over that of pure noise
   Index degenerate_directions = 0;             ///< of six, in which the scan says nothing and the guess was kept
   Index matches = 0;                           ///< points with a plane within the gate
   Index iterations = 0;
@@ -59,7 +60,7 @@ struct ScanToMap {
   double translation_tolerance = 2e-3;  ///< metres, of the last step
   double rotation_tolerance = 2e-4;     ///< radians, of the last step
   double rematch_distance = 0.03;       ///< metres a point may move before its plane is looked up again
-  double min_information = 2e-3;        ///< of the residuals that must face a direction for it to count as seen
+  double min_signal = 3.0;              ///< information over that of pure noise for a direction to count as seen
   double residual_floor = 0.01;         ///< metres: residuals are never trusted to be smaller than this
   double correlated_residuals = 25;     ///< neighbouring residuals err together: so many count as one
   [[no_unique_address]] Kernel kernel{};
@@ -75,36 +76,49 @@ struct ScanToMap {
 
 namespace detail {
 
-/// The eigenvalues and directions of a pose's information, in coordinates where a radian counts as `lever` metres.
+/// What the matches say of a pose, direction by direction, against what noise alone would make them seem to say.
+///
+/// Normals of planes that are parallel to a direction are never quite so, and their noise counts as information that is
+/// not there. With H the sum over matches and N the part of it to be expected from the normals' noise, the eigenvalues
+/// of H x = s N x are 1 in directions in which there is nothing but noise, whatever the units of x.
 struct PoseInformation {
-  Vector6d scale;        ///< tangent = scale * coordinates
-  Vector6d eigenvalues;  ///< ascending, of the sum over matches
-  Matrix6d directions;   ///< columns
+  Matrix6d directions;   ///< columns x, with x^T N x = 1
+  Vector6d signal;       ///< s, ascending
+  double lever;          ///< metres: root mean square range of the points matched
   Index degenerate = 0;  ///< leading directions that carry too little
 
-  PoseInformation(const PlaneEquations& sum, double min_information) {
-    const double lever = std::max(1.0, std::sqrt(sum.squared_ranges / sum.weight));
-    scale << Eigen::Vector3d::Ones(), Eigen::Vector3d::Constant(1 / lever);
-    const Matrix6d scaled = scale.asDiagonal() * sum.hessian * scale.asDiagonal();
-    const JacobiEigen<double, 6> eigen = jacobi_eigen(scaled);
-    eigenvalues = eigen.values;
-    directions = eigen.vectors;
-    while (degenerate < 6 && !(eigenvalues[degenerate] > min_information * sum.weight)) ++degenerate;
+  PoseInformation(const PlaneEquations& sum, double min_signal)
+      : lever(std::max(1.0, std::sqrt(sum.squared_ranges / sum.weight))) {
+    constexpr double least_tilt = 1e-3;  // radians: keeps N regular
+    const double floor = sum.weight * least_tilt * least_tilt;
+    Matrix6d noise = sum.noise;
+    noise.diagonal().head<3>().array() += floor;
+    noise.diagonal().tail<3>().array() += floor * lever * lever;
+    const Eigen::LLT<Matrix6d> factor(noise);
+    const Matrix6d half = factor.matrixL().solve(sum.hessian);
+    const Matrix6d whitened = factor.matrixL().solve(half.transpose());
+    const JacobiEigen<double, 6> eigen = jacobi_eigen(Matrix6d(0.5 * (whitened + whitened.transpose())));
+    signal = eigen.values;
+    directions = factor.matrixU().solve(eigen.vectors);
+    while (degenerate < 6 && !(signal[degenerate] > min_signal)) ++degenerate;
   }
 
   /// The Gauss-Newton step, without the degenerate directions.
   [[nodiscard]] Vector6d step(const Vector6d& gradient) const {
-    Vector6d coordinates = directions.transpose() * (scale.asDiagonal() * gradient);
-    for (Index i = 0; i < 6; ++i) coordinates[i] = i < degenerate ? 0.0 : -coordinates[i] / eigenvalues[i];
-    return scale.asDiagonal() * (directions * coordinates);
+    Vector6d coordinates = directions.transpose() * gradient;
+    for (Index i = 0; i < 6; ++i) coordinates[i] = i < degenerate ? 0.0 : -coordinates[i] / signal[i];
+    return directions * coordinates;
   }
 
-  /// Covariance with `variance` per residual, and `guess_variance` (m^2) in degenerate directions.
+  /// Covariance with `variance` (m^2) per residual, and `guess_variance` (m^2 at the lever arm) in degenerate
+  /// directions.
   [[nodiscard]] Matrix6d covariance(double variance, double guess_variance) const {
-    Vector6d variances;
-    for (Index i = 0; i < 6; ++i) variances[i] = i < degenerate ? guess_variance : variance / eigenvalues[i];
-    const Matrix6d axes = scale.asDiagonal() * directions;
-    const Matrix6d result = axes * variances.asDiagonal() * axes.transpose();
+    Vector6d variances = variance * signal.cwiseInverse();
+    for (Index i = 0; i < degenerate; ++i) {
+      const Vector6d x = directions.col(i);
+      variances[i] = guess_variance / (x.head<3>().squaredNorm() + lever * lever * x.tail<3>().squaredNorm());
+    }
+    const Matrix6d result = directions * variances.asDiagonal() * directions.transpose();
     return 0.5 * (result + result.transpose());
   }
 };
@@ -124,7 +138,8 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
   while (match.status != ScanMatchStatus::converged && match.iterations < max_iterations) {
     if (stale) {
       if (matchings++ == max_matchings) break;
-      const detail::PlaneRule rule{std::max(max_neighbor_distance, error), max_plane_deviation, min_plane_width};
+      const detail::PlaneRule rule{std::max(max_neighbor_distance, error), max_plane_deviation, min_plane_width,
+                                   residual_floor};
       detail::match_planes<neighbors>(scan, map, match.T_map_body, rule, planes, executor);
       moved = 0;
     }
@@ -141,18 +156,18 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
       return match;
     }
 
-    const detail::PoseInformation information(sum, min_information);
+    const detail::PoseInformation information(sum, min_signal);
     const Vector6d step = information.step(sum.gradient);
     match.T_map_body = match.T_map_body.retract(step);
     match.residual_rms = std::sqrt(sum.squared_residuals / sum.weight);
-    match.information = information.eigenvalues / sum.weight;
+    match.signal = information.signal;
     match.degenerate_directions = information.degenerate;
     const double noise = std::max(match.residual_rms, residual_floor);
     match.covariance = information.covariance(noise * noise * correlated_residuals, guess_error * guess_error);
 
     const bool settled = error <= 2 * residual_scale;
     const bool small = step.head<3>().norm() < translation_tolerance && step.tail<3>().norm() < rotation_tolerance;
-    moved += step.head<3>().norm() + step.tail<3>().norm() / information.scale[5];
+    moved += step.head<3>().norm() + step.tail<3>().norm() * information.lever;
     match.status = settled && small && stale ? ScanMatchStatus::converged : ScanMatchStatus::iteration_limit;
     // A small step on old planes is not yet an answer: look the planes up once more.
     stale = !settled || small || moved > rematch_distance;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -20,6 +21,9 @@ namespace chainslam::detail {
 struct MatchedPlane {
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
   Eigen::Vector3f anchor = Eigen::Vector3f::Zero();
+  Eigen::Vector3f long_side = Eigen::Vector3f::Zero();  ///< unit, in the plane
+  float long_tilt = 0;                                  ///< variance of the normal towards the long side, rad^2
+  float short_tilt = 0;                                 ///< and across it
 };
 
 /// What makes neighbours a plane.
@@ -27,6 +31,7 @@ struct PlaneRule {
   double max_neighbor_distance;  ///< metres
   double max_deviation;          ///< metres
   double min_width;              ///< metres
+  double least_noise;            ///< metres, of a neighbour's position
 };
 
 inline constexpr Index scan_grain = 512;  ///< points a chunk
@@ -42,9 +47,22 @@ template <std::size_t Neighbors, NearestNeighborSearch Map>
   for (std::size_t i = 0; i < Neighbors; ++i) points[i] = map.position(found[i].index).template cast<double>();
   const PlaneFit plane = fit_plane(std::span<const Eigen::Vector3d>(points));
   if (!plane.good() || plane.eigenvalues[1] < rule.min_width * rule.min_width) return {};
-  for (const Eigen::Vector3d& point : points)
-    if (std::abs(plane.distance(point)) > rule.max_deviation) return {};
-  return {plane.normal.cast<float>(), plane.centroid.cast<float>()};
+  // Points of one ring and a single one beside it make an exact plane of nothing. The leverage of a point, its diagonal
+  // entry of the regression's hat matrix, is 1 where the plane hangs on that point alone.
+  constexpr double max_leverage = 0.95;
+  const Eigen::Vector3d across = plane.normal.cross(plane.tangent);
+  const double n = static_cast<double>(Neighbors);
+  for (const Eigen::Vector3d& point : points) {
+    const Eigen::Vector3d d = point - plane.centroid;
+    const double u = plane.tangent.dot(d), v = across.dot(d);
+    const double leverage = (1 + u * u / plane.eigenvalues[2] + v * v / plane.eigenvalues[1]) / n;
+    if (std::abs(plane.distance(point)) > rule.max_deviation || leverage > max_leverage) return {};
+  }
+  // Three of n numbers go into the plane, n - 3 tell the noise s^2; a side with variance l tilts by s^2 / (n l).
+  const double noise = std::max(plane.eigenvalues[0] / static_cast<double>(Neighbors - 3),
+                                rule.least_noise * rule.least_noise / static_cast<double>(Neighbors));
+  return {plane.normal.cast<float>(), plane.centroid.cast<float>(), plane.tangent.cast<float>(),
+          static_cast<float>(noise / plane.eigenvalues[2]), static_cast<float>(noise / plane.eigenvalues[1])};
 }
 
 /// Matches all points of a scan, lying at T_map_body.
@@ -67,6 +85,7 @@ struct PlaneEquations {
   double weight = 0;                     ///< sum w
   double squared_residuals = 0;          ///< sum w r^2, m^2
   double squared_ranges = 0;             ///< sum w |p|^2, m^2
+  Matrix6d noise = Matrix6d::Zero();     ///< the part of the Hessian to be expected from the normals' noise alone
   Index matches = 0;
 
   PlaneEquations& operator+=(const PlaneEquations& other) {
@@ -75,6 +94,7 @@ struct PlaneEquations {
     weight += other.weight;
     squared_residuals += other.squared_residuals;
     squared_ranges += other.squared_ranges;
+    noise += other.noise;
     matches += other.matches;
     return *this;
   }
@@ -100,10 +120,20 @@ template <Cloud Scan, Executor E, class Gate, class Weight>
       const double squared_range = p.squaredNorm();
       if (std::abs(residual) > gate(std::sqrt(squared_range))) continue;
       const double w = weight(residual * residual);
-      Vector6d row;
-      row.head<3>() = R.transpose() * n;
-      row.tail<3>() = p.cross(row.head<3>());
+      // What a change of the pose does to a distance along `direction` (map frame).
+      const auto row_along = [&](const Eigen::Vector3d& direction) {
+        Vector6d row;
+        row.head<3>() = R.transpose() * direction;
+        row.tail<3>() = p.cross(row.head<3>());
+        return row;
+      };
+      const Vector6d row = row_along(n);
       const Vector6d weighted = w * row;
+      const Eigen::Vector3d side = planes[i].long_side.cast<double>();
+      const Vector6d along = row_along(side);
+      const Vector6d across = row_along(n.cross(side));
+      sum.noise.noalias() += (w * static_cast<double>(planes[i].long_tilt)) * along * along.transpose();
+      sum.noise.noalias() += (w * static_cast<double>(planes[i].short_tilt)) * across * across.transpose();
       sum.hessian.noalias() += weighted * row.transpose();
       sum.gradient += residual * weighted;
       sum.weight += w;
