@@ -14,10 +14,10 @@ template <class Scalar = float>
 struct PointCloud {
   using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
 
-  std::vector<Vector3> positions;   ///< metres
-  std::vector<Vector3> normals;     ///< unit length
-  std::vector<float> time_offsets;  ///< seconds from the scan's stamp
-  std::vector<float> intensities;   ///< the sensor's own scale
+  std::vector<Vector3> positions{};   ///< metres
+  std::vector<Vector3> normals{};     ///< unit length
+  std::vector<float> time_offsets{};  ///< seconds from the scan's stamp
+  std::vector<float> intensities{};   ///< the sensor's own scale
 
   [[nodiscard]] std::size_t size() const { return positions.size(); }
   [[nodiscard]] bool empty() const { return positions.empty(); }
