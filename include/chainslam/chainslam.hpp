@@ -8,6 +8,7 @@
 #include "chainslam/cloud/crop.hpp"
 #include "chainslam/cloud/plane_fit.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/cloud/select.hpp"
 #include "chainslam/cloud/symmetric_eigen.hpp"
 #include "chainslam/cloud/traits.hpp"
 #include "chainslam/cloud/transform.hpp"

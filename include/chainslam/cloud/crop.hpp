@@ -4,8 +4,8 @@
 #include <concepts>
 #include <vector>
 
-#include "chainslam/cloud/detail/columns.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/cloud/select.hpp"
 #include "chainslam/core/finite.hpp"
 
 namespace chainslam {
@@ -17,7 +17,7 @@ template <Cloud Points, std::predicate<const Eigen::Vector3d&> Keep>
   std::vector<Index> kept;
   for (Index i = 0; i < count; ++i)
     if (keep(position(cloud, static_cast<std::size_t>(i)))) kept.push_back(i);
-  return detail::select<float>(cloud, kept);
+  return select(cloud, kept);
 }
 
 /// The points whose distance from the origin lies in [min_range, max_range], metres; NaN and infinite points go.

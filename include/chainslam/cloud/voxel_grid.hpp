@@ -9,6 +9,7 @@
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/detail/columns.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/cloud/select.hpp"
 #include "chainslam/core/finite.hpp"
 
 namespace chainslam {

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <span>
+#include <cstddef>
 
 #include "chainslam/cloud/point_cloud.hpp"
 
@@ -59,22 +59,6 @@ template <Cloud Points>
   } else {
     return 0;
   }
-}
-
-/// The points at `indices`, in that order, with every column the cloud carries.
-template <class Scalar, Cloud Points>
-[[nodiscard]] PointCloud<Scalar> select(const Points& cloud, std::span<const Index> indices) {
-  PointCloud<Scalar> chosen;
-  const auto fill = [&](auto& column, auto&& value) {
-    column.reserve(indices.size());
-    for (const Index i : indices) column.push_back(value(static_cast<std::size_t>(i)));
-  };
-  fill(chosen.positions, [&](std::size_t i) { return position(cloud, i).template cast<Scalar>().eval(); });
-  if (carries_normals(cloud))
-    fill(chosen.normals, [&](std::size_t i) { return normal(cloud, i).template cast<Scalar>().eval(); });
-  if (carries_times(cloud)) fill(chosen.time_offsets, [&](std::size_t i) { return time_offset(cloud, i); });
-  if (carries_intensities(cloud)) fill(chosen.intensities, [&](std::size_t i) { return intensity(cloud, i); });
-  return chosen;
 }
 
 }  // namespace chainslam::detail
