@@ -5,22 +5,20 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cassert>
 #include <cstdint>
 #include <limits>
 #include <optional>
 #include <span>
 #include <stdexcept>
-#include <utility>
 #include <vector>
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
-#include "chainslam/search/detail/lanes.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"
+#include "chainslam/search/detail/voxel_buckets.hpp"
 
 namespace chainslam {
 
@@ -79,9 +77,7 @@ class VoxelMap {
   void clear();
 
   /// Position of a point that a search has returned.
-  [[nodiscard]] Vector3 position(Index i) const {
-    return buckets_[static_cast<std::size_t>(i / Bucket::lanes)].points.position(i % Bucket::lanes);
-  }
+  [[nodiscard]] Vector3 position(Index i) const { return buckets_.position(i); }
 
   /// See `NearestNeighborSearch`; looks no farther than `max_search_radius()`.
   Index knn(const Vector3& query, std::span<Neighbor<Scalar>> out,
@@ -102,7 +98,6 @@ class VoxelMap {
 
  private:
   using Block = detail::VoxelBlock;
-  using Bucket = detail::VoxelBucket<Scalar>;
   using Slabs = detail::VoxelSlabs<Scalar>;
   static constexpr Index none = -1;
   static constexpr int max_reach = 8;
@@ -117,9 +112,6 @@ class VoxelMap {
   }
   [[nodiscard]] bool has_nearer_than_spacing(const Vector3& point) const;
   [[nodiscard]] BlockGaps block_gaps(const Eigen::Vector3d& scaled, const Cell& cell) const;
-  [[nodiscard]] Index points_in_voxel(Index bucket) const;
-  void append(Block& block, int voxel, const Vector3& point);
-  [[nodiscard]] Index new_bucket();
   [[nodiscard]] Block& block_at(const Cell& cell);
 
   template <class Collector>
@@ -130,14 +122,9 @@ class VoxelMap {
   template <class Collector>
   void search_voxels(const Block& block, std::uint64_t voxels, const Slabs& slabs, const Vector3& query,
                      Collector& found) const;
-  template <class Collector>
-  void search_voxel(Index bucket, const Vector3& query, Collector& found) const;
 
   template <class Region>
   Index erase_outside_region(const Region& region);
-  template <class Region>
-  Index erase_in_voxel(Block& block, int voxel, const Region& region);
-  Index release_voxel(Block& block, int voxel);
 
   VoxelMapOptions options_;
   double block_size_;
@@ -145,9 +132,8 @@ class VoxelMap {
   Scalar max_search_radius_;
   CellTable table_;  ///< from a block's cell to its place in blocks_
   std::vector<Block> blocks_;
-  std::vector<Bucket> buckets_;
+  detail::VoxelBuckets<Scalar> buckets_;  ///< the points
   std::vector<Index> free_blocks_;
-  std::vector<Index> free_buckets_;
   Index size_ = 0;
   Index rejected_ = 0;
 };
@@ -171,8 +157,8 @@ VoxelMap<ScalarType>::VoxelMap(const VoxelMapOptions& options)
 
 template <class ScalarType>
 std::size_t VoxelMap<ScalarType>::memory() const {
-  return table_.memory() + blocks_.capacity() * sizeof(Block) + buckets_.capacity() * sizeof(Bucket) +
-         (free_blocks_.capacity() + free_buckets_.capacity()) * sizeof(Index);
+  return table_.memory() + blocks_.capacity() * sizeof(Block) + free_blocks_.capacity() * sizeof(Index) +
+         buckets_.memory();
 }
 
 // ---- inserting ----
@@ -189,10 +175,11 @@ bool VoxelMap<ScalarType>::insert(const Vector3& point) {
   const Index found = table_.find(*cell);
   if (found != none) {
     const Block& block = blocks_[static_cast<std::size_t>(found)];
-    if (points_in_voxel(block.first_bucket(voxel)) >= options_.max_points_per_voxel) return false;
+    if (buckets_.points(block.first_bucket(voxel)) >= options_.max_points_per_voxel) return false;
   }
   if (options_.min_spacing > 0 && has_nearer_than_spacing(point)) return false;
-  append(found == none ? block_at(*cell) : blocks_[static_cast<std::size_t>(found)], voxel, point);
+  buckets_.append(found == none ? block_at(*cell) : blocks_[static_cast<std::size_t>(found)], voxel, point);
+  ++size_;
   return true;
 }
 
@@ -211,39 +198,6 @@ bool VoxelMap<ScalarType>::has_nearer_than_spacing(const Vector3& point) const {
   detail::AnyNearer<Scalar> found(spacing * spacing);
   search(point, found);
   return found.any();
-}
-
-template <class ScalarType>
-Index VoxelMap<ScalarType>::points_in_voxel(Index bucket) const {
-  Index count = 0;
-  for (; bucket != none; bucket = buckets_[static_cast<std::size_t>(bucket)].next)
-    count += buckets_[static_cast<std::size_t>(bucket)].count;
-  return count;
-}
-
-template <class ScalarType>
-void VoxelMap<ScalarType>::append(Block& block, int voxel, const Vector3& point) {
-  Index bucket = block.first_bucket(voxel);
-  if (bucket == none || buckets_[static_cast<std::size_t>(bucket)].count == Bucket::lanes) {
-    const Index added = new_bucket();
-    buckets_[static_cast<std::size_t>(added)].next = bucket;
-    block.set_first_bucket(voxel, added);
-    bucket = added;
-  }
-  buckets_[static_cast<std::size_t>(bucket)].push_back(point);
-  ++size_;
-}
-
-template <class ScalarType>
-Index VoxelMap<ScalarType>::new_bucket() {
-  if (!free_buckets_.empty()) {
-    const Index bucket = free_buckets_.back();
-    free_buckets_.pop_back();
-    return bucket;
-  }
-  const Index bucket = to_index((buckets_.size() + 1) * Bucket::lanes, "VoxelMap") / Bucket::lanes - 1;
-  buckets_.emplace_back();
-  return bucket;
 }
 
 template <class ScalarType>
@@ -273,7 +227,7 @@ void VoxelMap<ScalarType>::search(const Vector3& query, Collector& found) const 
   if (const Index own = table_.find(*center); own != none) {
     const Block& block = blocks_[static_cast<std::size_t>(own)];
     const int voxel = Block::voxel_of(scaled, *center);
-    search_voxel(block.first_bucket(voxel), query, found);
+    buckets_.search(block.first_bucket(voxel), query, found);
     if (!(found.bound() > 0)) return;
     const std::uint64_t others = block.occupied() & ~(std::uint64_t{1} << voxel);
     const Slabs slabs(scaled, *center, block_size_);
@@ -328,30 +282,16 @@ void VoxelMap<ScalarType>::search_voxels(const Block& block, std::uint64_t voxel
                                          const Vector3& query, Collector& found) const {
   for (; voxels != 0; voxels &= voxels - 1) {
     const int voxel = std::countr_zero(voxels);
-    if (slabs.squared_distance(voxel) < found.bound()) search_voxel(block.first_bucket(voxel), query, found);
+    if (slabs.squared_distance(voxel) < found.bound()) buckets_.search(block.first_bucket(voxel), query, found);
   }
-}
-
-template <class ScalarType>
-template <class Collector>
-void VoxelMap<ScalarType>::search_voxel(Index bucket, const Vector3& query, Collector& found) const {
-  for (; bucket != none; bucket = buckets_[static_cast<std::size_t>(bucket)].next)
-    detail::scan(buckets_[static_cast<std::size_t>(bucket)].points, query.data(), found,
-                 [bucket](int lane) { return bucket * Bucket::lanes + lane; });
 }
 
 template <class ScalarType>
 template <class Visit>
 void VoxelMap<ScalarType>::for_each_point(Visit&& visit) const {
-  for (const Block& block : blocks_) {
-    for (std::uint64_t voxels = block.occupied(); voxels != 0; voxels &= voxels - 1) {
-      for (Index bucket = block.first_bucket(std::countr_zero(voxels)); bucket != none;
-           bucket = buckets_[static_cast<std::size_t>(bucket)].next) {
-        for (int lane = 0; lane < buckets_[static_cast<std::size_t>(bucket)].count; ++lane)
-          visit(bucket * Bucket::lanes + lane, buckets_[static_cast<std::size_t>(bucket)].points.position(lane));
-      }
-    }
-  }
+  for (const Block& block : blocks_)
+    for (std::uint64_t voxels = block.occupied(); voxels != 0; voxels &= voxels - 1)
+      buckets_.for_each_point(block.first_bucket(std::countr_zero(voxels)), visit);
 }
 
 // ---- erasing ----
@@ -377,7 +317,9 @@ Index VoxelMap<ScalarType>::erase_outside_region(const Region& region) {
     if (overlap == detail::Overlap::inside) continue;
     for (std::uint64_t voxels = block.occupied(); voxels != 0; voxels &= voxels - 1) {
       const int voxel = std::countr_zero(voxels);
-      size_ -= overlap == detail::Overlap::outside ? release_voxel(block, voxel) : erase_in_voxel(block, voxel, region);
+      size_ -= overlap == detail::Overlap::outside
+                   ? buckets_.erase(block, voxel)
+                   : buckets_.erase_if(block, voxel, [&](const Vector3& p) { return !region.contains(p); });
     }
     if (block.occupied() == 0) {
       table_.erase(block.cell());
@@ -385,39 +327,6 @@ Index VoxelMap<ScalarType>::erase_outside_region(const Region& region) {
     }
   }
   return before - size_;
-}
-
-template <class ScalarType>
-template <class Region>
-Index VoxelMap<ScalarType>::erase_in_voxel(Block& block, int voxel, const Region& region) {
-  Index erased = 0;
-  Index* link = block.link(voxel);
-  while (*link != none) {
-    Bucket& bucket = buckets_[static_cast<std::size_t>(*link)];
-    erased += bucket.erase_if([&](const Vector3& p) { return !region.contains(p); });
-    if (bucket.count > 0) {
-      link = &bucket.next;
-      continue;
-    }
-    free_buckets_.push_back(*link);
-    *link = std::exchange(bucket.next, none);
-  }
-  block.refresh(voxel);
-  return erased;
-}
-
-template <class ScalarType>
-Index VoxelMap<ScalarType>::release_voxel(Block& block, int voxel) {
-  Index released = 0;
-  for (Index bucket = block.first_bucket(voxel); bucket != none;) {
-    Bucket& freed = buckets_[static_cast<std::size_t>(bucket)];
-    released += freed.count;
-    free_buckets_.push_back(bucket);
-    bucket = freed.next;
-    freed = Bucket();
-  }
-  block.set_first_bucket(voxel, none);
-  return released;
 }
 
 template <class ScalarType>

@@ -7,10 +7,9 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <utility>
 
 #include "chainslam/cloud/cell_table.hpp"
-#include "chainslam/search/detail/lanes.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
 
@@ -52,33 +51,6 @@ class GapAlongAxis {
   };
   return {add(cell.x, dx), add(cell.y, dy), add(cell.z, dz)};
 }
-
-/// Up to eight points of a voxel; buckets of one voxel are chained.
-template <class Scalar>
-struct VoxelBucket {
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
-  static constexpr int lanes = 8;
-
-  Lanes<Scalar, lanes> points;
-  Index next = -1;
-  Index count = 0;
-
-  void push_back(const Vector3& p) { points.set(count++, p[0], p[1], p[2]); }
-
-  /// Keeps the other points in their order.
-  template <class Predicate>
-  Index erase_if(Predicate&& leaves) {
-    int kept = 0;
-    for (int lane = 0; lane < count; ++lane) {
-      const Vector3 p = points.position(lane);
-      if (!leaves(p)) points.set(kept++, p[0], p[1], p[2]);
-    }
-    const Index erased = count - kept;
-    for (int lane = kept; lane < count; ++lane) points.clear(lane);
-    count = kept;
-    return erased;
-  }
-};
 
 /// 4 x 4 x 4 voxels: which of them hold points, and where those are. Voxel number: x + 4 y + 16 z.
 class VoxelBlock {
