@@ -1,5 +1,4 @@
-// expect: ClosureCandidates
-// expect: candidates.find(keyframes, index, query)
+// expect: LoopCloser: Candidates needs `std::vector<KeyframeId> find(keyframes, index, query) const`
 #include "chainslam/slam/loop_closer.hpp"
 
 struct MyCandidates {};

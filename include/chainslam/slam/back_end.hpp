@@ -1,12 +1,16 @@
 #pragma once
 
+#include <concepts>
 #include <memory>
+#include <span>
+#include <stdexcept>
 #include <string>
 #include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/snapshot.hpp"
 #include "chainslam/factor_graph/batch_optimizer.hpp"
@@ -38,7 +42,20 @@ struct OdometryNoise {
 
 struct BackEndOptions {
   OdometryNoise odometry_noise{};
+  /// Standard deviations of where a later session starts in the first one's frame, from what its odometry says: metres
+  /// and radians. Closures between sessions decide within them.
+  double session_translation = 10.0;
+  double session_rotation = 0.5;
   LevenbergMarquardt optimizer{.max_iterations = 50, .relative_tolerance = 1e-6};
+};
+
+/// Tries to close loops with the newest keyframe, the last of `keyframes`.
+///
+/// `close(keyframes, index, executor)` gives what was tried, each with its verdict, the accepted ones with a positive
+/// definite covariance. `index` holds the positions of all keyframes. It is called once for each keyframe, in order.
+template <class C>
+concept ClosureFinder = requires(C& closer, std::span<const Keyframe> keyframes, const PositionIndex& index) {
+  { closer.close(keyframes, index, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
 };
 
 /// What the back end did so far.
@@ -52,10 +69,18 @@ struct BackEndCounts {
 ///
 /// All work is done inside `add`, in the order of the calls: the same keyframes give the same map, bit for bit. Only
 /// one thread may call `add`, `begin_session` and `finish`; `snapshot` and `T_map_odom` may be read by any.
+/// The first session's start defines the map's frame. A later one begins where its own odometry says and is moved as a
+/// whole by what connects it with the others.
 /// @tparam Closer  finds closures: `LoopCloser` with its policies.
 /// @tparam Kernel  weighs closures down that the rest of the graph contradicts; in standard deviations.
-template <class Closer = LoopCloser<>, RobustCost Kernel = Cauchy>
+template <class Closer = LoopCloser<>, class Kernel = Cauchy>
 class BackEnd {
+  static_assert(ClosureFinder<Closer>,
+                "BackEnd: Closer needs `std::vector<LoopClosure> close(keyframes, index, executor)`, as in LoopCloser");
+  static_assert(RobustCost<Kernel>,
+                "BackEnd: Kernel needs `double weight(double squared_residual) const` and `double cost(double "
+                "squared_residual) const`, as in Cauchy");
+
  public:
   using ClosureFactor = BetweenFactor<SE3d, Kernel>;
   using Graph = std::conditional_t<std::is_same_v<Kernel, Trivial>, PoseGraph, FactorGraph<SE3d, ClosureFactor>>;
@@ -65,15 +90,18 @@ class BackEnd {
 
   /// Keyframes added from now on are of a new session. Without a call, the first keyframe begins one without a name.
   void begin_session(std::string name) {
+    gnss_ = GnssInterpolator();  // the clocks of two drives have nothing in common
     const SessionId id{to_index(map_.sessions.size())};
     map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0});
   }
 
   /// Takes the next keyframe of the session, tries to close a loop with it, and optimises if that succeeds.
   /// @returns its id.
-  /// @throws std::invalid_argument if its time is not later than the session's last.
+  /// @throws std::invalid_argument if its time is not later than the session's last, or if T_odom_body is not finite;
+  /// the map is then as it was.
   template <Executor E = Serial>
   KeyframeId add(Keyframe keyframe, const E& executor = {}) {
+    check(keyframe);
     if (map_.sessions.empty()) begin_session({});
     append(std::move(keyframe));
     const KeyframeId id = map_.keyframes.back().id;
@@ -116,24 +144,39 @@ class BackEnd {
   [[nodiscard]] const BackEndCounts& counts() const { return counts_; }
 
  private:
+  void check(const Keyframe& keyframe) const {
+    if (!is_finite(keyframe.T_odom_body.matrix()))
+      throw std::invalid_argument("BackEnd: a keyframe's pose is not finite");
+    const bool first = map_.sessions.empty() || map_.sessions.back().keyframes == 0;
+    if (!first && keyframe.time <= map_.keyframes.back().time)
+      throw std::invalid_argument("BackEnd: a keyframe's time is not later than the one before it");
+  }
+
+  /// What is known of the newest session's start before any closure.
+  [[nodiscard]] typename Graph::Noise start_noise() const {
+    constexpr double anchor = 1e-4;  // metres, radians: the first keyframe of all defines the frame
+    if (map_.keyframes.empty()) return Graph::Noise::from_sigma(anchor);
+    Vector6d sigmas;
+    sigmas << Eigen::Vector3d::Constant(options_.session_translation),
+        Eigen::Vector3d::Constant(options_.session_rotation);
+    return Graph::Noise::from_sigmas(sigmas);
+  }
+
   void append(Keyframe keyframe) {
     Session& session = map_.sessions.back();
     keyframe.id = KeyframeId{to_index(map_.keyframes.size())};
     keyframe.session = session.id;
     if (session.keyframes == 0) {
       keyframe.T_map_body = keyframe.T_odom_body;
-      const Key key = graph_.add_value(keyframe.T_map_body);
-      constexpr double anchor = 1e-4;  // metres, radians: the session's start defines the frame
-      graph_.add_prior(key, keyframe.T_map_body, Graph::Noise::from_sigma(anchor));
+      const auto noise = start_noise();
+      graph_.add_prior(graph_.add_value(keyframe.T_map_body), keyframe.T_map_body, noise);
     } else {
       const Keyframe& last = map_.keyframes.back();
-      if (keyframe.time <= last.time)
-        throw std::invalid_argument("BackEnd: a keyframe's time is not later than the one before it");
       const SE3d T_last_new = last.T_odom_body.inverse() * keyframe.T_odom_body;
       keyframe.T_map_body = last.T_map_body * T_last_new;
-      graph_.add_value(keyframe.T_map_body);
       const Matrix6d covariance = options_.odometry_noise.covariance(T_last_new);
-      graph_.add_between(last.id.value, keyframe.id.value, T_last_new, Graph::Noise::from_covariance(covariance));
+      const auto noise = Graph::Noise::from_covariance(covariance);
+      graph_.add_between(last.id.value, graph_.add_value(keyframe.T_map_body), T_last_new, noise);
       map_.odometry.push_back({last.id, keyframe.id, T_last_new, covariance});
     }
     ++session.keyframes;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <span>
+#include <stdexcept>
 
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/map/keyframe.hpp"
@@ -19,9 +20,11 @@ namespace chainslam {
 /// @param odometry   T_odom_body of every scan of one session, in time order.
 /// @param keyframes  that session's keyframes in time order, with T_odom_body and T_map_body.
 /// @returns T_map_body at the times of `odometry`; unchanged if there is no keyframe.
+/// @throws std::invalid_argument if there are poses to correct that have no times.
 [[nodiscard]] inline Trajectory corrected_trajectory(const Trajectory& odometry, std::span<const Keyframe> keyframes) {
   Trajectory corrected = odometry;
-  if (keyframes.empty()) return corrected;
+  if (keyframes.empty() || odometry.empty()) return corrected;
+  if (!odometry.has_times()) throw std::invalid_argument("corrected_trajectory: the trajectory has no times");
   std::size_t next = 0;  // first keyframe later than the pose at hand
   for (std::size_t i = 0; i < odometry.size(); ++i) {
     const Timestamp time = odometry.times[i];

@@ -9,6 +9,7 @@
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
 #include "chainslam/registration/coarse_to_fine.hpp"
+#include "chainslam/registration/concepts.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/closure_covariance.hpp"
 #include "chainslam/slam/position_index.hpp"
@@ -24,16 +25,17 @@ struct ClosureGate {
   double max_translation = 10.0;        ///< metres that the graph may have been off
   double max_rotation = 0.5;            ///< radians that the graph may have been off
 
+  /// Bounds are met or not: a figure that is not a number meets none.
   [[nodiscard]] ClosureVerdict judge(const AlignResult& result, const SE3d& guess) const {
     if (result.status != AlignStatus::converged && result.status != AlignStatus::degenerate)
       return result.status == AlignStatus::iteration_limit ? ClosureVerdict::not_converged
                                                            : ClosureVerdict::too_few_inliers;
-    if (result.inlier_ratio < min_inlier_ratio) return ClosureVerdict::too_few_inliers;
-    if (result.mean_squared_error > max_mean_squared_error ||
-        result.mean_squared_residual > max_residual * max_residual)
+    if (!(result.inlier_ratio >= min_inlier_ratio)) return ClosureVerdict::too_few_inliers;
+    if (!(result.mean_squared_error <= max_mean_squared_error &&
+          result.mean_squared_residual <= max_residual * max_residual))
       return ClosureVerdict::high_residual;
     const SE3d correction = guess.inverse() * result.T_target_source;
-    if (correction.translation().norm() > max_translation || correction.rotation().log().norm() > max_rotation)
+    if (!(correction.translation().norm() <= max_translation && correction.rotation().log().norm() <= max_rotation))
       return ClosureVerdict::implausible;
     return ClosureVerdict::accepted;
   }
@@ -50,9 +52,18 @@ struct LoopCloserOptions {
 /// @tparam Candidates   which keyframes to try.
 /// @tparam Registration aligns scan i to submap j and so gives T_j_i = x_j^-1 x_i, the measurement from j to i.
 /// @tparam Covariance   how far an accepted alignment may be off.
-template <ClosureCandidates Candidates = ProximityCandidates, class Registration = CoarseToFine<>,
-          ClosureCovariance Covariance = HessianCovariance>
+template <class Candidates = ProximityCandidates, class Registration = CoarseToFine<>,
+          class Covariance = HessianCovariance>
 class LoopCloser {
+  static_assert(ClosureCandidates<Candidates>,
+                "LoopCloser: Candidates needs `std::vector<KeyframeId> find(keyframes, index, query) const`, as in "
+                "ProximityCandidates");
+  static_assert(chainslam::Registration<Registration, PointCloud<float>, Submap>,
+                "LoopCloser: Registration needs `AlignResult align(source, target, guess, executor) const`, as in Icp");
+  static_assert(ClosureCovariance<Covariance>,
+                "LoopCloser: Covariance needs `Matrix6d operator()(const AlignResult&) const`, as in "
+                "HessianCovariance");
+
  public:
   explicit LoopCloser(const LoopCloserOptions& options = {}, Candidates candidates = {}, Registration registration = {},
                       Covariance covariance = {})
@@ -120,8 +131,8 @@ class LoopCloser {
   [[no_unique_address]] Registration registration_;
   [[no_unique_address]] Covariance covariance_;
   SubmapCache submaps_;
-  double travelled_ =
-      std::numeric_limits<double>::infinity();  // metres since the last search: the first is due at once
+  // Metres since the last search: the first is due at once.
+  double travelled_ = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace chainslam

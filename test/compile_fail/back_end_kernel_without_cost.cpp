@@ -1,0 +1,12 @@
+// expect: BackEnd: Kernel needs `double weight(double squared_residual) const` and `double cost(double
+// A kernel that only weighs: the optimiser has to compare costs too.
+#include "chainslam/slam/back_end.hpp"
+
+struct MyKernel {
+  double weight(double squared_residual) const { return 1.0 / (1.0 + squared_residual); }
+#ifdef CHAINSLAM_RIGHT
+  double cost(double squared_residual) const { return std::log1p(squared_residual); }
+#endif
+};
+
+int main() { (void)sizeof(chainslam::BackEnd<chainslam::LoopCloser<>, MyKernel>); }
