@@ -53,7 +53,7 @@ typename Cholmod<Group::dof>::Method faster_method(const System<Group>& system) 
     Solver solver(method);
     prepare(solver, system);
     const auto run = [&] { return solver.factorize(system.equations.matrix()).ok(); };
-    return bench::detail::seconds(run, 2);
+    return bench::detail::seconds<bench::ThreadTime>(run, 2);
   };
   const bool supernodal = seconds(Solver::Method::supernodal) < seconds(Solver::Method::simplicial);
   return supernodal ? Solver::Method::supernodal : Solver::Method::simplicial;
