@@ -10,7 +10,7 @@
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/odometry/odometry_source.hpp"
 #include "chainslam/odometry/recorded_odometry.hpp"
-#include "odometry/world.hpp"
+#include "support/world.hpp"
 
 using namespace chainslam;
 using namespace chainslam::test;
