@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds the tests and runs them.
 set -euo pipefail
+trap 'echo "test/run.sh: stopped at line $LINENO, which is a fault of the script" >&2' ERR
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 
 usage() {
@@ -68,8 +69,8 @@ run_programs() {
       say "passed" "$label $room: $ok tests ($((SECONDS - start)) s)"
     else
       failures+=("$label $room: see $log; repeat with $program")
-      grep -aE -A 12 'ERROR|FATAL|Sanitizer|seed' "$log" | head -n 60
-      say "FAILED" "$label $room: $bad of $((ok + bad))"
+      { grep -aE -A 12 'ERROR|FATAL|Sanitizer|seed' "$log" || tail -n 20 "$log"; } | sed -n 1,60p
+      say "FAILED" "$label $room: $bad of $((ok + bad)), exit code $status"
     fi
   done
 }

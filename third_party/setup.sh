@@ -49,7 +49,7 @@ configure_and_build() {
   # shellcheck disable=SC2086
   if ! { cmake -S "$root" -B "$folder" -G Ninja "$@" && cmake --build "$folder" -j "$jobs" --target $targets; } \
     >"$log" 2>&1; then
-    grep -E -A 12 'error|FAILED|CMake Error' "$log" | head -n 60 >&2
+    { grep -E -A 12 'error|FAILED|CMake Error' "$log" || tail -n 20 "$log"; } | sed -n 1,60p >&2
     fail "the build stopped; the whole log is in $log"
   fi
   say "build" "$label: $((SECONDS - start)) s"
