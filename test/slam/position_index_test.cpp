@@ -1,0 +1,46 @@
+#include "chainslam/slam/position_index.hpp"
+
+#include <doctest/doctest.h>
+
+#include "slam/street.hpp"
+#include "support/property.hpp"
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+TEST_SUITE("slam/position_index") {
+  TEST_CASE("appended and rebuilt positions are found as a plain search finds them, nearest first") {
+    for_all(60, [](Rng& rng, int size) {
+      std::vector<SE3d> poses;
+      PositionIndex index;
+      const auto check = [&] {
+        const Eigen::Vector3d center(rng.uniform(0, 20), rng.uniform(0, 20), 0);
+        const double radius = rng.uniform(0, 12);
+        std::vector<std::pair<double, Index>> expected;
+        for (std::size_t i = 0; i < poses.size(); ++i)
+          if (const double d = (poses[i].translation() - center).norm(); d <= radius)
+            expected.emplace_back(d, static_cast<Index>(i));
+        std::ranges::sort(expected);
+        const auto found = index.within(center, radius);
+        REQUIRE(found.size() == expected.size());
+        for (std::size_t i = 0; i < found.size(); ++i) {
+          CHECK(found[i].id.value == expected[i].second);
+          CHECK(found[i].distance == expected[i].first);
+        }
+      };
+      for (int i = 0; i < 4 * size; ++i) {
+        // Whole metres: many equal distances, many at the radius' very edge.
+        const Eigen::Vector3d p(rng.uniform_index(20), rng.uniform_index(20), 0);
+        poses.emplace_back(SO3d(), p);
+        index.append(p);
+        if (i % 16 == 0) check();
+      }
+      for (SE3d& pose : poses) pose = SE3d(SO3d(), pose.translation() + Eigen::Vector3d(rng.normal(), 1, 0));
+      index.rebuild(keyframes_at(poses));
+      check();
+      CHECK(index.size() == poses.size());
+    });
+  }
+
+  TEST_CASE("an empty index finds nothing") { CHECK(PositionIndex().within({0, 0, 0}, 100).empty()); }
+}
