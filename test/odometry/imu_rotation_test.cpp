@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 
-#include "chainslam/odometry/imu_initializer.hpp"
-#include "chainslam/odometry/motion_predictor.hpp"
 #include "support/property.hpp"
 
 using namespace chainslam;
@@ -106,110 +104,5 @@ TEST_SUITE("odometry/imu_rotation") {
     CHECK(imu.add(sample_at(3.1, {0, 0, 1})));
     imu.forget_before(at(3.1));
     CHECK(imu.samples().size() == 1);
-  }
-}
-
-TEST_SUITE("odometry/imu_initializer") {
-  TEST_CASE("a standstill tells gravity's direction and the bias, in any unit of acceleration") {
-    for (const double unit : {1.0, 9.81}) {
-      Rng rng(3);
-      const Eigen::Vector3d up = Eigen::Vector3d(0.2, -0.1, -0.95).normalized();
-      const Eigen::Vector3d bias(0.01, -0.02, 0.005);
-      std::vector<ImuSample> samples;
-      for (int i = 0; i < 200; ++i)
-        samples.push_back(sample_at(0.01 * i, bias + 0.002 * Eigen::Vector3d(rng.normal(), rng.normal(), rng.normal()),
-                                    unit * (up + 0.005 * Eigen::Vector3d(rng.normal(), rng.normal(), rng.normal()))));
-      const ImuStart start = ImuInitializer{}.estimate(samples);
-      CHECK(start.at_rest);
-      CHECK((start.gyro_bias - bias).norm() < 1e-3);
-      CHECK((start.up_body - up).norm() < 2e-3);
-      CHECK((gravity_aligned(start.up_body) * start.up_body - Eigen::Vector3d::UnitZ()).norm() < 1e-12);
-    }
-  }
-
-  TEST_CASE("motion is no standstill: no bias, but up is still told from down") {
-    Rng rng(4);
-    std::vector<ImuSample> shaken, turning;
-    for (int i = 0; i < 200; ++i) {
-      shaken.push_back(sample_at(0.01 * i, {rng.normal(0, 0.3), rng.normal(0, 0.3), rng.normal(0, 0.3)},
-                                 {rng.normal(0, 2), rng.normal(0, 2), 9.81 + rng.normal(0, 2)}));
-      turning.push_back(sample_at(0.01 * i, {0, 0, 0.5}));
-    }
-    for (const auto& samples : {shaken, turning}) {
-      const ImuStart start = ImuInitializer{}.estimate(samples);
-      CHECK_FALSE(start.at_rest);
-      CHECK(start.gyro_bias.norm() == 0);
-      CHECK(start.up_body.z() > 0.95);
-    }
-  }
-
-  TEST_CASE("too few samples say nothing, gravity upside down is turned over") {
-    CHECK_FALSE(ImuInitializer{}.estimate(std::vector<ImuSample>{}).at_rest);
-    CHECK(ImuInitializer{}.estimate(std::vector<ImuSample>(4, sample_at(0, {0, 0, 0}))).up_body.z() == 1);
-    const Eigen::Vector3d down = -Eigen::Vector3d::UnitZ();
-    CHECK((gravity_aligned(down) * down - Eigen::Vector3d::UnitZ()).norm() < 1e-12);
-  }
-}
-
-TEST_SUITE("odometry/motion_predictor") {
-  TEST_CASE("a steady motion is continued, and is not known after a pause") {
-    MotionPredictor motion;
-    motion.start(at(0), at(0), {});
-    Vector6d twist;
-    twist << 10, 0.5, 0, 0, 0.01, 0.3;
-    CHECK(motion.predict(at(0), at(0.1)).error == doctest::Approx(2.0));
-    SE3d pose;
-    for (int i = 1; i <= 30; ++i) {
-      pose = pose.retract(0.1 * twist);
-      {
-        const MotionPrediction prediction = motion.predict(at(0.1 * i), at(0.1 * i));
-        motion.follow(prediction, prediction.twist, pose);
-      }
-    }
-    const MotionPrediction next = motion.predict(at(3.2), at(3.2));
-    CHECK(next.T_odom_body.local(pose.retract(0.2 * twist)).norm() < 1e-6);
-    CHECK(next.error == doctest::Approx(0.3));
-    CHECK_FALSE(next.with_gyro);
-    const MotionPrediction late = motion.predict(at(8), at(8));
-    CHECK(late.T_odom_body == pose);
-    CHECK(late.error == doctest::Approx(2.0));
-  }
-
-  TEST_CASE("the gyroscope's rotation replaces the continued one, and its bias is found") {
-    MotionPredictor motion;
-    const Eigen::Vector3d bias(0.01, 0.02, -0.015), rate(0.1, -0.2, 0.7);
-    for (int i = 0; i <= 2000; ++i) {
-      motion.add(sample_at(0.01 * i, rate + bias));
-      if (i == 0) motion.start(at(0), at(0), {});
-      if (i % 10 != 0 || i == 0) continue;
-      const MotionPrediction prediction = motion.predict(at(0.01 * i), at(0.01 * i));
-      motion.follow(prediction, prediction.twist, SE3d(SO3d::exp(0.01 * i * rate), Eigen::Vector3d::Zero()));
-    }
-    CHECK((motion.gyro_bias() - bias).norm() < 1e-3);
-    const MotionPrediction next = motion.predict(at(20.1), at(20.1));
-    CHECK(next.with_gyro);
-    CHECK(angle_between(next.T_odom_body.rotation(), SO3d::exp(20.1 * rate)) < 2e-3);
-    const SweepMotion sweep = motion.sweep_motion(at(19.9), at(20), next.twist);
-    CHECK(angle_between(sweep.T_end_body.front().rotation(), SO3d::exp(-0.1 * rate)) < 1e-3);
-    CHECK(sweep.T_end_body.back().rotation().log().norm() < 1e-12);
-  }
-
-  TEST_CASE("an error of the last pose does not come back undamped through the sweep's correction") {
-    // Standing still. A sweep measures the pose at its middle: the end found is that and half of the twist that
-    // corrected the sweep.
-    MotionPredictor motion;
-    motion.start(at(-0.1), at(0), {});
-    double end = 0;
-    for (int i = 1; i <= 40; ++i) {
-      const MotionPrediction prediction = motion.predict(at(0.1 * i - 0.1), at(0.1 * i));
-      const double middle = i == 3 ? 0.02 : 0.0;  // metres: one bad measurement
-      Vector6d twist = prediction.twist;
-      for (int pass = 0; pass < 3; ++pass) {
-        end = middle + 0.05 * twist.x();
-        if (pass < 2) twist = motion.found_twist(prediction, twist, SE3d(SO3d(), {end, 0, 0}));
-      }
-      motion.follow(prediction, twist, SE3d(SO3d(), {end, 0, 0}));
-      if (i > 6) CHECK(std::abs(end) < 1e-12);
-    }
   }
 }
