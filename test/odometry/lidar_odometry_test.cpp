@@ -173,9 +173,13 @@ TEST_SUITE("odometry/lidar_odometry") {
     LidarScan reversed = sweep_at(hall(), 1.2, walking);
     std::swap(reversed.time, reversed.end);
     CHECK_FALSE(odometry.process(Packet(reversed)).has_value());
+    LidarScan stretched = sweep_at(hall(), 1.0, walking);  // ends later, but most of it lies before the last frame
+    stretched.end = stretched.end + seconds(0.01);
+    stretched.time = stretched.time - seconds(0.05);
+    CHECK_FALSE(odometry.process(Packet(stretched)).has_value());
     CHECK(odometry.process(Packet(sweep_at(hall(), 1.3, walking)))->health.status == FrameStatus::good);
     CHECK(odometry.counts().empty_scans == 3);
-    CHECK(odometry.counts().out_of_order_scans == 2);
+    CHECK(odometry.counts().out_of_order_scans == 3);
     CHECK(odometry.counts().frames == 2);
   }
 

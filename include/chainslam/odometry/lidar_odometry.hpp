@@ -164,7 +164,7 @@ std::optional<Frame> LidarOdometry<Map, Kernel>::process(const Packet& packet, c
 
 template <class Map, class Kernel>
 bool LidarOdometry<Map, Kernel>::in_order(const LidarScan& scan) const {
-  return scan.time <= scan.end && (!started_ || scan.end > motion_.time());
+  return scan.time <= scan.end && (!started_ || motion_.comes_after(scan.time, scan.end));
 }
 
 template <class Map, class Kernel>

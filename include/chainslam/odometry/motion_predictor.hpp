@@ -25,11 +25,6 @@ struct MotionPrediction {
   bool with_gyro = false;             ///< the rotation was measured, not extrapolated
 };
 
-/// Continues the motion of the last intervals: constant twist, its rotation replaced by the gyroscope's where there is
-/// one.
-///
-/// The error to be expected is learnt from how far earlier predictions were off (as the adaptive threshold of KISS-ICP,
-/// Vizzo et al. 2023, eq. 8-9).
 struct MotionPredictorOptions {
   double initial_error = 2.0;    ///< metres a prediction may be off while the motion is unknown
   double min_error = 0.3;        ///< metres a prediction may be off when the motion is steady
@@ -37,6 +32,11 @@ struct MotionPredictorOptions {
   double gyro_bias_gain = 0.02;  ///< share of the rate difference to the found rotation taken into the bias, per scan
 };
 
+/// Continues the motion of the last intervals: constant twist, its rotation replaced by the gyroscope's where there is
+/// one.
+///
+/// The error to be expected is learnt from how far earlier predictions were off (as the adaptive threshold of KISS-ICP,
+/// Vizzo et al. 2023, eq. 8-9).
 class MotionPredictor {
  public:
   explicit MotionPredictor(const MotionPredictorOptions& options = {}) : options_(options) {}
@@ -56,6 +56,11 @@ class MotionPredictor {
     middle_time_ = begin + (end - begin) / 2;
     T_odom_body_ = T_odom_middle_ = SE3d(gravity_aligned(imu_start.up_body), Eigen::Vector3d::Zero());
     return imu_start;
+  }
+
+  /// Whether a sweep comes after the last one, by its end and by its middle.
+  [[nodiscard]] bool comes_after(Timestamp begin, Timestamp end) const {
+    return end > time_ && begin + (end - begin) / 2 > middle_time_;
   }
 
   /// Tells the motion during the first sweep, which the second has shown.
