@@ -1,9 +1,9 @@
 #pragma once
 
+#include <doctest/doctest.h>
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <doctest/doctest.h>
 #include <filesystem>
 #include <string>
 #include <vector>

@@ -27,7 +27,8 @@ struct Preset {
 /// The names that `preset` knows.
 [[nodiscard]] std::span<const std::string_view> preset_names();
 
-/// "town": a drive of about 880 m and 125 s through two loops that share streets. "town-small": once around a block, about 25 s.
+/// "town": a drive of about 880 m and 125 s through two loops that share streets. "town-small": once around a block,
+/// about 25 s.
 /// @returns nothing for a name it does not know.
 [[nodiscard]] std::optional<Preset> preset(std::string_view name);
 

@@ -22,24 +22,24 @@ namespace chainslam {
 template <class T>
 struct CloudTraits;
 
-/// Every contiguous range of 3-vectors is a cloud: `std::vector<Eigen::Vector3f>`, `std::span<const Eigen::Vector3d>`, ...
+/// Every contiguous range of 3-vectors is a cloud: `std::vector<Eigen::Vector3f>`, `std::span<const Eigen::Vector3d>`,
+/// ...
 template <std::ranges::contiguous_range Range>
   requires std::ranges::sized_range<Range> &&
-           (std::same_as<std::remove_cv_t<std::ranges::range_value_t<Range>>, Eigen::Vector3f> ||
-            std::same_as<std::remove_cv_t<std::ranges::range_value_t<Range>>, Eigen::Vector3d>)
-struct CloudTraits<Range> {
-  static std::size_t size(const Range& range) { return std::ranges::size(range); }
-  static const auto& position(const Range& range, std::size_t i) { return std::ranges::data(range)[i]; }
-};
+      (std::same_as<std::remove_cv_t<std::ranges::range_value_t<Range>>, Eigen::Vector3f> ||
+       std::same_as<std::remove_cv_t<std::ranges::range_value_t<Range>>, Eigen::Vector3d>)struct CloudTraits<Range> {
+    static std::size_t size(const Range& range) { return std::ranges::size(range); }
+    static const auto& position(const Range& range, std::size_t i) { return std::ranges::data(range)[i]; }
+  };
 
-/// A 3 x n matrix is a cloud of its columns.
-template <class Scalar, int Columns, int Options>
-struct CloudTraits<Eigen::Matrix<Scalar, 3, Columns, Options>> {
-  using Matrix = Eigen::Matrix<Scalar, 3, Columns, Options>;
-  static std::size_t size(const Matrix& matrix) { return static_cast<std::size_t>(matrix.cols()); }
-  static Eigen::Matrix<Scalar, 3, 1> position(const Matrix& matrix, std::size_t i) {
-    return matrix.col(static_cast<Eigen::Index>(i));
-  }
-};
+  /// A 3 x n matrix is a cloud of its columns.
+  template <class Scalar, int Columns, int Options>
+  struct CloudTraits<Eigen::Matrix<Scalar, 3, Columns, Options>> {
+    using Matrix = Eigen::Matrix<Scalar, 3, Columns, Options>;
+    static std::size_t size(const Matrix& matrix) { return static_cast<std::size_t>(matrix.cols()); }
+    static Eigen::Matrix<Scalar, 3, 1> position(const Matrix& matrix, std::size_t i) {
+      return matrix.col(static_cast<Eigen::Index>(i));
+    }
+  };
 
 }  // namespace chainslam

@@ -11,7 +11,8 @@
 
 namespace chainslam {
 
-/// Counts and positions inside the library. Sizes come in as `std::size_t` and are checked once, at the door, by `to_index`.
+/// Counts and positions inside the library. Sizes come in as `std::size_t` and are checked once, at the door, by
+/// `to_index`.
 using Index = std::int32_t;
 
 /// Narrows a size to `Index`.

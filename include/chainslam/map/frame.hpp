@@ -12,18 +12,18 @@ enum class FrameStatus { good, degenerate, lost };
 
 struct FrameHealth {
   FrameStatus status = FrameStatus::good;
-  Index points = 0;          ///< given to registration
-  Index matches = 0;         ///< that found a partner
-  double residual_rms = 0;   ///< metres, over matches
+  Index points = 0;         ///< given to registration
+  Index matches = 0;        ///< that found a partner
+  double residual_rms = 0;  ///< metres, over matches
   Index iterations = 0;
 };
 
 /// What odometry says of one scan.
 struct Frame {
-  Timestamp time;                               ///< the pose holds at this time
+  Timestamp time;  ///< the pose holds at this time
   SE3d T_odom_body;
-  Matrix6d covariance = Matrix6d::Identity();   ///< of T_odom_body, tangent [translation; rotation]
-  PointCloud<float> cloud;                      ///< motion-corrected to `time`, body frame
+  Matrix6d covariance = Matrix6d::Identity();  ///< of T_odom_body, tangent [translation; rotation]
+  PointCloud<float> cloud;                     ///< motion-corrected to `time`, body frame
   FrameHealth health;
 };
 

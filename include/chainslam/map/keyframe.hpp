@@ -16,8 +16,8 @@ struct Keyframe {
   KeyframeId id;
   SessionId session;
   Timestamp time;
-  SE3d T_odom_body;  ///< as odometry gave it, in its session's own frame
-  SE3d T_map_body;   ///< the graph's latest estimate
+  SE3d T_odom_body;                                ///< as odometry gave it, in its session's own frame
+  SE3d T_map_body;                                 ///< the graph's latest estimate
   std::shared_ptr<const PointCloud<float>> cloud;  ///< body frame, motion-corrected, voxelised
   std::optional<GnssFix> gnss;                     ///< interpolated to `time`
 };

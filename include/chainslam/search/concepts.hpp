@@ -26,14 +26,14 @@ struct Neighbor {
 /// - const calls may run at the same time on several threads.
 /// A model may be exact only up to a stated `max_search_radius()`; beyond it nothing is found.
 template <class S>
-concept NearestNeighborSearch =
-    requires(const S& search, const Eigen::Matrix<typename S::Scalar, 3, 1>& query, typename S::Scalar distance,
-             std::span<Neighbor<typename S::Scalar>> out, std::vector<Neighbor<typename S::Scalar>>& all, Index i) {
-      { search.knn(query, out, distance) } -> std::same_as<Index>;
-      search.within(query, distance, all);
-      { search.position(i)[0] } -> std::convertible_to<typename S::Scalar>;
-      { search.size() } -> std::convertible_to<std::size_t>;
-    };
+concept NearestNeighborSearch = requires(const S& search, const Eigen::Matrix<typename S::Scalar, 3, 1>& query,
+                                         typename S::Scalar distance, std::span<Neighbor<typename S::Scalar>> out,
+                                         std::vector<Neighbor<typename S::Scalar>>& all, Index i) {
+  { search.knn(query, out, distance) } -> std::same_as<Index>;
+  search.within(query, distance, all);
+  { search.position(i)[0] } -> std::convertible_to<typename S::Scalar>;
+  { search.size() } -> std::convertible_to<std::size_t>;
+};
 
 /// A search structure that also has a unit normal for each point.
 template <class S>
