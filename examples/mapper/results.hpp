@@ -6,8 +6,9 @@
 #include <vector>
 
 #include "chainslam/evaluation/ape.hpp"
+#include "chainslam/evaluation/inter_session.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
-#include "mapping.hpp"
+#include "mapping_result.hpp"
 #include "options.hpp"
 #include "support/summary.hpp"
 
@@ -19,22 +20,42 @@ struct TrajectoryErrors {
   Index left_out = 0;  ///< poses outside of the truth's span
 };
 
+/// Errors of all sessions that have a truth, together.
+struct JointErrors {
+  ErrorStatistics translation;  ///< metres
+  ErrorStatistics rotation;     ///< radians
+  Index sessions = 0;
+  Index alignments = 0;  ///< rigid motions that were fitted: one if all sessions lie in one frame
+};
+
+/// What came out for one session of `MappingResult::sessions`.
+struct SessionOutcome {
+  Trajectory trajectory;                             ///< T_map_body of every frame
+  std::optional<TrajectoryErrors> odometry_errors;   ///< the front end alone, under an alignment of its own
+  std::optional<TrajectoryErrors> optimised_errors;  ///< under an alignment of its own
+  std::optional<SE3d> T_map_truth;                   ///< by the joint alignment of the frame that the session is in
+};
+
 /// What is left to say about a run once it is over.
 struct RunOutcome {
   MappingResult mapping;
-  Trajectory trajectory;  ///< T_map_body of every frame
-  std::optional<Trajectory> truth;
-  std::optional<TrajectoryErrors> odometry_errors, optimised_errors;
+  std::vector<SessionOutcome> sessions;  ///< as many as `mapping.sessions`
+  /// The front end alone: every session's odometry under an alignment of its own.
+  std::optional<JointErrors> odometry_errors;
+  /// Sessions that lie in one frame share one alignment, so that errors between them count.
+  std::optional<JointErrors> optimised_errors;
+  /// Between keyframes of different sessions that stood at one place; none if there are no such pairs.
+  std::optional<RelativePoseErrors> inter_session_errors;
   support::RunSummary summary;
 };
 
-/// Corrects the trajectory, takes errors against the truth and judges the goals.
-/// @param truth  T_map_body, in any frame of its own; none if there is none.
-[[nodiscard]] RunOutcome conclude(MappingResult mapping, std::optional<Trajectory> truth, const std::string& dataset,
-                                  const MapperOptions& options);
+/// Corrects the trajectories, takes errors against the truths and judges the goals.
+/// @param dataset  what was mapped, as the title says it.
+[[nodiscard]] RunOutcome conclude(MappingResult mapping, const std::string& dataset, const MapperOptions& options);
 
 /// Writes everything but the report and the summary:
-/// - `trajectory.tum`, `trajectory.kitti.txt`: T_map_body of every scan; `odometry.tum`: T_odom_body
+/// - `trajectory.tum`, `trajectory.kitti.txt`: T_map_body of every scan; `odometry.tum`: T_odom_body. Of several
+///   sessions `trajectory.<session>.tum` and so on, and a joint `trajectory.tum` if their times do not collide.
 /// - `map.ply`: all scans, voxelised, map frame
 /// - `graph.g2o`: keyframes, odometry and closures with their information
 /// - `keyframes.csv`, `closures.csv`: every keyframe; every closure tried, with its verdict

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/map/frame.hpp"
+#include "chainslam/map/slam_map.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
+
+namespace chainslam::mapper {
+
+/// What was found out of one session that this run read, besides what the map keeps of it.
+struct SessionRun {
+  SessionId id;  ///< in the map
+  std::string name;
+  Trajectory odometry;              ///< T_odom_body of every frame
+  std::vector<FrameHealth> health;  ///< one for each frame
+  Index scans = 0;                  ///< read
+  std::optional<Trajectory> truth;  ///< T_truth_body; none if nothing states it
+  std::vector<std::string> notes;   ///< what the user should know: scans and points left out, and why
+};
+
+/// What the back end did, and how long it took.
+struct BackEndFigures {
+  Index alignments = 0;  ///< scans registered to submaps, accepted or not
+  Index merges = 0;      ///< frames joined
+  Index optimisations = 0;
+  Index failed_optimisations = 0;        ///< the estimates before were kept
+  std::vector<double> keyframe_seconds;  ///< of each keyframe added in this run, in order: search, chaining, optimising
+  std::vector<Index> keyframe_alignments;  ///< of the same keyframes: scans registered; empty if not counted
+};
+
+/// What a run of the mapper found out.
+struct MappingResult {
+  std::shared_ptr<const SlamMap> map;  ///< sessions that were loaded first, then those of this run
+  std::vector<SessionRun> sessions;    ///< of this run, in the order in which they were read
+  std::vector<std::string> notes;      ///< of no session in particular
+  bool interrupted = false;            ///< the data were not read to their end
+  bool truths_share_frame = true;  ///< the sessions' truths are in one frame: errors between sessions mean something
+  BackEndFigures figures;
+};
+
+}  // namespace chainslam::mapper
