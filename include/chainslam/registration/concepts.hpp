@@ -40,6 +40,30 @@ struct AlignResult {
   [[nodiscard]] bool converged() const { return status == AlignStatus::converged; }
 };
 
+/// How an alignment without a guess ended.
+enum class GlobalAlignStatus {
+  found,            ///< a pose that many matches agree on; the figures say how far to trust it
+  too_few_points,   ///< source or target has too few points with a feature; the pose is the identity
+  too_few_matches,  ///< fewer than three points look alike; the pose is the identity
+  no_consensus,     ///< no pose that matches agree on beyond chance; the pose is the identity
+};
+
+/// What an alignment without a guess found. The figures hold at the pose returned; the fits are zero without one.
+struct GlobalAlignResult {
+  SE3d T_target_source;
+  double fitness_target = 0;  ///< inliers over target points: the paper's f^R, small where the target is the larger one
+  double fitness_source = 0;  ///< inliers over source points: the share of the source that overlaps
+  double inlier_rmse = 0;     ///< of the inliers' distances to their nearest target points, metres
+  Index inliers = 0;          ///< source points whose nearest target point is near enough, the paper's |C_inlier|
+  Index matches = 0;          ///< putative matches: pairs of points that look alike
+  Index consensus = 0;        ///< matches that the pose brings together
+  double putative_ratio = 0;  ///< consensus over matches: what the paper's released program compares with its threshold
+  GlobalAlignStatus status = GlobalAlignStatus::too_few_points;
+  Index iterations = 0;  ///< hypotheses tried
+
+  [[nodiscard]] bool found() const { return status == GlobalAlignStatus::found; }
+};
+
 /// What a metric says of one pair: the error e and its derivative by the moved point, de / dp, in the target's frame.
 template <int Rows>
 struct PairError {
@@ -67,6 +91,15 @@ concept Registration = Cloud<Source> && NearestNeighborSearch<Target> &&
     requires(const R& registration, const Source& source, const Target& target, const SE3d& guess,
              const Serial& executor) {
   { registration.align(source, target, guess, executor) } -> std::same_as<AlignResult>;
+};
+
+/// Finds T_target_source, which maps source points into the target's frame, of two clouds without a guess.
+///
+/// The result depends on the arguments alone, not on the executor. Finding nothing is a status, never a throw.
+template <class R, class Source, class Target>
+concept GlobalRegistration = Cloud<Source> && Cloud<Target> &&
+    requires(const R& registration, const Source& source, const Target& target, const Serial& executor) {
+  { registration.align(source, target, executor) } -> std::same_as<GlobalAlignResult>;
 };
 
 }  // namespace chainslam

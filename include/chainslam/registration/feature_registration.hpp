@@ -1,0 +1,87 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <concepts>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "chainslam/cloud/concepts.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/executor.hpp"
+#include "chainslam/features/fpfh.hpp"
+#include "chainslam/features/matching.hpp"
+#include "chainslam/features/normals.hpp"
+#include "chainslam/registration/concepts.hpp"
+#include "chainslam/registration/ransac.hpp"
+#include "chainslam/search/indexed_cloud.hpp"
+
+namespace chainslam {
+
+/// Finds the pose that putative matches agree on: `align(source, target, matches, executor)`, as `Ransac` does.
+template <class E>
+concept ConsensusEstimator = requires(const E& estimator, const PointCloud<float>& source, const IndexedCloud<>& target,
+                                      std::span<const FeatureMatch> matches, const Serial& executor) {
+  { estimator.align(source, target, matches, executor) } -> std::same_as<GlobalAlignResult>;
+};
+static_assert(ConsensusEstimator<Ransac>);
+
+/// A cloud made ready for being found: thinned, with normals, a search and a feature for each point.
+struct DescribedCloud {
+  IndexedCloud<> cloud;
+  FpfhFeatures features;
+};
+
+/// Aligns two clouds without a guess by what their surroundings look like: thins them, estimates normals and FPFH,
+/// matches these and finds the pose that the matches agree on. The defaults are the paper's for merging submaps.
+template <class Estimator = Ransac>
+struct FeatureRegistration {
+  static_assert(ConsensusEstimator<Estimator>,
+                "FeatureRegistration: Estimator needs `GlobalAlignResult align(source, target, matches, executor) "
+                "const`, as in Ransac");
+
+  double voxel_size = 1.0;  ///< metres
+  NormalOptions normals{.neighbors = 30, .radius = 2.0};
+  FpfhOptions features{};
+  MatchOptions matching{};
+  [[no_unique_address]] Estimator estimator{};
+
+  /// Thins and describes a cloud. Keep the result where one cloud meets several.
+  ///
+  /// @param points  metres; NaN points are left out. If they carry normals, these say which side of a surface was seen;
+  ///                else it is the side of the frame's origin. That side must be the same in clouds that are compared.
+  /// @throws std::invalid_argument if an option makes no sense.
+  template <Cloud Points, Executor Exec = Serial>
+  [[nodiscard]] DescribedCloud describe(const Points& points, const Exec& executor = {}) const {
+    PointCloud<float> cloud = voxel_downsample(points, voxel_size);
+    const std::vector<Eigen::Vector3f> seen_sides = std::move(cloud.normals);
+    cloud.normals.clear();
+    estimate_normals(cloud, normals, Eigen::Vector3d::Zero(), executor);
+    for (std::size_t i = 0; i < seen_sides.size(); ++i)
+      if (cloud.normals[i].dot(seen_sides[i]) < 0) cloud.normals[i] = -cloud.normals[i];
+    IndexedCloud<> indexed(std::move(cloud));
+    FpfhFeatures described = estimate_fpfh(indexed.cloud(), indexed, features, executor);
+    return {std::move(indexed), std::move(described)};
+  }
+
+  /// @returns T_target_source with its figures, which count thinned points; the same to the bit for any executor.
+  /// @throws std::invalid_argument if an option makes no sense.
+  template <Executor Exec = Serial>
+  [[nodiscard]] GlobalAlignResult align(const DescribedCloud& source, const DescribedCloud& target,
+                                        const Exec& executor = {}) const {
+    constexpr std::size_t least_points = 3;
+    if (source.cloud.size() < least_points || target.cloud.size() < least_points) return {};
+    const std::vector<FeatureMatch> matches = match_features(source.features, target.features, matching, executor);
+    return estimator.align(source.cloud.cloud(), target.cloud, matches, executor);
+  }
+
+  /// The same for clouds as they come; see `describe`.
+  template <Cloud Source, Cloud Target, Executor Exec = Serial>
+  [[nodiscard]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {}) const {
+    return align(describe(source, executor), describe(target, executor), executor);
+  }
+};
+static_assert(GlobalRegistration<FeatureRegistration<>, PointCloud<float>, PointCloud<float>>);
+
+}  // namespace chainslam
