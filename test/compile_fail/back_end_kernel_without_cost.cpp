@@ -9,4 +9,5 @@ struct MyKernel {
 #endif
 };
 
-int main() { (void)sizeof(chainslam::BackEnd<chainslam::LoopCloser<>, MyKernel>); }
+using namespace chainslam;
+int main() { (void)sizeof(BackEnd<LoopCloser<>, NoChaining, NoMerging, MyKernel>); }

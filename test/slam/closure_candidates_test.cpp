@@ -99,7 +99,7 @@ TEST_SUITE("slam/closure_candidates") {
       for (int i = 0; i < 2 + 3 * size; ++i) places.push_back(at(rng.uniform_index(12), rng.uniform_index(12)));
       const std::vector<Keyframe> keyframes = visit_again(places, at(6, 6));
       PositionIndex grown;
-      for (const Keyframe& keyframe : keyframes) grown.append(keyframe.T_map_body.translation());
+      for (const Keyframe& keyframe : keyframes) grown.append(keyframe.id, keyframe.T_map_body.translation());
       const ProximityCandidates candidates{.min_separation = 2, .max_count = 20};
       const KeyframeId query = keyframes.back().id;
       const std::vector<KeyframeId> found = candidates.find(keyframes, grown, query);

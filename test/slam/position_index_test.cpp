@@ -32,7 +32,7 @@ TEST_SUITE("slam/position_index") {
         // Whole metres: many equal distances, many at the radius' very edge.
         const Eigen::Vector3d p(rng.uniform_index(20), rng.uniform_index(20), 0);
         poses.emplace_back(SO3d(), p);
-        index.append(p);
+        index.append(KeyframeId{i}, p);
         if (i % 16 == 0) check();
       }
       for (SE3d& pose : poses) pose = SE3d(SO3d(), pose.translation() + Eigen::Vector3d(rng.normal(), 1, 0));

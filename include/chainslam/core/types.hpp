@@ -26,6 +26,11 @@ template <std::integral Size>
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
+/// Square root R of an information matrix, R^T R = information, as stored in factors, maps and files: its layout depends
+/// on no compiler flag. Directions without information are allowed.
+template <int Dof>
+using SqrtInformation = Eigen::Matrix<double, Dof, Dof, Eigen::DontAlign>;
+
 /// An index that knows what it counts, so that a session's number is never taken for a keyframe's.
 template <class Tag>
 struct Id {

@@ -6,12 +6,9 @@
 #include <stdexcept>
 #include <string>
 
-namespace chainslam {
+#include "chainslam/core/types.hpp"
 
-/// Square root R of an information matrix, R^T R = information, as stored in factors and files: its layout depends on
-/// no compiler flag. Directions without information are allowed.
-template <int Dof>
-using SqrtInformation = Eigen::Matrix<double, Dof, Dof, Eigen::DontAlign>;
+namespace chainslam {
 
 /// Gaussian noise of a residual of `Dof` rows, kept as square-root information: the whitened residual is R r.
 ///

@@ -1,9 +1,12 @@
 #pragma once
 
+#include <optional>
+
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/sensor/gnss_fix.hpp"
 
 namespace chainslam {
 
@@ -25,6 +28,7 @@ struct Frame {
   Matrix6d covariance = Matrix6d::Identity();  ///< of T_odom_body, tangent [translation; rotation]
   PointCloud<float> cloud;                     ///< motion-corrected to `time`, body frame
   FrameHealth health;
+  std::optional<GnssFix> gnss{};  ///< at `time`, if it came with a recorded frame
 };
 
 }  // namespace chainslam

@@ -3,6 +3,7 @@
 #include <string>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/lie/se3.hpp"
 
 namespace chainslam {
 
@@ -12,6 +13,14 @@ struct Session {
   std::string name;
   Index first_keyframe = 0;
   Index keyframes = 0;
+  /// The session whose start defines the frame that this one's T_map_body are in: itself, until a merge joins it to
+  /// an earlier one.
+  SessionId frame;
+  /// What the graph knows of the first keyframe beforehand: where T_map_body is, and how well. Zero: nothing.
+  SE3d prior;
+  SqrtInformation<6> prior_sqrt_information = SqrtInformation<6>::Zero();
+
+  [[nodiscard]] Index end_keyframe() const { return first_keyframe + keyframes; }
 };
 
 }  // namespace chainslam

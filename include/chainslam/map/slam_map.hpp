@@ -13,15 +13,17 @@ struct OdometryMeasurement {
   KeyframeId from;
   KeyframeId to;
   SE3d T_from_to;
-  Matrix6d covariance = Matrix6d::Identity();  ///< tangent [translation; rotation]
+  SqrtInformation<6> sqrt_information = SqrtInformation<6>::Zero();  ///< tangent [translation; rotation]
 };
 
 /// All that mapping found out: sessions, keyframes (ids are positions in `keyframes`) and what connects them.
+///
+/// Measurements are kept as they were made, so that a map that is loaded has the optimum that it had when it was saved.
 struct SlamMap {
   std::vector<Session> sessions;
   std::vector<Keyframe> keyframes;
   std::vector<OdometryMeasurement> odometry;
-  std::vector<LoopClosure> closures;  ///< accepted
+  std::vector<LoopClosure> closures;  ///< accepted, in the order in which they were
   std::vector<LoopClosure> refusals;  ///< tried and refused
 };
 

@@ -1,58 +1,36 @@
 #pragma once
 
+#include <algorithm>
 #include <concepts>
 #include <memory>
 #include <span>
-#include <stdexcept>
 #include <string>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
-#include "chainslam/core/finite.hpp"
-#include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/snapshot.hpp"
-#include "chainslam/factor_graph/batch_optimizer.hpp"
-#include "chainslam/factor_graph/factor_graph.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/gnss_interpolator.hpp"
 #include "chainslam/slam/loop_closer.hpp"
+#include "chainslam/slam/map_graph.hpp"
+#include "chainslam/slam/map_merger.hpp"
 #include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
 
-/// How far odometry between two keyframes may be off, by the way between them.
-struct OdometryNoise {
-  double translation = 0.02;             ///< metres per step,
-  double translation_per_metre = 0.005;  ///< and per metre travelled
-  double rotation = 0.001;               ///< radians per step,
-  double rotation_per_metre = 0.0002;    ///< and per metre travelled
-
-  /// Covariance of T_from_to, tangent [translation; rotation].
-  [[nodiscard]] Matrix6d covariance(const SE3d& T_from_to) const {
-    const double way = T_from_to.translation().norm();
-    const double t = translation + translation_per_metre * way;
-    const double r = rotation + rotation_per_metre * way;
-    Vector6d variances;
-    variances << Eigen::Vector3d::Constant(t * t), Eigen::Vector3d::Constant(r * r);
-    return variances.asDiagonal();
-  }
-};
-
 struct BackEndOptions {
-  OdometryNoise odometry_noise{};
-  /// Standard deviations of where a later session starts in the first one's frame, from what its odometry says: metres
-  /// and radians. Closures between sessions decide within them.
-  double session_translation = 10.0;
-  double session_rotation = 0.5;
-  LevenbergMarquardt optimizer{.max_iterations = 50, .relative_tolerance = 1e-6};
+  MapGraphOptions graph{};
+  /// After a merge, metres along the aligned path between two keyframes that are tried again (section 6 of the paper).
+  double recheck_travel = 4.0;
+  bool chain_in_recheck = true;  ///< the released code does not
 };
 
 /// Tries to close loops with the newest keyframe, the last of `keyframes`.
 ///
-/// `close(keyframes, index, executor)` gives what was tried, each with its verdict, the accepted ones with a positive
-/// definite covariance. `index` holds the positions of all keyframes. It is called once for each keyframe, in order.
+/// `close(keyframes, index, executor)` gives what was tried, each with its verdict. `index` holds the positions of all
+/// keyframes in the newest one's frame. It is called once for each keyframe, in order. A back end that merges also
+/// calls `search(keyframes, index, query, executor)`, for any keyframe.
 template <class C>
 concept ClosureFinder = requires(C& closer, std::span<const Keyframe> keyframes, const PositionIndex& index) {
   { closer.close(keyframes, index, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
@@ -62,160 +40,254 @@ concept ClosureFinder = requires(C& closer, std::span<const Keyframe> keyframes,
 struct BackEndCounts {
   Index optimisations = 0;
   Index failed_optimisations = 0;  ///< the estimates before were kept
+  Index merges = 0;                ///< frames joined
+  Index alignments = 0;            ///< scans aligned to submaps, accepted or not; without those that confirm a merge
   OptimizeReport last;
 };
 
-/// Keeps the keyframes of all sessions in one pose graph, closes loops and optimises.
+/// Keeps the keyframes of all sessions in one pose graph, closes loops, chains them, joins sessions, and optimises.
 ///
 /// All work is done inside `add`, in the order of the calls: the same keyframes give the same map, bit for bit. Only
-/// one thread may call `add`, `begin_session` and `finish`; `snapshot` and `T_map_odom` may be read by any.
-/// The first session's start defines the map's frame. A later one begins where its own odometry says and is moved as a
-/// whole by what connects it with the others.
-/// @tparam Closer  finds closures: `LoopCloser` with its policies.
-/// @tparam Kernel  weighs closures down that the rest of the graph contradicts; in standard deviations.
-template <class Closer = LoopCloser<>, class Kernel = Cauchy>
+/// one thread may call `load`, `add`, `begin_session` and `finish`; `snapshot` and `T_map_odom` may be read by any.
+/// Each session starts in a frame of its own, where its odometry says, and is moved as a whole by a merge. Loaded maps
+/// count as earlier sessions.
+/// @tparam Closer   finds closures: `LoopCloser` with its policies.
+/// @tparam Chainer  finds more of them from each: `ChainedCloser`, or `NoChaining`.
+/// @tparam Merger   joins frames: `MapMerger` with its policies, or `NoMerging`.
+/// @tparam Kernel   weighs closures down that the rest of the graph contradicts; in standard deviations.
+template <class Closer = LoopCloser<>, class Chainer = ChainedCloser, class Merger = MapMerger<>, class Kernel = Cauchy>
 class BackEnd {
   static_assert(ClosureFinder<Closer>,
                 "BackEnd: Closer needs `std::vector<LoopClosure> close(keyframes, index, executor)`, as in LoopCloser");
-  static_assert(RobustCost<Kernel>,
-                "BackEnd: Kernel needs `double weight(double squared_residual) const` and `double cost(double "
-                "squared_residual) const`, as in Cauchy");
+  static_assert(ClosureAligner<Closer> || (std::same_as<Chainer, NoChaining> && std::same_as<Merger, NoMerging>),
+                "BackEnd: with a Chainer or a Merger, Closer needs `LoopClosure align(keyframes, from, to, guess, "
+                "executor)` and `bool eligible(candidate, query) const`, as in LoopCloser");
 
  public:
-  using ClosureFactor = BetweenFactor<SE3d, Kernel>;
-  using Graph = std::conditional_t<std::is_same_v<Kernel, Trivial>, PoseGraph, FactorGraph<SE3d, ClosureFactor>>;
+  explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{}, Chainer chainer = Chainer{},
+                   Merger merger = Merger{}, Kernel kernel = {})
+      : options_(options),
+        closer_(std::move(closer)),
+        chainer_(std::move(chainer)),
+        merger_(std::move(merger)),
+        graph_(options.graph, std::move(kernel)) {}
 
-  explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{}, Kernel kernel = {})
-      : options_(options), closer_(std::move(closer)), kernel_(std::move(kernel)) {}
+  /// Adds a map that was saved before: its sessions count as earlier ones. If it is the first, its keyframes keep their
+  /// numbers; a later one's follow those that are here.
+  void load(const SlamMap& map) {
+    const Index known = to_index(graph_.map().closures.size());
+    withdraw();
+    in_session_ = false;
+    graph_.load(map);
+    for (Index i = known; i < to_index(graph_.map().closures.size()); ++i)
+      connect(graph_.map().closures[static_cast<std::size_t>(i)], i);
+  }
 
   /// Keyframes added from now on are of a new session. Without a call, the first keyframe begins one without a name.
   void begin_session(std::string name) {
+    withdraw();
     gnss_ = GnssInterpolator();  // the clocks of two drives have nothing in common
-    const SessionId id{to_index(map_.sessions.size())};
-    map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0});
+    graph_.begin_session(std::move(name));
+    in_session_ = true;
+    index_positions();
   }
 
-  /// Takes the next keyframe of the session, tries to close a loop with it, and optimises if that succeeds.
+  /// Takes the next keyframe of the session, tries to close loops with it and to join its frame with others, and
+  /// optimises if that succeeds.
   /// @returns its id.
   /// @throws std::invalid_argument if its time is not later than the session's last, or if T_odom_body is not finite;
   /// the map is then as it was.
   template <Executor E = Serial>
   KeyframeId add(Keyframe keyframe, const E& executor = {}) {
-    check(keyframe);
-    if (map_.sessions.empty()) begin_session({});
-    append(std::move(keyframe));
-    const KeyframeId id = map_.keyframes.back().id;
-    bool closed = false;
-    for (LoopClosure& closure : closer_.close(map_.keyframes, positions_, executor)) {
-      const bool accepted = closure.verdict == ClosureVerdict::accepted;
-      if (accepted) add_factor(closure);
-      closed |= accepted;
-      (accepted ? map_.closures : map_.refusals).push_back(std::move(closure));
+    if (!in_session_) {
+      MapGraph<Kernel>::require_finite(keyframe);
+      begin_session({});
     }
-    if (closed) optimise_graph();
+    const KeyframeId id = graph_.append(std::move(keyframe));
+    const Keyframe& added = map().keyframes.back();
+    positions_.append(id, added.T_map_body.translation());
+    gnss_.add(id, added.time);
+    if (take(closer_.close(map().keyframes, positions_, executor), -1, true, executor)) optimise();
+    try_merge(id, executor);
     publish_frame();
     return id;
   }
 
-  /// Takes a GNSS fix, which keyframes around its time get a position from.
-  void add(const GnssFix& fix) {
+  /// Takes a GNSS fix, which keyframes around its time get a position from; they may then join two frames.
+  template <Executor E = Serial>
+  void add(const GnssFix& fix, const E& executor = {}) {
+    std::vector<KeyframeId> located;
     gnss_.add(fix, [&](KeyframeId id, const GnssFix& interpolated) {
-      map_.keyframes[static_cast<std::size_t>(id.value)].gnss = interpolated;
+      graph_.set_gnss(id, interpolated);
+      located.push_back(id);
     });
+    for (const KeyframeId id : located) try_merge(id, executor);
+    if (!located.empty()) publish_frame();
   }
 
   /// Optimises to the end and hands out the map.
   [[nodiscard]] std::shared_ptr<const SlamMap> finish() {
-    if (!map_.closures.empty()) optimise_graph();
+    withdraw();
+    if (!map().closures.empty()) optimise();
     publish_frame();
-    snapshot_.store(std::make_shared<const SlamMap>(map_));
+    snapshot_.store(std::make_shared<const SlamMap>(map()));
     return snapshot_.load();
   }
 
   /// The map as it is; owned by the back end, to be read on the thread that adds.
-  [[nodiscard]] const SlamMap& map() const { return map_; }
+  [[nodiscard]] const SlamMap& map() const { return graph_.map(); }
   /// The map after the last optimisation; null before the first.
   [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const { return snapshot_.load(); }
   /// Where odometry's frame lies in the map, by the newest keyframe; null before the first.
   [[nodiscard]] std::shared_ptr<const SE3d> T_map_odom() const { return T_map_odom_.load(); }
 
-  [[nodiscard]] const Graph& graph() const { return graph_; }
+  [[nodiscard]] const auto& graph() const { return graph_.graph(); }
+  /// All accepted closures as a graph over the keyframes.
+  [[nodiscard]] const ClosureGraph& closure_graph() const { return closure_graph_; }
   [[nodiscard]] const Closer& closer() const { return closer_; }
   [[nodiscard]] const BackEndCounts& counts() const { return counts_; }
 
  private:
-  void check(const Keyframe& keyframe) const {
-    if (!is_finite(keyframe.T_odom_body.matrix()))
-      throw std::invalid_argument("BackEnd: a keyframe's pose is not finite");
-    const bool first = map_.sessions.empty() || map_.sessions.back().keyframes == 0;
-    if (!first && keyframe.time <= map_.keyframes.back().time)
-      throw std::invalid_argument("BackEnd: a keyframe's time is not later than the one before it");
+  [[nodiscard]] const Session& session() const { return map().sessions.back(); }
+  [[nodiscard]] const Keyframe& keyframe(KeyframeId id) const {
+    return map().keyframes[static_cast<std::size_t>(id.value)];
   }
 
-  /// What is known of the newest session's start before any closure.
-  [[nodiscard]] typename Graph::Noise start_noise() const {
-    constexpr double anchor = 1e-4;  // metres, radians: the first keyframe of all defines the frame
-    if (map_.keyframes.empty()) return Graph::Noise::from_sigma(anchor);
-    Vector6d sigmas;
-    sigmas << Eigen::Vector3d::Constant(options_.session_translation),
-        Eigen::Vector3d::Constant(options_.session_rotation);
-    return Graph::Noise::from_sigmas(sigmas);
+  /// The session ends: what still waits for confirmation gets none.
+  void withdraw() {
+    for (const LoopClosure& closure : merger_.withdraw()) graph_.refuse(closure);
   }
 
-  void append(Keyframe keyframe) {
-    Session& session = map_.sessions.back();
-    keyframe.id = KeyframeId{to_index(map_.keyframes.size())};
-    keyframe.session = session.id;
-    if (session.keyframes == 0) {
-      keyframe.T_map_body = keyframe.T_odom_body;
-      const auto noise = start_noise();
-      graph_.add_prior(graph_.add_value(keyframe.T_map_body), keyframe.T_map_body, noise);
-    } else {
-      const Keyframe& last = map_.keyframes.back();
-      const SE3d T_last_new = last.T_odom_body.inverse() * keyframe.T_odom_body;
-      keyframe.T_map_body = last.T_map_body * T_last_new;
-      const Matrix6d covariance = options_.odometry_noise.covariance(T_last_new);
-      const auto noise = Graph::Noise::from_covariance(covariance);
-      graph_.add_between(last.id.value, graph_.add_value(keyframe.T_map_body), T_last_new, noise);
-      map_.odometry.push_back({last.id, keyframe.id, T_last_new, covariance});
+  void index_positions() {
+    positions_.rebuild(map().keyframes, [&](const Keyframe& one) { return graph_.frame(one) == session().frame; });
+  }
+
+  void connect(const LoopClosure& closure, Index position) {
+    closure_graph_.resize(to_index(map().keyframes.size()));
+    if (!closure.sqrt_information.isZero(0)) closure_graph_.add_edge(closure.from.value, closure.to.value, position);
+  }
+  Index accept(const LoopClosure& closure) {
+    const Index position = graph_.accept(closure);
+    connect(closure, position);
+    return position;
+  }
+
+  /// Takes what a search tried into the map, and what chaining finds from it.
+  /// @param cause  the closure that made the search, -1 if none.
+  /// @returns whether anything was accepted.
+  template <Executor E>
+  bool take(std::vector<LoopClosure> tried, Index cause, bool chain, const E& executor) {
+    counts_.alignments += to_index(tried.size());
+    bool accepted = false;
+    for (LoopClosure& closure : tried) {
+      closure.cause = cause;
+      if (closure.verdict != ClosureVerdict::accepted) {
+        graph_.refuse(closure);
+        continue;
+      }
+      accepted = true;
+      closure_graph_.resize(to_index(map().keyframes.size()));
+      std::vector<LoopClosure> chained;
+      if (chain)
+        chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
+      counts_.alignments += to_index(chained.size());
+      const Index position = accept(closure);
+      for (LoopClosure& one : chained) {
+        one.cause = position;
+        if (one.verdict == ClosureVerdict::accepted)
+          accept(one);
+        else
+          graph_.refuse(one);
+      }
     }
-    ++session.keyframes;
-    positions_.append(keyframe.T_map_body.translation());
-    gnss_.add(keyframe.id, keyframe.time);
-    map_.keyframes.push_back(std::move(keyframe));
+    return accepted;
   }
 
-  void add_factor(const LoopClosure& closure) {
-    graph_.add(ClosureFactor{closure.from.value, closure.to.value, closure.T_from_to,
-                             Graph::Noise::from_covariance(closure.covariance).sqrt_information(), kernel_});
+  /// Looks for `query` in sessions of other frames, and joins the frames if it is found.
+  template <Executor E>
+  void try_merge(KeyframeId query, const E& executor) {
+    if constexpr (!std::same_as<Merger, NoMerging>) {
+      if (keyframe(query).session != session().id) return;
+      std::vector<LoopClosure> accepted;
+      for (const LoopClosure& closure : merger_.attempt(map(), query, closer_, executor)) {
+        if (closure.verdict == ClosureVerdict::accepted)
+          accepted.push_back(closure);
+        else
+          graph_.refuse(closure);
+      }
+      if (!accepted.empty()) merge(accepted, executor);
+    }
   }
 
-  void optimise_graph() {
+  /// Joins the frames that `closures` connect, by the newest of them, and searches along the aligned session again.
+  template <Executor E>
+  void merge(const std::vector<LoopClosure>& closures, const E& executor) {
+    const LoopClosure& newest = closures.back();
+    const Keyframe& j = keyframe(newest.from);
+    const Keyframe& i = keyframe(newest.to);
+    const SE3d T_there_here = j.T_map_body * newest.T_from_to * i.T_map_body.inverse();
+    const SessionId here = graph_.frame(i), there = graph_.frame(j);
+    if (there < here)  // the earlier frame stays
+      graph_.join(there, here, T_there_here);
+    else
+      graph_.join(here, there, T_there_here.inverse());
+    ++counts_.merges;
+    Index position = -1;
+    for (const LoopClosure& closure : closures) position = accept(closure);
+    optimise();
+    recheck(position, executor);
+  }
+
+  /// Direct and chained closures of the whole current session with earlier ones, after both came into one frame.
+  template <Executor E>
+  void recheck(Index cause, const E& executor) {
+    double travelled = options_.recheck_travel;
+    const Session current = session();
+    PositionIndex earlier;
+    const auto index_earlier = [&] {
+      earlier.rebuild(map().keyframes, [&](const Keyframe& one) {
+        return one.session < current.id && graph_.frame(one) == current.frame;
+      });
+    };
+    index_earlier();
+    for (Index i = current.first_keyframe; i < current.end_keyframe(); ++i) {
+      if (i > current.first_keyframe)
+        travelled += (keyframe(KeyframeId{i - 1}).T_odom_body.inverse() * keyframe(KeyframeId{i}).T_odom_body)
+                         .translation()
+                         .norm();
+      if (travelled < options_.recheck_travel) continue;
+      travelled = 0;
+      if (!take(closer_.search(map().keyframes, earlier, KeyframeId{i}, executor), cause, options_.chain_in_recheck,
+                executor))
+        continue;
+      optimise();
+      index_earlier();
+    }
+  }
+
+  void optimise() {
     ++counts_.optimisations;
-    counts_.last = optimise(graph_, options_.optimizer, solver_);
-    if (!counts_.last.ok()) {
-      ++counts_.failed_optimisations;
-      return;
-    }
-    for (Keyframe& keyframe : map_.keyframes) keyframe.T_map_body = graph_[keyframe.id.value];
-    positions_.rebuild(map_.keyframes);
-    snapshot_.store(std::make_shared<const SlamMap>(map_));
+    counts_.last = graph_.optimise();
+    if (!counts_.last.ok()) ++counts_.failed_optimisations;
+    index_positions();
+    snapshot_.store(std::make_shared<const SlamMap>(map()));
   }
 
   void publish_frame() {
-    if (map_.keyframes.empty()) return;
-    const Keyframe& newest = map_.keyframes.back();
+    if (map().keyframes.empty()) return;
+    const Keyframe& newest = map().keyframes.back();
     T_map_odom_.store(std::make_shared<const SE3d>(newest.T_map_body * newest.T_odom_body.inverse()));
   }
 
   BackEndOptions options_;
   Closer closer_;
-  [[no_unique_address]] Kernel kernel_;
-  SlamMap map_;
-  Graph graph_;
-  BlockCholesky<6> solver_;
+  [[no_unique_address]] Chainer chainer_;
+  [[no_unique_address]] Merger merger_;
+  MapGraph<Kernel> graph_;
+  ClosureGraph closure_graph_;
   PositionIndex positions_;
   GnssInterpolator gnss_;
+  bool in_session_ = false;
   BackEndCounts counts_;
   Snapshot<SlamMap> snapshot_;
   Snapshot<SE3d> T_map_odom_;

@@ -15,11 +15,13 @@ namespace chainslam {
 /// Proposes keyframes that may have seen the same place as a new one.
 ///
 /// `find(keyframes, index, query)` gives ids of keyframes other than `query`, the most promising first; the same input
-/// gives the same answer. `index` holds the positions of all `keyframes`.
+/// gives the same answer. `index` holds the positions of the keyframes in the query's frame. `eligible(candidate,
+/// query)` says whether two keyframes may be closed at all; what `find` gives is eligible.
 template <class C>
 concept ClosureCandidates = requires(const C& candidates, std::span<const Keyframe> keyframes,
-                                     const PositionIndex& index, KeyframeId query) {
-  { candidates.find(keyframes, index, query) } -> std::same_as<std::vector<KeyframeId>>;
+                                     const PositionIndex& index, const Keyframe& keyframe) {
+  { candidates.find(keyframes, index, keyframe.id) } -> std::same_as<std::vector<KeyframeId>>;
+  { candidates.eligible(keyframe, keyframe) } -> std::same_as<bool>;
 };
 
 /// Keyframes that the graph puts near the query, of other sessions or of long enough ago (section 5 of the paper).
@@ -33,13 +35,18 @@ struct ProximityCandidates {
   Index min_separation = 10;            ///< keyframes between two proposals of one session
   Index max_count = 3;                  ///< proposals
 
+  /// Whether `candidate` may be closed with `query` at all, wherever they are.
+  [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
+    return candidate.id != query.id &&
+           (candidate.session != query.session || query.time - candidate.time >= min_interval);
+  }
+
   [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                              KeyframeId query) const {
     const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];
     std::vector<PositionIndex::Found> near = index.within(here.T_map_body.translation(), radius);
     std::erase_if(near, [&](const PositionIndex::Found& found) {
-      const Keyframe& there = keyframes[static_cast<std::size_t>(found.id.value)];
-      return found.id == query || (there.session == here.session && here.time - there.time < min_interval);
+      return !eligible(keyframes[static_cast<std::size_t>(found.id.value)], here);
     });
     for (PositionIndex::Found& found : near) {
       const Keyframe& there = keyframes[static_cast<std::size_t>(found.id.value)];

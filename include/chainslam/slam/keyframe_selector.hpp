@@ -30,6 +30,7 @@ class KeyframeSelector {
     Keyframe keyframe;
     keyframe.time = frame.time;
     keyframe.T_odom_body = frame.T_odom_body;
+    keyframe.gnss = frame.gnss;
     keyframe.cloud = std::make_shared<const PointCloud<float>>(
         options_.scan_voxel > 0 ? voxel_downsample(frame.cloud, options_.scan_voxel) : frame.cloud);
     return keyframe;

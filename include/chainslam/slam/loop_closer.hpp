@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
 #include "chainslam/registration/coarse_to_fine.hpp"
@@ -56,8 +57,8 @@ template <class Candidates = ProximityCandidates, class Registration = CoarseToF
           class Covariance = HessianCovariance>
 class LoopCloser {
   static_assert(ClosureCandidates<Candidates>,
-                "LoopCloser: Candidates needs `std::vector<KeyframeId> find(keyframes, index, query) const`, as in "
-                "ProximityCandidates");
+                "LoopCloser: Candidates needs `std::vector<KeyframeId> find(keyframes, index, query) const` and `bool "
+                "eligible(candidate, query) const`, as in ProximityCandidates");
   static_assert(chainslam::Registration<Registration, PointCloud<float>, Submap>,
                 "LoopCloser: Registration needs `AlignResult align(source, target, guess, executor) const`, as in Icp");
   static_assert(ClosureCovariance<Covariance>,
@@ -73,31 +74,43 @@ class LoopCloser {
         covariance_(std::move(covariance)),
         submaps_(options.submap) {}
 
-  /// Tries the newest keyframe, the last of `keyframes`; candidates in their order until one is accepted.
-  ///
-  /// @param index  positions of all keyframes.
-  /// @returns what was tried, refusals and at most one accepted closure, each with its verdict.
+  /// Tries the newest keyframe, the last of `keyframes`, if it lies far enough along the path from the last one tried.
+  /// @see search
   template <Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                                const E& executor = {}) {
+    if (keyframes.empty() || !due(keyframes)) return {};
+    return search(keyframes, index, keyframes.back().id, executor);
+  }
+
+  /// Tries candidates for `query` in their order until one is accepted.
+  ///
+  /// @param index  positions of the keyframes in the query's frame.
+  /// @returns what was tried, refusals and at most one accepted closure, each with its verdict.
+  template <Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                                KeyframeId query, const E& executor = {}) {
     std::vector<LoopClosure> tried;
-    if (keyframes.empty() || !due(keyframes)) return tried;
-    const KeyframeId query = keyframes.back().id;
+    const SE3d& here = keyframes[static_cast<std::size_t>(query.value)].T_map_body;
     for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
-      tried.push_back(align(keyframes, candidate, query, executor));
+      const SE3d guess = keyframes[static_cast<std::size_t>(candidate.value)].T_map_body.inverse() * here;
+      tried.push_back(align(keyframes, candidate, query, guess, executor));
       if (tried.back().verdict == ClosureVerdict::accepted) break;
     }
     return tried;
   }
 
-  /// Aligns keyframe `to`'s scan to the submap around `from`, starting from the graph's estimate, and judges the
-  /// result.
+  /// Whether two keyframes may be closed at all.
+  [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
+    return candidates_.eligible(candidate, query);
+  }
+
+  /// Aligns keyframe `to`'s scan to the submap around `from` and judges the result.
+  /// @param guess  T_from_to to start from, from which the gate measures the correction.
   template <Executor E = Serial>
   [[nodiscard]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
-                                  const E& executor = {}) {
+                                  const SE3d& guess, const E& executor = {}) {
     const Keyframe& i = keyframes[static_cast<std::size_t>(to.value)];
-    const Keyframe& j = keyframes[static_cast<std::size_t>(from.value)];
-    const SE3d guess = j.T_map_body.inverse() * i.T_map_body;
     LoopClosure closure{.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::too_few_inliers};
     if (!i.cloud) return closure;
     const auto submap = submaps_.get(keyframes, from, executor);
@@ -106,7 +119,8 @@ class LoopCloser {
     closure.verdict = options_.gate.judge(result, guess);
     closure.mean_squared_error = result.mean_squared_error;
     closure.inlier_ratio = result.inlier_ratio;
-    if (closure.verdict == ClosureVerdict::accepted) closure.covariance = covariance_(result);
+    if (closure.verdict == ClosureVerdict::accepted)
+      closure.sqrt_information = NoiseModel<6>::from_covariance(covariance_(result)).sqrt_information();
     return closure;
   }
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <concepts>
 #include <span>
 #include <vector>
 
@@ -17,15 +18,26 @@ namespace chainslam {
 /// the tree when it has grown to the tree's square root.
 class PositionIndex {
  public:
-  /// Takes all positions anew: after the graph has moved them.
-  void rebuild(std::span<const Keyframe> keyframes) {
+  /// Takes all positions anew: after the graph has moved them, or after frames were joined.
+  /// @param chosen  which keyframes to hold: those whose T_map_body are in one frame.
+  template <std::predicate<const Keyframe&> Chosen>
+  void rebuild(std::span<const Keyframe> keyframes, Chosen&& chosen) {
+    ids_.clear();
     positions_.clear();
-    for (const Keyframe& keyframe : keyframes) positions_.push_back(keyframe.T_map_body.translation());
+    for (const Keyframe& keyframe : keyframes) {
+      if (!chosen(keyframe)) continue;
+      ids_.push_back(keyframe.id);
+      positions_.push_back(keyframe.T_map_body.translation());
+    }
     fold();
   }
+  void rebuild(std::span<const Keyframe> keyframes) {
+    rebuild(keyframes, [](const Keyframe&) { return true; });
+  }
 
-  /// Adds the next keyframe; ids must come in order.
-  void append(const Eigen::Vector3d& position) {
+  /// Adds the next keyframe; ids must ascend.
+  void append(KeyframeId id, const Eigen::Vector3d& position) {
+    ids_.push_back(id);
     positions_.push_back(position);
     const std::size_t listed = positions_.size() - in_tree_;
     if (listed > 64 && listed * listed > positions_.size()) fold();
@@ -42,9 +54,9 @@ class PositionIndex {
     std::vector<Neighbor<double>> neighbors;
     tree_.within(center, radius, neighbors);
     std::vector<Found> found;
-    for (const auto& neighbor : neighbors) found.push_back({KeyframeId{neighbor.index}, 0});
-    for (std::size_t i = in_tree_; i < positions_.size(); ++i) found.push_back({KeyframeId{to_index(i)}, 0});
-    for (Found& one : found) one.distance = (positions_[static_cast<std::size_t>(one.id.value)] - center).norm();
+    const auto add = [&](std::size_t i) { found.push_back({ids_[i], (positions_[i] - center).norm()}); };
+    for (const auto& neighbor : neighbors) add(static_cast<std::size_t>(neighbor.index));
+    for (std::size_t i = in_tree_; i < positions_.size(); ++i) add(i);
     std::erase_if(found, [&](const Found& one) { return !(one.distance <= radius); });
     std::ranges::sort(found, [](const Found& a, const Found& b) {
       return a.distance != b.distance ? a.distance < b.distance : a.id < b.id;
@@ -60,6 +72,7 @@ class PositionIndex {
     in_tree_ = positions_.size();
   }
 
+  std::vector<KeyframeId> ids_;  // ascending
   std::vector<Eigen::Vector3d> positions_;
   KdTree<double> tree_;
   std::size_t in_tree_ = 0;

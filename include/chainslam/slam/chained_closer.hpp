@@ -1,0 +1,172 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <concepts>
+#include <span>
+#include <vector>
+
+#include "chainslam/core/executor.hpp"
+#include "chainslam/graph/adjacency_graph.hpp"
+#include "chainslam/graph/breadth_first_search.hpp"
+#include "chainslam/map/keyframe.hpp"
+#include "chainslam/map/loop_closure.hpp"
+
+namespace chainslam {
+
+/// Keyframes and the accepted closures between them; an edge knows its position among the map's closures.
+using ClosureGraph = AdjacencyGraph<Index>;
+
+/// Aligns one keyframe's scan to another's submap, and knows which pairs may be closed: what chaining and merging take
+/// from the loop closer.
+template <class C>
+concept ClosureAligner = requires(C& closer, std::span<const Keyframe> keyframes, const Keyframe& keyframe,
+                                  const SE3d& guess) {
+  { closer.align(keyframes, keyframe.id, keyframe.id, guess, Serial{}) } -> std::same_as<LoopClosure>;
+  { closer.eligible(keyframe, keyframe) } -> std::same_as<bool>;
+};
+
+struct ChainOptions {
+  bool enabled = true;
+  /// Whether the search walks through keyframes of the current session too (the paper's Algorithm 1).
+  bool through_current_session = true;
+  /// Where an alignment starts: the direct closure carried over to k by the map, or what the graph thinks of i (the
+  /// paper). The drift of the current session is gone from the first.
+  bool guess_through_chain = true;
+  double max_distance = 20.0;    ///< metres between i and k, as guessed: beyond, they share no view; 0: any (the paper)
+  Index min_separation = 10;     ///< keyframes between two partners of one session, whose submaps are largely the same
+  Index max_alignments = 10;     ///< for one direct closure; 0: all (the paper)
+  double max_translation = 2.0;  ///< metres from the guess, beyond which a closure contradicts the chain; 0: any
+  double max_rotation = 0.1;     ///< radians
+  /// How much of the information of closures that share a scan is the same: 0 none (the paper), 1 all.
+  double correlation = 0.5;
+};
+
+/// Chained loop closure (Algorithm 1 of the paper): whoever is connected with the partner of a direct closure by
+/// closures of any session is tried with the same scan.
+class ChainedCloser {
+ public:
+  explicit ChainedCloser(const ChainOptions& options = {}) : options_(options) {}
+
+  /// The loaded keyframes that closures connect with j, without j, in the order of the search: N(j) of the paper.
+  /// @param loaded  keyframes before this one are of earlier sessions (N_L).
+  [[nodiscard]] std::vector<KeyframeId> connected(const ClosureGraph& graph, KeyframeId j, Index loaded) {
+    std::vector<KeyframeId> found;
+    breadth_first_search(graph, j.value, Collect{found, j.value, loaded, options_.through_current_session}, {},
+                         workspace_);
+    return found;
+  }
+
+  /// Tries keyframes connected with the partner of `direct` against the same scan.
+  ///
+  /// @param graph   all accepted closures so far.
+  /// @param direct  accepted, from a keyframe j to the current keyframe i; its information is shared out over the
+  /// group.
+  /// @param loaded  N_L; nothing is tried if j is not among these.
+  /// @returns what was tried, each with its verdict.
+  template <ClosureAligner Closer, Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
+                                               LoopClosure& direct, Index loaded, Closer& closer,
+                                               const E& executor = {}) {
+    std::vector<LoopClosure> tried;
+    if (!options_.enabled || direct.from.value >= loaded) return tried;
+    for (const Candidate& candidate : candidates(keyframes, graph, direct, loaded, closer)) {
+      if (options_.max_alignments > 0 && to_index(tried.size()) >= options_.max_alignments) break;
+      LoopClosure closure = closer.align(keyframes, candidate.id, direct.to, candidate.guess, executor);
+      closure.kind = ClosureKind::chained;
+      if (closure.verdict == ClosureVerdict::accepted && contradicts(closure, candidate.guess))
+        closure.verdict = ClosureVerdict::inconsistent;
+      tried.push_back(closure);
+    }
+    share_information(direct, tried);
+    return tried;
+  }
+
+  [[nodiscard]] const ChainOptions& options() const { return options_; }
+
+ private:
+  /// Step 1 of Algorithm 1: walks everything reachable, keeps what is loaded.
+  struct Collect {
+    std::vector<KeyframeId>& found;
+    Index j, loaded;
+    bool through_current_session;
+
+    void discover(Index node) const {
+      if (node < loaded && node != j) found.push_back(KeyframeId{node});
+    }
+    [[nodiscard]] BfsAction examine(Index node) const {
+      return through_current_session || node < loaded ? BfsAction::expand : BfsAction::skip;
+    }
+  };
+
+  struct Candidate {
+    KeyframeId id;
+    SE3d guess;  ///< T_k_i
+  };
+
+  template <class Closer>
+  [[nodiscard]] std::vector<Candidate> candidates(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
+                                                  const LoopClosure& direct, Index loaded, const Closer& closer) {
+    const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
+    const Keyframe& i = at(direct.to);
+    const SE3d T_map_i = options_.guess_through_chain ? at(direct.from).T_map_body * direct.T_from_to : i.T_map_body;
+    std::vector<Candidate> all;
+    for (const KeyframeId k : connected(graph, direct.from, loaded)) {
+      if (!closer.eligible(at(k), i) || graph.connected(k.value, i.id.value)) continue;
+      const SE3d guess = at(k).T_map_body.inverse() * T_map_i;
+      if (options_.max_distance > 0 && !(guess.translation().norm() <= options_.max_distance)) continue;
+      all.push_back({k, guess});
+    }
+    std::ranges::stable_sort(all, {}, [](const Candidate& one) { return one.guess.translation().norm(); });
+    return options_.min_separation > 0 ? spread_out(keyframes, direct.from, all) : all;
+  }
+
+  /// Leaves out those whose submap is largely that of one before.
+  [[nodiscard]] std::vector<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
+                                                  const std::vector<Candidate>& candidates) const {
+    std::vector<KeyframeId> partners{j};
+    std::vector<Candidate> kept;
+    for (const Candidate& candidate : candidates) {
+      const bool known = std::ranges::any_of(partners, [&](KeyframeId other) {
+        return std::abs(candidate.id.value - other.value) < options_.min_separation &&
+               keyframes[static_cast<std::size_t>(other.value)].session ==
+                   keyframes[static_cast<std::size_t>(candidate.id.value)].session;
+      });
+      if (known) continue;
+      partners.push_back(candidate.id);
+      kept.push_back(candidate);
+    }
+    return kept;
+  }
+
+  [[nodiscard]] bool contradicts(const LoopClosure& closure, const SE3d& guess) const {
+    if (options_.max_translation <= 0) return false;
+    const SE3d correction = guess.inverse() * closure.T_from_to;
+    return !(correction.translation().norm() <= options_.max_translation &&
+             correction.rotation().log().norm() <= options_.max_rotation);
+  }
+
+  /// m measurements of variance s^2, any two correlated by r, know as much as m / (1 + (m - 1) r) independent ones.
+  void share_information(LoopClosure& direct, std::vector<LoopClosure>& tried) const {
+    const auto accepted = [](const LoopClosure& closure) { return closure.verdict == ClosureVerdict::accepted; };
+    const auto others = static_cast<double>(std::ranges::count_if(tried, accepted));
+    const double scale = 1 / std::sqrt(1 + others * options_.correlation);
+    direct.sqrt_information *= scale;
+    for (LoopClosure& closure : tried) closure.sqrt_information *= scale;
+  }
+
+  ChainOptions options_;
+  BfsWorkspace workspace_;
+};
+
+/// Tries nothing: direct closures only.
+struct NoChaining {
+  template <class Closer, Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> /*keyframes*/, const ClosureGraph& /*graph*/,
+                                               LoopClosure& /*direct*/, Index /*loaded*/, Closer& /*closer*/,
+                                               const E& /*executor*/ = {}) const {
+    return {};
+  }
+};
+
+}  // namespace chainslam

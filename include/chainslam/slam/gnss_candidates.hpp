@@ -1,0 +1,119 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <concepts>
+#include <limits>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/map/slam_map.hpp"
+#include "chainslam/search/kd_tree.hpp"
+
+namespace chainslam {
+
+/// Proposes keyframes of other frames that may have seen the same place as a keyframe of a session not yet joined with
+/// them: place recognition.
+///
+/// `find(map, query)` gives ids of keyframes of earlier sessions whose frame is not the query's, the most promising
+/// first; the same input gives the same answer.
+template <class C>
+concept MergeCandidates = requires(C& candidates, const SlamMap& map, KeyframeId query) {
+  { candidates.find(map, query) } -> std::same_as<std::vector<KeyframeId>>;
+};
+
+struct GnssCandidateOptions {
+  double radius = 10.0;       ///< metres between two fixes, along the ground (the paper)
+  double max_height = 50.0;   ///< metres between two fixes in height, which GNSS knows worst
+  double max_sigma = 20.0;    ///< metres: fixes that state more are not used
+  Index min_separation = 10;  ///< keyframes between two proposals of one session
+  Index max_count = 2;        ///< proposals
+};
+
+/// Keyframes that GNSS puts near the query: its own and the receiver's word for it, whatever the frames (section 6 of
+/// the paper). All is done in Earth-centred coordinates, so sessions need no common origin.
+class GnssCandidates {
+ public:
+  explicit GnssCandidates(const GnssCandidateOptions& options = {}) : options_(options) {}
+
+  [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
+    const Keyframe& here = keyframe(map, query);
+    std::vector<KeyframeId> proposals;
+    if (!usable(here)) return proposals;
+    index_earlier_sessions(map, here.session);
+    for (const Found& found : near(map, here)) {
+      if (to_index(proposals.size()) >= options_.max_count) break;
+      const bool known = std::ranges::any_of(proposals, [&](KeyframeId other) {
+        return std::abs(found.id.value - other.value) < options_.min_separation &&
+               keyframe(map, found.id).session == keyframe(map, other).session;
+      });
+      if (!known) proposals.push_back(found.id);
+    }
+    return proposals;
+  }
+
+ private:
+  struct Found {
+    KeyframeId id;
+    double distance = 0;  ///< metres, along the ground
+  };
+
+  [[nodiscard]] static const Keyframe& keyframe(const SlamMap& map, KeyframeId id) {
+    return map.keyframes[static_cast<std::size_t>(id.value)];
+  }
+  [[nodiscard]] static SessionId frame(const SlamMap& map, const Keyframe& keyframe) {
+    return map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame;
+  }
+
+  [[nodiscard]] bool usable(const Keyframe& keyframe) const {
+    if (!keyframe.gnss || keyframe.gnss->quality == GnssQuality::none) return false;
+    const double variance = keyframe.gnss->covariance_ecef.diagonal().maxCoeff();
+    return keyframe.gnss->position_ecef.allFinite() && variance <= options_.max_sigma * options_.max_sigma;
+  }
+
+  /// Earlier sessions get no new keyframes, so their fixes are put into a tree once for each session that asks.
+  void index_earlier_sessions(const SlamMap& map, SessionId session) {
+    if (indexed_for_ == session) return;
+    indexed_for_ = session;
+    ids_.clear();
+    std::vector<Eigen::Vector3d> positions;
+    for (const Keyframe& one : map.keyframes) {
+      if (!(one.session < session) || !usable(one)) continue;
+      ids_.push_back(one.id);
+      positions.push_back(one.gnss->position_ecef);
+    }
+    tree_ = KdTree<double>(positions);
+  }
+
+  /// Fixes of other frames within the radius along the ground, the nearest first.
+  [[nodiscard]] std::vector<Found> near(const SlamMap& map, const Keyframe& here) const {
+    const Eigen::Vector3d& center = here.gnss->position_ecef;
+    const Eigen::Vector3d up = center.normalized();  // off the vertical by less than 0.2 degrees
+    std::vector<Neighbor<double>> neighbors;
+    tree_.within(center, std::hypot(options_.radius, options_.max_height), neighbors);
+    std::vector<Found> found;
+    for (const Neighbor<double>& neighbor : neighbors) {
+      const KeyframeId id = ids_[static_cast<std::size_t>(neighbor.index)];
+      const Keyframe& there = keyframe(map, id);
+      if (frame(map, there) == frame(map, here)) continue;
+      const Eigen::Vector3d way = there.gnss->position_ecef - center;
+      const double height = way.dot(up);
+      const double distance = (way - height * up).norm();
+      if (distance <= options_.radius && std::abs(height) <= options_.max_height) found.push_back({id, distance});
+    }
+    std::ranges::sort(found, [](const Found& a, const Found& b) {
+      return a.distance != b.distance ? a.distance < b.distance : a.id < b.id;
+    });
+    return found;
+  }
+
+  GnssCandidateOptions options_;
+  SessionId indexed_for_;
+  std::vector<KeyframeId> ids_;
+  KdTree<double> tree_;
+};
+static_assert(MergeCandidates<GnssCandidates>);
+
+}  // namespace chainslam

@@ -1,0 +1,204 @@
+#pragma once
+
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "chainslam/core/executor.hpp"
+#include "chainslam/map/slam_map.hpp"
+#include "chainslam/map/submap.hpp"
+#include "chainslam/registration/feature_registration.hpp"
+#include "chainslam/slam/chained_closer.hpp"
+#include "chainslam/slam/gnss_candidates.hpp"
+
+namespace chainslam {
+
+struct MergeOptions {
+  bool enabled = true;
+  double min_travel = 4.0;  ///< metres along the path between two attempts
+  Index submap_radius =
+      20;  ///< keyframes: up to 2n+1 of the earlier session, n+1 of the current one, which has no future
+  double voxel_size = 1.0;     ///< metres, of both submaps
+  double min_fitness = 0.15;   ///< inliers over target points (tau_R)
+  double min_putative = 0.0;   ///< inliers over matched features (what the released code bounds, by 0.5)
+  double min_translation = 0;  ///< metres and
+  double min_rotation = 0;  ///< radians: frames that lie nearer together than both are not joined (released: 1, 0.035)
+  bool refine = true;       ///< scan-to-submap alignment must accept the place too, and gives the closure's measurement
+  Index confirmations = 2;  ///< places that have to agree before the frames are joined (the paper: 1)
+  double apart = 10.0;      ///< metres along the path between two such places
+  double agree_translation = 2.0;  ///< metres that two places may differ by,
+  double agree_per_metre = 0.02;   ///< and metres for each metre of the path between them
+  double agree_rotation = 0.1;     ///< radians
+};
+
+/// Joins the current session's frame with those of earlier ones: place recognition, registration of submap to submap
+/// without a guess, and a check (section 6 of the paper).
+///
+/// A place that passes is a hypothesis, until as many others as asked for agree with it.
+/// @tparam Candidates    which keyframes to try.
+/// @tparam Registration  aligns submaps from nothing.
+template <class Candidates = GnssCandidates, class Registration = FeatureRegistration<>>
+class MapMerger {
+  static_assert(MergeCandidates<Candidates>,
+                "MapMerger: Candidates needs `std::vector<KeyframeId> find(map, query)`, as in GnssCandidates");
+  static_assert(GlobalRegistration<Registration, PointCloud<float>, PointCloud<float>>,
+                "MapMerger: Registration needs `GlobalAlignResult align(source, target, executor) const`, as in "
+                "FeatureRegistration");
+
+ public:
+  explicit MapMerger(const MergeOptions& options = {}, Candidates candidates = {}, Registration registration = {})
+      : options_(options), candidates_(std::move(candidates)), registration_(std::move(registration)) {}
+
+  /// Tries to find `query`, of the current session, in earlier sessions of other frames.
+  ///
+  /// @param closer  refines, and so confirms, what registration found.
+  /// @returns what was tried. Accepted closures, of kind merge, agree with each other and join two frames: the newest
+  /// comes last. Those that wait for others to agree with them are not among them: see `withdraw`.
+  template <ClosureAligner Closer, Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> attempt(const SlamMap& map, KeyframeId query, Closer& closer,
+                                                 const E& executor = {}) {
+    std::vector<LoopClosure> tried;
+    if (!options_.enabled) return tried;
+    const double travelled = travelled_to(map, query);
+    if (travelled - last_attempt_ < options_.min_travel) return tried;
+    for (const KeyframeId candidate : candidates_.find(map, query)) {
+      last_attempt_ = travelled;
+      LoopClosure closure = register_submaps(map, candidate, query, closer, executor);
+      if (closure.verdict != ClosureVerdict::accepted) {
+        tried.push_back(closure);
+        continue;
+      }
+      hypotheses_.push_back({closure, travelled});
+      if (confirm(map, tried)) break;
+    }
+    return tried;
+  }
+
+  /// Gives up what waits for confirmation: at the session's end. @returns it as refusals.
+  [[nodiscard]] std::vector<LoopClosure> withdraw() {
+    std::vector<LoopClosure> refused;
+    for (Hypothesis& hypothesis : hypotheses_) {
+      hypothesis.closure.verdict = ClosureVerdict::unconfirmed;
+      refused.push_back(hypothesis.closure);
+    }
+    hypotheses_.clear();
+    path_ = {};
+    last_attempt_ = -std::numeric_limits<double>::infinity();
+    return refused;
+  }
+
+  [[nodiscard]] const MergeOptions& options() const { return options_; }
+
+ private:
+  struct Hypothesis {
+    LoopClosure closure;
+    double travelled = 0;  ///< metres from the session's start to `closure.to`
+  };
+  /// Length of the session's path up to a keyframe.
+  struct Path {
+    KeyframeId to;
+    double length = 0;
+  };
+
+  [[nodiscard]] static const Keyframe& keyframe(const SlamMap& map, KeyframeId id) {
+    return map.keyframes[static_cast<std::size_t>(id.value)];
+  }
+  [[nodiscard]] static SessionId frame(const SlamMap& map, KeyframeId id) {
+    return map.sessions[static_cast<std::size_t>(keyframe(map, id).session.value)].frame;
+  }
+
+  /// Queries come in order.
+  [[nodiscard]] double travelled_to(const SlamMap& map, KeyframeId query) {
+    if (!path_.to.valid() || keyframe(map, path_.to).session != keyframe(map, query).session) path_ = {query, 0};
+    for (; path_.to < query; ++path_.to.value)
+      path_.length +=
+          (keyframe(map, path_.to).T_odom_body.inverse() * keyframe(map, KeyframeId{path_.to.value + 1}).T_odom_body)
+              .translation()
+              .norm();
+    return path_.length;
+  }
+
+  template <class Closer, Executor E>
+  [[nodiscard]] LoopClosure register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to, Closer& closer,
+                                             const E& executor) const {
+    SubmapRange current = submap_range(map.keyframes, to, options_.submap_radius);
+    current.end = to.value + 1;
+    const auto source = assemble_submap(map.keyframes, to, current, options_.voxel_size);
+    const auto target = assemble_submap(map.keyframes, from, submap_range(map.keyframes, from, options_.submap_radius),
+                                        options_.voxel_size);
+    const GlobalAlignResult result = registration_.align(source, target, executor);
+    LoopClosure closure{.from = from, .to = to, .T_from_to = result.T_target_source, .kind = ClosureKind::merge};
+    closure.verdict = judge(map, closure, result);
+    closure.inlier_ratio = result.fitness_target;
+    closure.mean_squared_error = result.inlier_rmse * result.inlier_rmse;
+    if (closure.verdict != ClosureVerdict::accepted || !options_.refine) return closure;
+    LoopClosure refined = closer.align(map.keyframes, from, to, closure.T_from_to, executor);
+    refined.kind = ClosureKind::merge;
+    refined.inlier_ratio = result.fitness_target;
+    return refined;
+  }
+
+  [[nodiscard]] ClosureVerdict judge(const SlamMap& map, const LoopClosure& closure,
+                                     const GlobalAlignResult& result) const {
+    if (!result.found()) return ClosureVerdict::not_converged;
+    if (!(result.fitness_target >= options_.min_fitness && result.putative_ratio >= options_.min_putative))
+      return ClosureVerdict::low_fitness;
+    const SE3d T = T_frame_joined(map, closure);
+    const bool same_frame =
+        T.translation().norm() < options_.min_translation && T.rotation().log().norm() < options_.min_rotation;
+    return same_frame ? ClosureVerdict::implausible : ClosureVerdict::accepted;
+  }
+
+  /// Moves hypotheses that agree with the newest to `tried` if they are enough, and forgets the others.
+  [[nodiscard]] bool confirm(const SlamMap& map, std::vector<LoopClosure>& tried) {
+    const Hypothesis newest = hypotheses_.back();
+    std::vector<const Hypothesis*> agreeing;
+    double last = -std::numeric_limits<double>::infinity();
+    for (const Hypothesis& other : hypotheses_) {
+      if (&other != &hypotheses_.back() &&
+          (other.travelled - last < options_.apart || newest.travelled - other.travelled < options_.apart ||
+           !agree(map, other, newest)))
+        continue;
+      agreeing.push_back(&other);
+      last = other.travelled;
+    }
+    if (to_index(agreeing.size()) < options_.confirmations) return false;
+    for (const Hypothesis* one : agreeing) tried.push_back(one->closure);
+    hypotheses_.clear();
+    return true;
+  }
+
+  /// Whether two places put the newer of them at the same pose, as far as the paths between them can be trusted.
+  [[nodiscard]] bool agree(const SlamMap& map, const Hypothesis& a, const Hypothesis& b) const {
+    if (frame(map, a.closure.from) != frame(map, b.closure.from)) return false;
+    const SE3d& here = keyframe(map, b.closure.to).T_map_body;
+    const SE3d difference = (T_frame_joined(map, a.closure) * here).inverse() * (T_frame_joined(map, b.closure) * here);
+    const double path = b.travelled - a.travelled;
+    return difference.translation().norm() <= options_.agree_translation + options_.agree_per_metre * path &&
+           difference.rotation().log().norm() <= options_.agree_rotation;
+  }
+
+  /// Carries the current session's frame over into the other one's: x_j T_j_i x_i^-1.
+  [[nodiscard]] static SE3d T_frame_joined(const SlamMap& map, const LoopClosure& closure) {
+    return keyframe(map, closure.from).T_map_body * closure.T_from_to * keyframe(map, closure.to).T_map_body.inverse();
+  }
+
+  MergeOptions options_;
+  Candidates candidates_;
+  [[no_unique_address]] Registration registration_;
+  std::vector<Hypothesis> hypotheses_;
+  Path path_;
+  double last_attempt_ = -std::numeric_limits<double>::infinity();
+};
+
+/// Joins no frames: every session stays by itself.
+struct NoMerging {
+  template <class Closer, Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> attempt(const SlamMap& /*map*/, KeyframeId /*query*/, Closer& /*closer*/,
+                                                 const E& /*executor*/ = {}) const {
+    return {};
+  }
+  [[nodiscard]] std::vector<LoopClosure> withdraw() const { return {}; }
+};
+
+}  // namespace chainslam

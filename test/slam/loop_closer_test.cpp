@@ -1,0 +1,167 @@
+#include "chainslam/slam/loop_closer.hpp"
+
+#include <doctest/doctest.h>
+
+#include <Eigen/LU>
+#include <limits>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "slam/street.hpp"
+
+namespace chainslam {
+namespace {
+
+using test::rotation_error;
+using test::Street;
+using test::translation_error;
+using test::way_round;
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double degree = 0.017453292519943295;
+
+const LoopCloserOptions small_submaps{.submap = {.radius = 6}};
+
+SE3d shift(double x, double y, double z) { return SE3d(SO3d(), {x, y, z}); }
+
+/// The first corner of the block, seen once along the way and, a minute later, from beside it: the true pose of that
+/// last scan differs from every other one in all six directions, and the graph has it wrong by 0.5 m and 2 degrees.
+struct Corner {
+  Street street;
+  std::vector<Keyframe> keyframes;
+  SE3d truth;  ///< of the last keyframe
+
+  Corner() {
+    std::vector<SE3d> poses = way_round();
+    poses.resize(16);
+    truth = poses[8] * SE3d(SO3d::exp({0.02, -0.03, 0.5}), {1.2, -0.8, 0.1});
+    poses.push_back(truth);
+    keyframes = test::keyframes_at(poses);
+    for (std::size_t i = 0; i < keyframes.size(); ++i) keyframes[i].cloud = street.scan(poses[i], Rng(100 + i));
+    Vector6d error;
+    error << Eigen::Vector3d(0.3, -0.4, 0), 2 * degree * Eigen::Vector3d(0.1, 0.1, 0.99);
+    keyframes.back().T_map_body = truth.retract(error);
+    keyframes.back().time = keyframes.back().time + seconds(60);
+  }
+
+  [[nodiscard]] KeyframeId query() const { return keyframes.back().id; }
+
+  /// What the graph believes: the pose of the query seen from keyframe 8.
+  [[nodiscard]] SE3d guess() const { return keyframes[8].T_map_body.inverse() * keyframes.back().T_map_body; }
+
+  [[nodiscard]] LoopClosure align(const ClosureGate& gate) const {
+    LoopCloser<> closer({.gate = gate, .submap = small_submaps.submap});
+    return closer.align(keyframes, KeyframeId{8}, query(), guess());
+  }
+};
+
+/// Proposes nothing, and remembers for which keyframes it was asked.
+struct AskedCandidates {
+  std::shared_ptr<std::vector<Index>> asked = std::make_shared<std::vector<Index>>();
+
+  [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe>, const PositionIndex&, KeyframeId query) const {
+    asked->push_back(query.value);
+    return {};
+  }
+  [[nodiscard]] bool eligible(const Keyframe&, const Keyframe&) const { return true; }
+};
+
+/// For which of `keyframes`, added one by one, candidates are looked for.
+std::vector<Index> searches(const std::vector<Keyframe>& keyframes, double min_travel) {
+  const AskedCandidates candidates;
+  LoopCloser<AskedCandidates> closer({.min_travel = min_travel}, candidates);
+  const PositionIndex index;
+  for (std::size_t i = 1; i <= keyframes.size(); ++i) CHECK(closer.close(std::span(keyframes).first(i), index).empty());
+  return *candidates.asked;
+}
+
+}  // namespace
+
+TEST_SUITE("slam/loop_closer") {
+  TEST_CASE("aligning scan i to the submap of j measures T_j_i, the pose of i seen from j") {
+    const Corner corner;
+    LoopCloser<> closer(small_submaps);
+    PositionIndex index;
+    index.rebuild(corner.keyframes);
+    const std::vector<LoopClosure> tried = closer.close(corner.keyframes, index);
+    REQUIRE(tried.size() == 1);
+    const LoopClosure& closure = tried.front();
+    CHECK(closure.verdict == ClosureVerdict::accepted);
+    CHECK(closure.to == corner.query());
+    const SE3d T_j_i =
+        corner.keyframes[static_cast<std::size_t>(closure.from.value)].T_map_body.inverse() * corner.truth;
+    // Points lie a metre apart, with a centimetre of noise; the graph was off by 0.5 m and 2 degrees.
+    CHECK(translation_error(T_j_i, closure.T_from_to) < 0.05);
+    CHECK(rotation_error(T_j_i, closure.T_from_to) < 0.2 * degree);
+    CHECK(translation_error(T_j_i.inverse(), closure.T_from_to) > 1);
+    CHECK(closure.inlier_ratio > 0.9);
+    const Matrix6d covariance = (closure.sqrt_information.transpose() * closure.sqrt_information).inverse();
+    CHECK(covariance.diagonal().head<3>().maxCoeff() < 0.1 * 0.1);
+    CHECK(covariance.diagonal().minCoeff() > 0);
+  }
+
+  TEST_CASE("a scan of another place has too few partners, and the closer goes on to the next candidate") {
+    Corner corner;
+    auto elsewhere = std::make_shared<PointCloud<float>>(*corner.keyframes.back().cloud);
+    for (Eigen::Vector3f& p : elsewhere->positions) p.z() += 40;
+    corner.keyframes.back().cloud = elsewhere;
+    LoopCloser<> closer(small_submaps, {.min_separation = 4, .max_count = 2});
+    PositionIndex index;
+    index.rebuild(corner.keyframes);
+    const std::vector<LoopClosure> tried = closer.close(corner.keyframes, index);
+    REQUIRE(tried.size() == 2);
+    for (const LoopClosure& closure : tried) CHECK(closure.verdict == ClosureVerdict::too_few_inliers);
+    CHECK(tried[0].from != tried[1].from);
+  }
+
+  TEST_CASE("a fit that is not good enough, and one too far from the graph, are refused by name") {
+    const Corner corner;
+    CHECK(corner.align({}).verdict == ClosureVerdict::accepted);
+    CHECK(corner.align({.max_residual = 0.005}).verdict == ClosureVerdict::high_residual);
+    CHECK(corner.align({.max_mean_squared_error = 0.001}).verdict == ClosureVerdict::high_residual);
+    CHECK(corner.align({.max_translation = 0.3}).verdict == ClosureVerdict::implausible);
+    CHECK(corner.align({.max_rotation = 1 * degree}).verdict == ClosureVerdict::implausible);
+    CHECK(corner.align({.min_inlier_ratio = 1.01}).verdict == ClosureVerdict::too_few_inliers);
+  }
+
+  TEST_CASE("the gate tells what the registration reported, and takes nothing that is not a number") {
+    const ClosureGate gate;
+    AlignResult good;
+    good.status = AlignStatus::converged;
+    good.inlier_ratio = 0.9;
+    good.mean_squared_error = 0.1;
+    good.mean_squared_residual = 0.01;
+    const auto verdict = [&](auto&& change) {
+      AlignResult result = good;
+      change(result);
+      return gate.judge(result, SE3d());
+    };
+    CHECK(verdict([](AlignResult&) {}) == ClosureVerdict::accepted);
+    CHECK(verdict([](AlignResult& r) { r.status = AlignStatus::degenerate; }) == ClosureVerdict::accepted);
+    CHECK(verdict([](AlignResult& r) { r.status = AlignStatus::iteration_limit; }) == ClosureVerdict::not_converged);
+    CHECK(verdict([](AlignResult& r) { r.status = AlignStatus::no_overlap; }) == ClosureVerdict::too_few_inliers);
+    CHECK(verdict([](AlignResult& r) { r.status = AlignStatus::too_few_points; }) == ClosureVerdict::too_few_inliers);
+    CHECK(verdict([](AlignResult& r) { r.inlier_ratio = nan; }) == ClosureVerdict::too_few_inliers);
+    CHECK(verdict([](AlignResult& r) { r.mean_squared_error = nan; }) == ClosureVerdict::high_residual);
+    CHECK(verdict([](AlignResult& r) { r.mean_squared_residual = nan; }) == ClosureVerdict::high_residual);
+    CHECK(verdict([](AlignResult& r) { r.T_target_source = shift(nan, 0, 0); }) == ClosureVerdict::implausible);
+  }
+
+  TEST_CASE("candidates are looked for once in the least travel, counted along the path") {
+    std::vector<SE3d> poses;
+    for (int i = 0; i < 10; ++i) poses.push_back(shift(i % 2, 0, 0));  // to and fro: a metre of path each
+    const std::vector<Keyframe> keyframes = test::keyframes_at(poses);
+    CHECK(searches(keyframes, 4) == std::vector<Index>{0, 4, 8});
+    CHECK(searches(keyframes, 0) == std::vector<Index>{0, 1, 2, 3, 4, 5, 6, 7, 8, 9});
+  }
+
+  TEST_CASE("the leap from one session to the next is no travel") {
+    std::vector<Keyframe> keyframes = test::keyframes_at({shift(0, 0, 0), shift(1, 0, 0), shift(99, 0, 0)});
+    CHECK(searches(keyframes, 4) == std::vector<Index>{0, 2});
+    keyframes[2].session = SessionId{1};
+    CHECK(searches(keyframes, 4) == std::vector<Index>{0});
+  }
+}
+
+}  // namespace chainslam

@@ -1,0 +1,229 @@
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "chainslam/core/random.hpp"
+#include "chainslam/evaluation/ape.hpp"
+#include "chainslam/evaluation/inter_session.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/line_fields.hpp"
+#include "chainslam/io/tum.hpp"
+#include "chainslam/lie/umeyama.hpp"
+#include "chainslam/slam/back_end.hpp"
+#include "support/real_data.hpp"
+
+// Three real drives over one campus, 15 km, months apart: real odometry and truth. Scans are not at hand, so closures
+// are what a registration with known noise would have measured: what is tested is the graph, chaining and merging.
+
+namespace chainslam {
+namespace {
+
+/// One drive at the keyframes' places.
+struct Drive {
+  std::vector<Timestamp> times;
+  std::vector<SE3d> odometry;
+  std::vector<SE3d> truth;  ///< all drives in one frame, of the odometry's body
+};
+
+std::vector<SE3d> read_truth(const std::filesystem::path& path) {
+  std::vector<SE3d> poses;
+  InputFile file(path);
+  while (const auto line = file.read_line()) {
+    if (line->starts_with('#')) continue;
+    LineFields fields(file, *line, ',');
+    fields.text("utime");
+    Vector6d v;
+    for (double& value : v) value = fields.number("pose");
+    const SO3d rotation = SO3d::exp({0, 0, v[5]}) * SO3d::exp({0, v[4], 0}) * SO3d::exp({v[3], 0, 0});
+    poses.push_back(SE3d(rotation, v.head<3>()));
+  }
+  return poses;
+}
+
+/// The rotation between the bodies of odometry and truth, from what both say of the way covered in ten seconds.
+SO3d mounting(const std::vector<SE3d>& odometry, const std::vector<SE3d>& truth) {
+  constexpr std::size_t steps = 25;
+  std::vector<Eigen::Vector3d> from, to;
+  for (std::size_t i = 0; i + steps < odometry.size(); i += 7) {
+    from.push_back((odometry[i].inverse() * odometry[i + steps]).translation());
+    to.push_back((truth[i].inverse() * truth[i + steps]).translation());
+  }
+  return umeyama(from, to).rotation();
+}
+
+Drive read_drive(const std::filesystem::path& folder, double keyframe_distance) {
+  const Trajectory odometry = read_tum(folder / "odometry.tum");
+  std::vector<SE3d> truth = read_truth(folder / "groundtruth.csv");
+  REQUIRE(truth.size() == odometry.size());
+  const SE3d T_body_odom_body(mounting(odometry.poses, truth), Eigen::Vector3d::Zero());
+  Drive drive;
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    const SE3d& pose = odometry.poses[i];
+    if (i > 0 && (drive.odometry.back().inverse() * pose).translation().norm() < keyframe_distance) continue;
+    drive.times.push_back(odometry.times[i]);
+    drive.odometry.push_back(pose);
+    drive.truth.push_back(truth[i] * T_body_odom_body);
+  }
+  return drive;
+}
+
+std::vector<Drive> read_drives(const std::filesystem::path& folder) {
+  std::vector<Drive> drives;
+  for (const char* day : {"2012-01-08", "2012-04-29", "2012-08-04"}) drives.push_back(read_drive(folder / day, 6.0));
+  return drives;
+}
+
+/// Measures what a registration would: the true relative pose and noise, where scans of both places overlap.
+class SampledRegistration {
+ public:
+  SampledRegistration(std::vector<SE3d> truth, double reach, double min_travel)
+      : truth_(std::move(truth)), reach_(reach), min_travel_(min_travel) {}
+
+  template <Executor E = Serial>
+  std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index, const E& executor = {}) {
+    const Keyframe& newest = keyframes.back();
+    if (newest.id.value > 0)
+      travelled_ += (keyframes[keyframes.size() - 2].T_odom_body.inverse() * newest.T_odom_body).translation().norm();
+    if (travelled_ < min_travel_) return {};
+    travelled_ = 0;
+    return search(keyframes, index, newest.id, executor);
+  }
+
+  template <Executor E = Serial>
+  std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index, KeyframeId query,
+                                  const E& executor = {}) {
+    std::vector<LoopClosure> tried;
+    for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
+      tried.push_back(align(keyframes, candidate, query, SE3d(), executor));
+      if (tried.back().verdict == ClosureVerdict::accepted) break;
+    }
+    return tried;
+  }
+
+  bool eligible(const Keyframe& candidate, const Keyframe& query) const { return candidates_.eligible(candidate, query); }
+
+  template <Executor E = Serial>
+  LoopClosure align(std::span<const Keyframe>, KeyframeId from, KeyframeId to, const SE3d&, const E& = {}) {
+    const SE3d T = truth_[static_cast<std::size_t>(from.value)].inverse() * truth_[static_cast<std::size_t>(to.value)];
+    LoopClosure closure{.from = from, .to = to, .T_from_to = T, .verdict = ClosureVerdict::too_few_inliers};
+    if (T.translation().norm() > reach_) return closure;
+    Rng rng(static_cast<std::uint64_t>(from.value) * 1'000'003 + static_cast<std::uint64_t>(to.value));
+    Vector6d sigmas, noise;
+    sigmas << Eigen::Vector3d::Constant(0.1), Eigen::Vector3d::Constant(0.005);
+    for (Eigen::Index k = 0; k < 6; ++k) noise[k] = rng.normal(0, sigmas[k]);
+    closure.T_from_to = T.retract(noise);
+    closure.sqrt_information = NoiseModel<6>::from_sigmas(sigmas).sqrt_information();
+    closure.verdict = ClosureVerdict::accepted;
+    return closure;
+  }
+
+ private:
+  std::vector<SE3d> truth_;
+  double reach_, min_travel_;
+  double travelled_ = 1e9;
+  ProximityCandidates candidates_;
+};
+
+/// Recognises places by GNSS, as `MapMerger` does, and takes the sampled registration's word for them.
+class SampledMerger {
+ public:
+  template <class Closer, Executor E = Serial>
+  std::vector<LoopClosure> attempt(const SlamMap& map, KeyframeId query, Closer& closer, const E& executor = {}) {
+    std::vector<LoopClosure> tried;
+    for (const KeyframeId candidate : candidates_.find(map, query)) {
+      tried.push_back(closer.align(map.keyframes, candidate, query, SE3d(), executor));
+      tried.back().kind = ClosureKind::merge;
+      if (tried.back().verdict == ClosureVerdict::accepted) break;
+    }
+    return tried;
+  }
+  std::vector<LoopClosure> withdraw() { return {}; }
+
+ private:
+  GnssCandidates candidates_;
+};
+
+/// The receiver's word for a true place: a bias for each drive and a metre of noise.
+GnssFix fix_at(const SE3d& truth, const Eigen::Vector3d& bias, Rng& rng) {
+  constexpr double earth_radius = 6378137;
+  const Eigen::Vector3d noise(rng.normal(0, 1), rng.normal(0, 1), rng.normal(0, 2));
+  const Eigen::Vector3d p = truth.translation() + bias + noise;  // north, east, down
+  return {.position_ecef = {earth_radius - p.z(), p.y(), p.x()}, .quality = GnssQuality::three_dimensional};
+}
+
+template <class Chainer>
+std::shared_ptr<const SlamMap> mapped(const std::vector<Drive>& drives, Chainer chainer) {
+  std::vector<SE3d> truth;
+  for (const Drive& drive : drives) truth.insert(truth.end(), drive.truth.begin(), drive.truth.end());
+  BackEndOptions options;
+  options.recheck_travel = 16.0;
+  options.graph.odometry_noise = {
+      .translation = 0.05, .translation_per_metre = 0.02, .rotation = 0.005, .rotation_per_metre = 0.001};
+  BackEnd<SampledRegistration, Chainer, SampledMerger> back_end(options, SampledRegistration(truth, 12.0, 16.0), chainer,
+                                                                SampledMerger(), Cauchy{.width = 4.0});
+  Rng rng(1);
+  for (const Drive& drive : drives) {
+    const Eigen::Vector3d bias(rng.normal(0, 1), rng.normal(0, 1), rng.normal(0, 2));
+    back_end.begin_session("drive");
+    for (std::size_t i = 0; i < drive.times.size(); ++i)
+      back_end.add(Keyframe{.time = drive.times[i],
+                            .T_odom_body = drive.odometry[i],
+                            .gnss = fix_at(drive.truth[i], bias, rng)});
+  }
+  return back_end.finish();
+}
+
+std::vector<MatchedTrajectories> matched(const std::vector<Drive>& drives, const SlamMap& map) {
+  std::vector<MatchedTrajectories> sessions(drives.size());
+  for (std::size_t i = 0; i < drives.size(); ++i) sessions[i].reference.poses = drives[i].truth;
+  for (const Keyframe& keyframe : map.keyframes)
+    sessions[static_cast<std::size_t>(keyframe.session.value)].estimate.poses.push_back(keyframe.T_map_body);
+  return sessions;
+}
+
+struct Errors {
+  double ape = 0, between = 0;
+};
+
+Errors errors(const char* name, const std::vector<Drive>& drives, const SlamMap& map) {
+  const std::vector<MatchedTrajectories> sessions = matched(drives, map);
+  const Errors result{ape(sessions).translation.rmse, inter_session_errors(sessions).translation.rmse};
+  const auto chained = std::ranges::count(map.closures, ClosureKind::chained, &LoopClosure::kind);
+  std::printf("FIGURE nclt, %s: joint ATE %.3f m, between sessions %.3f m, %zu closures, %d of them chained\n", name,
+              result.ape, result.between, map.closures.size(), static_cast<int>(chained));
+  return result;
+}
+
+}  // namespace
+
+TEST_SUITE("slam/nclt_sessions") {
+  TEST_CASE("three NCLT drives become one map; closures beat odometry, and chaining does not hurt") {
+    const auto folder = test::real_data("trajectories/nclt");
+    if (!folder) return;
+    const std::vector<Drive> drives = read_drives(*folder);
+    double squares = 0, poses = 0;
+    for (const Drive& drive : drives) {
+      const double rmse = ape(Trajectory{.times = {}, .poses = drive.truth}, Trajectory{.times = {}, .poses = drive.odometry}).translation.rmse;
+      squares += rmse * rmse * static_cast<double>(drive.truth.size());
+      poses += static_cast<double>(drive.truth.size());
+    }
+    const double odometry = std::sqrt(squares / poses);
+    std::printf("FIGURE nclt, odometry, each drive aligned by itself: ATE %.3f m\n", odometry);
+    const auto unchained_map = mapped(drives, NoChaining());
+    const auto chained_map = mapped(drives, ChainedCloser());
+    for (const auto& map : {unchained_map, chained_map})
+      for (const Session& session : map->sessions) CHECK(session.frame == SessionId{0});
+    const Errors unchained = errors("unchained", drives, *unchained_map);
+    const Errors chained = errors("chained", drives, *chained_map);
+    CHECK(unchained.ape < odometry / 2);
+    CHECK(chained.ape < odometry / 2);
+    CHECK(chained.between <= unchained.between);
+  }
+}
+
+}  // namespace chainslam
