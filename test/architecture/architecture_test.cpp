@@ -68,7 +68,7 @@ std::vector<Header> made_up() {
 IncludeRules made_up_rules() {
   IncludeRules rules;
   rules.arrows = {{"base", {}}, {"middle", {"base"}}, {"top", {"middle"}}};
-  rules.opt_in = {"top/heavy.hpp"};
+  rules.opt_in = {{"top/heavy.hpp", "heavy"}};
   rules.forbidden = {"iostream"};
   rules.forbidden_words = {"std::cout"};
   rules.umbrella = "all.hpp";
@@ -98,7 +98,8 @@ TEST_SUITE("architecture") {
   TEST_CASE("the opt-in headers are those that CMake gives targets of their own") {
     CHECK(
         opt_in_headers("set(other a:b.hpp)\nset(chainslam_opt_in\n    tree:search/tree.hpp\n    solver:sparse/s.hpp)\n"
-                       "set(more c:d.hpp)") == std::set<std::string>{"search/tree.hpp", "sparse/s.hpp"});
+                       "set(more c:d.hpp)") ==
+        std::map<std::string, std::string>{{"search/tree.hpp", "tree"}, {"sparse/s.hpp", "solver"}});
     CHECK(library_rules().opt_in.contains("sparse/cholmod.hpp"));
   }
 
@@ -129,6 +130,16 @@ TEST_SUITE("architecture") {
           Problems{"top/d.hpp: includes the opt-in header top/heavy.hpp"});
     CHECK(problems_with("all.hpp", "#include \"chainslam/top/heavy.hpp\"\n") ==
           Problems{"all.hpp: includes the opt-in header top/heavy.hpp"});
+  }
+
+  TEST_CASE("opt-in headers include those of their own target and of no other") {
+    auto headers = made_up();
+    headers.push_back({"top/heavier.hpp", "#pragma once\n#include \"chainslam/top/heavy.hpp\"\n"});
+    IncludeRules rules = made_up_rules();
+    rules.opt_in["top/heavier.hpp"] = "heavy";
+    CHECK(include_problems(headers, rules).empty());
+    rules.opt_in["top/heavier.hpp"] = "light";
+    CHECK(include_problems(headers, rules) == Problems{"top/heavier.hpp: includes the opt-in header top/heavy.hpp"});
   }
 
   TEST_CASE("the checker sees what the umbrella lacks, and who includes the umbrella") {

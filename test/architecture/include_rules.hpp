@@ -19,7 +19,7 @@ struct Header {
 /// What headers must keep to.
 struct IncludeRules {
   std::map<std::string, std::set<std::string>> arrows;  ///< room -> rooms that it may include, and what those include
-  std::set<std::string> opt_in;                         ///< headers that need a package of their own
+  std::map<std::string, std::string> opt_in;            ///< headers that need a package, and the target they belong to
   std::set<std::string> forbidden;                      ///< system headers
   std::set<std::string> forbidden_words;                ///< such as "std::cout"
   std::string umbrella;
@@ -123,7 +123,8 @@ class IncludeChecker {
       return;
     }
     if (!names_.contains(line.name)) report(path, "includes " + line.name + ", which is not there");
-    if (rules_.opt_in.contains(line.name)) report(path, "includes the opt-in header " + line.name);
+    if (rules_.opt_in.contains(line.name) && target_of(line.name) != target_of(path))
+      report(path, "includes the opt-in header " + line.name);
     if (path == rules_.umbrella) return;
     if (line.name == rules_.umbrella) report(path, "includes the umbrella " + rules_.umbrella);
     const std::string room = room_of(path), other = room_of(line.name);
@@ -134,6 +135,12 @@ class IncludeChecker {
     } else if (room != other && is_private(line.name)) {
       report(path, "includes " + line.name + ", which is private to " + other);
     }
+  }
+
+  /// The opt-in target that a header belongs to; empty for all others.
+  [[nodiscard]] std::string target_of(const std::string& path) const {
+    const auto found = rules_.opt_in.find(path);
+    return found == rules_.opt_in.end() ? "" : found->second;
   }
 
   void check_umbrella() {
@@ -147,7 +154,7 @@ class IncludeChecker {
       if (std::find(included.begin(), included.end(), name) == included.end())
         report(rules_.umbrella, "does not include " + name);
     }
-    for (const std::string& name : rules_.opt_in)
+    for (const auto& [name, target] : rules_.opt_in)
       if (!names_.contains(name)) report(name, "is named opt-in, but is not there");
   }
 
@@ -184,14 +191,16 @@ inline std::vector<std::string> include_problems(const std::vector<Header>& head
   return detail::IncludeChecker(headers, rules).problems();
 }
 
-/// The opt-in headers that CMakeLists.txt names, as `component:room/header.hpp` inside set(chainslam_opt_in ...).
-inline std::set<std::string> opt_in_headers(const std::string& cmake) {
-  std::set<std::string> headers;
+/// The opt-in headers that CMakeLists.txt names, as `component:room/header.hpp` inside set(chainslam_opt_in ...), each
+/// with its component.
+inline std::map<std::string, std::string> opt_in_headers(const std::string& cmake) {
+  std::map<std::string, std::string> headers;
   const auto begin = cmake.find("set(chainslam_opt_in");
   if (begin == std::string::npos) return headers;
   std::istringstream words(cmake.substr(begin, cmake.find(')', begin) - begin));
   for (std::string word; words >> word;)
-    if (const auto colon = word.find(':'); colon != std::string::npos) headers.insert(word.substr(colon + 1));
+    if (const auto colon = word.find(':'); colon != std::string::npos)
+      headers.emplace(word.substr(colon + 1), word.substr(0, colon));
   return headers;
 }
 

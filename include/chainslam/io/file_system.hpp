@@ -1,6 +1,7 @@
 #pragma once
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -37,6 +38,14 @@ concept FileSystem = std::copyable<System> &&
   { system.remove(path) } -> std::same_as<int>;
 };
 
+/// A file system whose files can also grow safely under one writer: `sync_data` makes the disk keep a file's bytes and
+/// length, `lock` takes the file for this writer until it is closed. Both give 0 or errno (EWOULDBLOCK: taken).
+template <class System>
+concept JournalFileSystem = FileSystem<System> && requires(System& system, int file) {
+  { system.sync_data(file) } -> std::same_as<int>;
+  { system.lock(file) } -> std::same_as<int>;
+};
+
 /// The machine's own files.
 struct RealFileSystem {
   int create(const std::filesystem::path& path) {
@@ -48,6 +57,8 @@ struct RealFileSystem {
     return written >= 0 ? written : -errno;
   }
   int sync(int file) { return ::fsync(file) == 0 ? 0 : errno; }
+  int sync_data(int file) { return ::fdatasync(file) == 0 ? 0 : errno; }
+  int lock(int file) { return ::flock(file, LOCK_EX | LOCK_NB) == 0 ? 0 : errno; }
   int close(int file) { return ::close(file) == 0 ? 0 : errno; }
   int rename(const std::filesystem::path& from, const std::filesystem::path& to) {
     return ::rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
@@ -62,7 +73,7 @@ struct RealFileSystem {
   }
   int remove(const std::filesystem::path& path) { return ::unlink(path.c_str()) == 0 ? 0 : errno; }
 };
-static_assert(FileSystem<RealFileSystem>);
+static_assert(FileSystem<RealFileSystem> && JournalFileSystem<RealFileSystem>);
 
 namespace detail {
 

@@ -1,0 +1,360 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <initializer_list>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "chainslam/io/detail/map_chunk.hpp"
+#include "chainslam/io/detail/map_records.hpp"
+#include "chainslam/io/detail/partial_file.hpp"
+#include "chainslam/io/detail/scan_codec.hpp"
+#include "chainslam/io/loaded_map.hpp"
+#include "chainslam/io/zstd_codec.hpp"
+#include "chainslam/map/slam_map.hpp"
+
+namespace chainslam {
+
+struct MapArchiveOptions {
+  bool overwrite = false;               ///< what has the name is then kept as NAME~1
+  std::string parameters{};             ///< text of the configuration that made the map
+  std::vector<UnknownChunk> unknown{};  ///< as `load_map` found them
+};
+
+/// Writes a map to a file while it grows, so that a crash at any moment loses nothing that was committed.
+///
+/// The file grows as NAME.partial; `finish` gives it its name. Without `finish`, NAME.partial stays with all that was
+/// committed, for `load_map` with `recover`; if nothing was, it is removed. Only additions are written: the map's
+/// vectors may only grow. The same calls give the same bytes. After an IoError the journal takes nothing more.
+/// Format: map_archive.hpp.
+template <JournalFileSystem Files = RealFileSystem>
+class MapJournal {
+ public:
+  /// @throws IoError if NAME exists and may not be overwritten, if another process writes it (named by its number), if
+  /// a run that did not finish left NAME.partial, or if it cannot be made.
+  explicit MapJournal(std::filesystem::path path, MapArchiveOptions options = {}, Files files = {})
+      : options_(std::move(options)), file_(std::move(path), options_.overwrite, std::move(files)) {
+    for (const UnknownChunk& chunk : options_.unknown)
+      if (detail::is_known_chunk(chunk.type) || (chunk.type & detail::critical) != 0)
+        throw std::invalid_argument("MapJournal: an unknown chunk of a kind that is known, or critical");
+  }
+
+  /// Appends what is new since the last call and commits: once it has returned, a crash or a loss of power keeps it.
+  ///
+  /// Written: new sessions and those whose frame or prior changed; new keyframes with their scans; GNSS fixes of new
+  /// keyframes and of the 256 before; new measurements. Poses are written whole when an eighth more keyframes have come
+  /// or a session was merged, so that the file does not grow with the square of the map; on recovery, later keyframes
+  /// are placed by odometry. Calls without news write nothing.
+  /// @throws std::invalid_argument, before anything is written, if a record breaks the format's rules or the map
+  /// shrank.
+  /// @throws IoError if the disk fails; what had been committed stays.
+  void update(const SlamMap& map) {
+    const Index fresh = counts_.keyframes;
+    const Index first_gnss = std::max(Index{0}, fresh - gnss_window);
+    const bool all_poses = has_merged(map) || std::int64_t{count(map.keyframes)} * 8 >= std::int64_t{posed_} * 9;
+    check(map, first_gnss, all_poses ? 0 : fresh);
+    in_doubt_ = true;
+    if (append_new(map, first_gnss)) {
+      if (all_poses)
+        append_poses(map, 0, count(map.keyframes));
+      else
+        append_first_poses(map, fresh);
+      append_commit();
+      file_.sync();
+    }
+    in_doubt_ = false;
+  }
+
+  /// Appends what is left, all poses, the index and the end, and gives the file its name. Nothing can follow.
+  /// @throws as `update`.
+  void finish(const SlamMap& map) {
+    check(map, 0, 0);
+    in_doubt_ = true;
+    append_new(map, 0);
+    for (const UnknownChunk& unknown : options_.unknown)
+      append_payload({.type = unknown.type,
+                      .version = unknown.version,
+                      .codec = unknown.codec,
+                      .count = unknown.count,
+                      .raw_bytes = unknown.raw_bytes},
+                     unknown.stored);
+    append_poses(map, 0, count(map.keyframes));
+    append_commit();
+    append_index_and_end();
+    file_.finish();
+  }
+
+  /// Where the file grows until it is finished.
+  [[nodiscard]] const std::filesystem::path& partial_path() const { return file_.partial(); }
+  /// Bytes written so far.
+  [[nodiscard]] std::uint64_t size() const { return file_.size(); }
+
+ private:
+  using Type = detail::ChunkType;
+  static constexpr Index gnss_window = 256;
+  static constexpr Index most_records = 65536;  ///< in one chunk
+  static constexpr std::size_t prelude_bytes = 16;
+
+  struct Place {
+    std::uint64_t offset;
+    std::uint16_t type;
+    std::uint16_t version;
+    std::uint32_t count;
+  };
+
+  template <class T>
+  static Index count(const std::vector<T>& records) {
+    return to_index(records.size(), "map");
+  }
+  template <class T>
+  static const T& at(const std::vector<T>& records, Index i) {
+    return records[static_cast<std::size_t>(i)];
+  }
+
+  // ---- checks ----
+
+  [[noreturn]] static void refuse(const char* what, Index i, const detail::Fault& fault) {
+    throw std::invalid_argument("MapJournal: " + std::string(what) + " " + std::to_string(i) + ", " + fault.field +
+                                ": " + fault.found);
+  }
+
+  /// Checks all that is to be written: what is new, fixes and poses from the keyframes given on.
+  void check(const SlamMap& map, Index first_gnss, Index first_pose) const {
+    if (!file_.writable() || in_doubt_)
+      throw std::invalid_argument("MapJournal: the file is finished, or writing it failed before");
+    const detail::MapCounts counts = {count(map.sessions), count(map.keyframes), 0,
+                                      count(map.odometry), count(map.closures),  count(map.refusals)};
+    if (counts.sessions < counts_.sessions || counts.keyframes < counts_.keyframes ||
+        counts.odometry < counts_.odometry || counts.closures < counts_.closures || counts.refusals < counts_.refusals)
+      throw std::invalid_argument("MapJournal: the map has fewer records than at the last call");
+    check_sessions(map);
+    for (Index i = counts_.keyframes; i < counts.keyframes; ++i) check_keyframe(map, i);
+    for (Index i = first_pose; i < counts.keyframes; ++i)
+      if (auto fault = detail::fault_of("T_map_body", at(map.keyframes, i).T_map_body)) refuse("keyframe", i, *fault);
+    for (Index i = first_gnss; i < counts.keyframes; ++i)
+      if (at(map.keyframes, i).gnss)
+        if (auto fault = detail::fault_of(*at(map.keyframes, i).gnss)) refuse("GNSS fix of keyframe", i, *fault);
+    for (Index i = counts_.odometry; i < counts.odometry; ++i)
+      if (auto fault = detail::fault_of(at(map.odometry, i), counts.keyframes)) refuse("odometry", i, *fault);
+    for (Index i = counts_.closures; i < counts.closures; ++i)
+      if (auto fault = detail::fault_of(at(map.closures, i), counts)) refuse("closure", i, *fault);
+    for (Index i = counts_.refusals; i < counts.refusals; ++i)
+      if (auto fault = detail::fault_of(at(map.refusals, i), counts)) refuse("refusal", i, *fault);
+  }
+
+  static void check_sessions(const SlamMap& map) {
+    Index keyframes = 0;
+    for (Index i = 0; i < count(map.sessions); ++i) {
+      const Session& session = at(map.sessions, i);
+      if (auto fault = detail::fault_of(session)) refuse("session", i, *fault);
+      if (session.id.value != i) refuse("session", i, {"id", std::to_string(session.id.value)});
+      if (session.first_keyframe != keyframes || session.keyframes < 0)
+        refuse("session", i, {"first keyframe", std::to_string(session.first_keyframe)});
+      if (auto fault = detail::fault_of_number("frame", session.frame.value, -1, count(map.sessions), "sessions"))
+        refuse("session", i, *fault);
+      keyframes += session.keyframes;
+    }
+    if (keyframes != count(map.keyframes))
+      throw std::invalid_argument("MapJournal: the sessions have " + std::to_string(keyframes) +
+                                  " keyframes, the map " + std::to_string(map.keyframes.size()));
+  }
+
+  /// Whether a session that had been written is in another frame now.
+  [[nodiscard]] bool has_merged(const SlamMap& map) const {
+    return !std::equal(sessions_.begin(), sessions_.begin() + std::min(std::ssize(sessions_), std::ssize(map.sessions)),
+                       map.sessions.begin(), [](const Session& a, const Session& b) { return a.frame == b.frame; });
+  }
+
+  static void check_keyframe(const SlamMap& map, Index i) {
+    const Keyframe& keyframe = at(map.keyframes, i);
+    const Keyframe* before = i > 0 ? &at(map.keyframes, i - 1) : nullptr;
+    if (keyframe.id.value != i) refuse("keyframe", i, {"id", std::to_string(keyframe.id.value)});
+    if (auto fault = detail::fault_of(keyframe, before, count(map.sessions))) refuse("keyframe", i, *fault);
+    const Session& session = at(map.sessions, keyframe.session.value);
+    if (i < session.first_keyframe || i >= session.end_keyframe())
+      refuse("keyframe", i, {"session", "one whose range does not hold it"});
+    if (!keyframe.cloud) return;
+    const PointCloud<float>& cloud = *keyframe.cloud;
+    for (const std::size_t length : {cloud.normals.size(), cloud.time_offsets.size(), cloud.intensities.size()})
+      if (length != 0 && length != cloud.size()) refuse("keyframe", i, {"scan", "columns of different lengths"});
+    if (cloud.size() > detail::most_scan_points)
+      refuse("keyframe", i, {"scan", std::to_string(cloud.size()) + " points"});
+  }
+
+  // ---- what is new ----
+
+  /// @returns whether anything was.
+  bool append_new(const SlamMap& map, Index first_gnss) {
+    const std::uint64_t before = chunks_;
+    if (chunks_ == 0) append_start(map);
+    append_sessions(map);
+    const Index fresh = std::exchange(counts_.keyframes, count(map.keyframes));
+    append_records(Type::keyframes, detail::keyframe_bytes, fresh, counts_.keyframes,
+                   [&](auto& out, Index i) { detail::append_keyframe(out, at(map.keyframes, i)); });
+    append_gnss(map, first_gnss);
+    const Index odometry = std::exchange(counts_.odometry, count(map.odometry));
+    append_records(Type::odometry, detail::odometry_bytes, odometry, counts_.odometry,
+                   [&](auto& out, Index i) { detail::append_odometry(out, at(map.odometry, i)); });
+    const Index closures = std::exchange(counts_.closures, count(map.closures));
+    append_records(Type::closures, detail::closure_bytes, closures, counts_.closures,
+                   [&](auto& out, Index i) { detail::append_closure(out, at(map.closures, i)); });
+    const Index refusals = std::exchange(counts_.refusals, count(map.refusals));
+    append_records(Type::refusals, detail::closure_bytes, refusals, counts_.refusals,
+                   [&](auto& out, Index i) { detail::append_closure(out, at(map.refusals, i)); });
+    for (Index i = fresh; i < counts_.keyframes; ++i)
+      if (at(map.keyframes, i).cloud) append_scan(at(map.keyframes, i));
+    return chunks_ != before;
+  }
+
+  /// The file's header and its parameters. The file's id comes from these and the map's beginning, so that the same run
+  /// gives the same file.
+  void append_start(const SlamMap& map) {
+    std::vector<std::byte> beginning = parameters();
+    for (const Session& session : map.sessions) detail::append_session(beginning, session);
+    for (Index i = 0; i < std::min(count(map.keyframes), most_records); ++i)
+      detail::append_keyframe(beginning, at(map.keyframes, i));
+    file_id_ = detail::hash_of(beginning);
+    std::vector<std::byte> header;
+    detail::append_map_header(header, {.file_id = file_id_});
+    file_.write(header);
+    append_payload({.type = static_cast<std::uint16_t>(Type::parameters), .count = 1}, parameters());
+  }
+
+  [[nodiscard]] std::vector<std::byte> parameters() const {
+    const auto bytes = std::as_bytes(std::span(options_.parameters));
+    return {bytes.begin(), bytes.end()};
+  }
+
+  void append_sessions(const SlamMap& map) {
+    for (Index i = 0; i < count(map.sessions); ++i) {
+      const Session& session = at(map.sessions, i);
+      if (i < counts_.sessions && same(at(sessions_, i), session)) continue;
+      std::vector<std::byte> payload;
+      detail::append_session(payload, session);
+      append_payload({.type = static_cast<std::uint16_t>(Type::session), .count = 1}, std::move(payload));
+    }
+    sessions_ = map.sessions;
+    counts_.sessions = count(map.sessions);
+  }
+
+  /// Whether two records of a session are stored as the same bytes: all but the number of its keyframes.
+  static bool same(const Session& a, const Session& b) {
+    return a.first_keyframe == b.first_keyframe && a.frame == b.frame && a.name == b.name && a.prior == b.prior &&
+           a.prior_sqrt_information == b.prior_sqrt_information;
+  }
+
+  void append_gnss(const SlamMap& map, Index first) {
+    has_gnss_.resize(map.keyframes.size());
+    std::vector<Index> fixed;
+    for (Index i = first; i < count(map.keyframes); ++i)
+      if (at(map.keyframes, i).gnss && !has_gnss_[static_cast<std::size_t>(i)]) fixed.push_back(i);
+    append_records(Type::gnss, detail::gnss_bytes, 0, count(fixed), [&](auto& out, Index i) {
+      const Keyframe& keyframe = at(map.keyframes, at(fixed, i));
+      detail::append_gnss(out, keyframe.id, *keyframe.gnss);
+      has_gnss_[static_cast<std::size_t>(keyframe.id.value)] = true;
+    });
+  }
+
+  void append_scan(const Keyframe& keyframe) {
+    std::vector<std::byte> raw;
+    detail::append_scan(raw, keyframe.id, *keyframe.cloud);
+    detail::ChunkHeader header{.type = static_cast<std::uint16_t>(Type::scan),
+                               .count = static_cast<std::uint32_t>(keyframe.cloud->size()),
+                               .raw_bytes = raw.size()};
+    std::vector<std::byte> packed = ZstdCodec{}.compress(raw);
+    // What packs too well is kept as it is: a file's size bounds the memory that opening it takes.
+    if (packed.size() < raw.size() && raw.size() <= packed.size() * detail::most_raw_per_stored) {
+      header.codec = ZstdCodec::id;
+      raw = std::move(packed);
+    }
+    append_payload(header, std::move(raw));
+    ++counts_.scans;
+  }
+
+  void append_poses(const SlamMap& map, Index first, Index end) {
+    append_records(Type::poses, detail::pose_bytes, first, end,
+                   [&](auto& out, Index i) { detail::append_pose(out, at(map.keyframes, i).T_map_body); });
+    if (first == 0) posed_ = end;
+  }
+
+  /// Where sessions begin is nothing that odometry could tell.
+  void append_first_poses(const SlamMap& map, Index fresh) {
+    for (Index i = std::max(fresh, Index{1}); i < count(map.keyframes); ++i)
+      if (at(map.keyframes, i).session != at(map.keyframes, i - 1).session) append_poses(map, i, i + 1);
+  }
+
+  // ---- chunks ----
+
+  /// Records [first, end) in blocks: the number of the first one, the size of each, then they themselves.
+  template <class Append>
+  void append_records(Type type, std::size_t record_bytes, Index first, Index end, Append&& append) {
+    for (Index begin = first; begin < end; begin += most_records) {
+      const Index stop = std::min(end, begin + most_records);
+      std::vector<std::byte> payload;
+      payload.reserve(prelude_bytes + static_cast<std::size_t>(stop - begin) * record_bytes);
+      append_bytes(payload, begin);
+      append_bytes(payload, static_cast<std::uint32_t>(record_bytes));
+      append_bytes(payload, std::uint64_t{0});
+      for (Index i = begin; i < stop; ++i) append(payload, i);
+      append_payload({.type = static_cast<std::uint16_t>(type), .count = static_cast<std::uint32_t>(stop - begin)},
+                     std::move(payload));
+    }
+  }
+
+  void append_commit() {
+    std::vector<std::byte> payload;
+    for (const Index number :
+         {counts_.sessions, counts_.keyframes, counts_.scans, counts_.odometry, counts_.closures, counts_.refusals})
+      append_bytes(payload, number);
+    append_bytes(payload, std::uint64_t{0});
+    append_payload({.type = static_cast<std::uint16_t>(Type::commit), .count = 1}, std::move(payload));
+  }
+
+  void append_index_and_end() {
+    const std::uint64_t index_offset = file_.size();
+    std::vector<std::byte> index;
+    for (const Place& place : places_) {
+      append_bytes(index, place.offset);
+      append_bytes(index, place.type);
+      append_bytes(index, place.version);
+      append_bytes(index, place.count);
+    }
+    append_payload(
+        {.type = static_cast<std::uint16_t>(Type::index), .count = static_cast<std::uint32_t>(places_.size())},
+        std::move(index));
+    std::vector<std::byte> end;
+    append_bytes(end, index_offset);
+    append_bytes(end, file_.size() + 2 * detail::chunk_alignment);
+    append_payload({.type = static_cast<std::uint16_t>(Type::end), .count = 1}, std::move(end));
+  }
+
+  /// @param header  as `append_chunk` needs it, without sequence and id; raw bytes for packed payloads only.
+  void append_payload(detail::ChunkHeader header, std::vector<std::byte> payload) {
+    if (header.raw_bytes == 0) header.raw_bytes = payload.size();
+    header.sequence = chunks_++;
+    header.file_id = file_id_;
+    places_.push_back({file_.size(), header.type, header.version, header.count});
+    std::vector<std::byte> chunk;
+    detail::append_chunk(chunk, header, std::move(payload));
+    file_.write(chunk);
+  }
+
+  MapArchiveOptions options_;
+  detail::PartialFile<Files> file_;
+  std::uint64_t file_id_ = 0;
+  std::uint64_t chunks_ = 0;
+  std::vector<Place> places_;
+  detail::MapCounts counts_;  ///< written so far
+  std::vector<Session> sessions_;
+  std::vector<bool> has_gnss_;
+  Index posed_ = 0;        ///< keyframes that the last whole set of poses has
+  bool in_doubt_ = false;  ///< a call ended by an exception while it wrote
+};
+
+}  // namespace chainslam
