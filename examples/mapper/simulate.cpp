@@ -63,8 +63,9 @@ int run(const SimulateArguments& arguments) {
   }
   progress.finish();
   folder.commit();
-  std::printf("%s, seed %llu: %d scans, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n", preset->name.c_str(),
-              static_cast<unsigned long long>(arguments.seed), report.scans, 1e-6 * static_cast<double>(report.points),
+  std::printf("%s, seed %llu: %zu session%s, %d scans, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n",
+              preset->name.c_str(), static_cast<unsigned long long>(arguments.seed), preset->sessions.size(),
+              preset->sessions.size() == 1 ? "" : "s", report.scans, 1e-6 * static_cast<double>(report.points),
               report.duration, report.length, 1e-6 * static_cast<double>(report.bytes), folder.target().c_str());
   return exit_good;
 }
@@ -73,7 +74,7 @@ int run(const SimulateArguments& arguments) {
 
 CLI::App* add_simulate(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<SimulateArguments>();
-  CLI::App* verb = program.add_subcommand("simulate", "make a data set: a drive through a town, in NCLT's file layout");
+  CLI::App* verb = program.add_subcommand("simulate", "make a data set: drives through a town, in NCLT's file layout");
   verb->add_option("PRESET", arguments->preset, "what to make: " + known_presets())->required()->option_text(" ");
   verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
   verb->add_option("--seed", arguments->seed, "the same seed gives the same bytes (default 1)")->option_text("N");

@@ -160,9 +160,9 @@ Spline<6> plan(const DriveOptions& options, const LanePath& path, const Terrain&
 
 }  // namespace
 
-Drive::Drive(const DriveOptions& options, const Town& town, Rng rng)
+Drive::Drive(const DriveOptions& options, const Route& route, const Town& town, const Rng& rng)
     : spline_([&] {
-        const LanePath path = follow_lane(town.streets, options.route, options.lane);
+        const LanePath path = follow_lane(town.streets, route, options.lane);
         length_ = path.length();
         return plan(options, path, town.terrain, rng);
       }()) {}

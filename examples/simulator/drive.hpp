@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <vector>
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -13,7 +12,6 @@ namespace chainslam::simulator {
 
 /// How the vehicle drives.
 struct DriveOptions {
-  std::vector<Crossing> route;        ///< see `follow_lane`
   double lane = 1.7;                  ///< right of the street's middle, metres
   double cruise = 9.5;                ///< on straight streets, m/s; each street has its own, up to 15 % off
   double lateral_acceleration = 2.9;  ///< in corners, m/s^2
@@ -36,13 +34,14 @@ struct Motion {
   Eigen::Vector3d rate_body;         ///< rad/s
 };
 
-/// A smooth drive through the town: four times continuously differentiable, at rest at both ends.
+/// A smooth drive along a route (see `follow_lane`) through the town: four times continuously differentiable, at rest
+/// at both ends.
 ///
 /// The speed obeys the corners; position and attitude follow the terrain, pitch with the pedals and roll in corners,
 /// and tremble with the speed.
 class Drive {
  public:
-  Drive(const DriveOptions& options, const Town& town, Rng rng);
+  Drive(const DriveOptions& options, const Route& route, const Town& town, const Rng& rng);
 
   [[nodiscard]] double duration() const { return spline_.duration(); }  ///< seconds
   [[nodiscard]] double length() const { return length_; }               ///< along the path, metres

@@ -31,7 +31,9 @@ Eigen::Matrix3d R_ecef_map() {
 class PositionError {
  public:
   PositionError(const GnssOptions& options, Rng rng) : options_(options), rng_(rng) {
-    bias_ = options.session_bias * draw();
+    const double bias = rng_.uniform(options.least_bias, options.most_bias);
+    const double course = rng_.uniform(0.0, 2.0 * std::numbers::pi);
+    bias_ << bias * std::cos(course), bias * std::sin(course), options.vertical * bias * rng_.uniform(-1.0, 1.0);
     wander_ = options.wander * draw();
   }
 

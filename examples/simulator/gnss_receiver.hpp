@@ -13,10 +13,11 @@ namespace chainslam::simulator {
 /// A consumer's receiver in a town.
 struct GnssOptions {
   double rate = 2.0;                   ///< Hz
-  double session_bias = 1.0;           ///< standard deviation of each horizontal axis, metres
+  double least_bias = 1.0;             ///< horizontal length of the session's constant error, metres: from this ...
+  double most_bias = 3.0;              ///< ... to this
   double wander = 1.5;                 ///< standard deviation of the Gauss-Markov error, horizontal, metres
   double wander_time = 60.0;           ///< its correlation time, seconds
-  double noise = 0.3;                  ///< white, horizontal, metres
+  double noise = 1.0;                  ///< white, horizontal, metres
   double vertical = 2.0;               ///< vertical errors are this many times the horizontal ones
   double time_between_outages = 40.0;  ///< mean, seconds
   double outage_duration = 6.0;        ///< mean, seconds

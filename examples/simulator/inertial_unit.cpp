@@ -3,6 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "simulator/day.hpp"
+
 namespace chainslam::simulator {
 
 namespace {
@@ -16,10 +18,11 @@ Eigen::Vector3d normal_vector(Rng& rng, double deviation) {
 /// Three axes that measure (I + scale and misalignment) * truth + bias + noise, the bias a random walk.
 class Triad {
  public:
-  Triad(double scale, double misalignment, double bias, double walk, double noise, Rng rng)
-      : rng_(rng), walk_(walk), noise_(noise) {
+  Triad(double scale, double misalignment, double bias, double walk, double noise, const Rng& unit, Index day)
+      : rng_(unit), walk_(walk), noise_(noise) {
     gain_ = Eigen::Matrix3d::Identity() + SO3d::hat(normal_vector(rng_, misalignment));
     gain_.diagonal() += normal_vector(rng_, scale);
+    if (day > 0) rng_ = on_day(unit, day);
     bias_ = normal_vector(rng_, bias);
   }
 
@@ -51,13 +54,14 @@ InertialOptions InertialOptions::without_errors() const {
           .misalignment_deg = 0.0};
 }
 
-std::vector<ImuSample> record_imu(const Drive& drive, const InertialOptions& options, Timestamp epoch, Rng rng) {
+std::vector<ImuSample> record_imu(const Drive& drive, const InertialOptions& options, Timestamp epoch, const Rng& unit,
+                                  Index day) {
   const double misalignment = options.misalignment_deg * std::numbers::pi / 180.0;
   const double per_sample = std::sqrt(options.rate);  // white noise of a density, sampled
   Triad gyro(options.scale, misalignment, options.gyro_bias, options.gyro_bias_walk / per_sample,
-             options.gyro_noise * per_sample, rng.fork(0));
+             options.gyro_noise * per_sample, unit.fork(0), day);
   Triad accel(options.scale, misalignment, options.accel_bias, options.accel_bias_walk / per_sample,
-              options.accel_noise * per_sample, rng.fork(1));
+              options.accel_noise * per_sample, unit.fork(1), day);
   std::vector<ImuSample> samples;
   const auto count = static_cast<Index>(drive.duration() * options.rate);
   for (Index i = 0; i <= count; ++i) {

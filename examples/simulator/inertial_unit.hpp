@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/sensor/imu_sample.hpp"
 #include "simulator/drive.hpp"
 
@@ -28,8 +29,8 @@ struct InertialOptions {
 };
 
 /// The whole drive as the unit (the body frame) feels it. Samples are instantaneous, at multiples of 1 / rate from
-/// `epoch`.
+/// `epoch`. The same unit has the same scales and axes on every `day`; its biases and noise are the day's.
 [[nodiscard]] std::vector<ImuSample> record_imu(const Drive& drive, const InertialOptions& options, Timestamp epoch,
-                                                Rng rng);
+                                                const Rng& unit, Index day = 0);
 
 }  // namespace chainslam::simulator

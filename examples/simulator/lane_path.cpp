@@ -16,7 +16,7 @@ Eigen::Vector2d right_of(const Eigen::Vector2d& direction) { return {direction.y
 double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
 /// Start, the points where the lanes of successive streets meet, and end.
-std::vector<Eigen::Vector2d> lane_corners(const StreetGrid& streets, const std::vector<Crossing>& route, double lane) {
+std::vector<Eigen::Vector2d> lane_corners(const StreetGrid& streets, const Route& route, double lane) {
   std::vector<Eigen::Vector2d> nodes;
   for (const Crossing& crossing : route) nodes.push_back(streets.position(crossing));
   nodes.front() = 0.5 * (nodes[0] + nodes[1]);
@@ -86,7 +86,7 @@ std::vector<Eigen::Vector2d> smoothed(const std::vector<Eigen::Vector2d>& points
 
 }  // namespace
 
-LanePath follow_lane(const StreetGrid& streets, const std::vector<Crossing>& route, double lane) {
+LanePath follow_lane(const StreetGrid& streets, const Route& route, double lane) {
   if (route.size() < 3) throw std::invalid_argument("follow_lane: a route needs at least three crossings");
   LanePath path{.positions = round_corners(lane_corners(streets, route, lane)),
                 .distances = {0.0},

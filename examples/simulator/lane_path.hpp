@@ -20,6 +20,6 @@ struct LanePath {
 /// Drives through the crossings in order, `lane` metres to the right of the street's middle; from the middle of the
 /// first street to the middle of the last.
 /// @throws std::invalid_argument with fewer than three crossings, or where the route turns back on itself.
-[[nodiscard]] LanePath follow_lane(const StreetGrid& streets, const std::vector<Crossing>& route, double lane);
+[[nodiscard]] LanePath follow_lane(const StreetGrid& streets, const Route& route, double lane);
 
 }  // namespace chainslam::simulator

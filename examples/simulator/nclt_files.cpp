@@ -110,7 +110,7 @@ void write_ground_truth(const std::filesystem::path& path, const TownDrive& driv
   constexpr Duration phase = std::chrono::milliseconds(13);
   constexpr Duration period = std::chrono::milliseconds(50);
   AtomicFile file(path);
-  for (Timestamp time = TownDrive::epoch() + phase; time <= drive.end(); time = time + period) {
+  for (Timestamp time = drive.epoch() + phase; time <= drive.end(); time = time + period) {
     const SE3d T_ned_base = flip_axes() * drive.truth(time) * flip_axes() * nominal_T_base_ms25().inverse();
     file.write(
         Line(time).vector(T_ned_base.translation(), 6).vector(to_roll_pitch_yaw(T_ned_base.rotation()), 9).finished());

@@ -13,10 +13,12 @@ Preset town() {
                 .drive = {},
                 .lidar = {},
                 .imu = {},
-                .gnss = {}};
+                .gnss = {},
+                .sessions = {}};
   // Once around, then a smaller loop that shares streets with the first, in the same and in the opposite direction.
-  preset.drive.route = {{1, 1}, {2, 1}, {3, 1}, {4, 1}, {4, 2}, {4, 3}, {3, 3}, {2, 3}, {1, 3},
-                        {1, 2}, {1, 1}, {2, 1}, {2, 2}, {3, 2}, {3, 1}, {2, 1}, {1, 1}};
+  const Route route = {{1, 1}, {2, 1}, {3, 1}, {4, 1}, {4, 2}, {4, 3}, {3, 3}, {2, 3}, {1, 3},
+                       {1, 2}, {1, 1}, {2, 1}, {2, 2}, {3, 2}, {3, 1}, {2, 1}, {1, 1}};
+  preset.sessions = {{.route = route}};
   // A sensor that sees 25 m and is badly calibrated: odometry alone ends more than a metre off.
   preset.lidar.firings_per_revolution = 480;
   preset.lidar.max_range = 25.0;
@@ -32,21 +34,36 @@ Preset town_small() {
   preset.summary = "once around a block of a small town";
   preset.town.streets = {.columns = 4, .rows = 4, .block = 34.0, .irregularity = 0.1, .jitter = 2.0};
   preset.town.border = 15.0;
-  preset.drive.route = {{1, 1}, {2, 1}, {2, 2}, {1, 2}, {1, 1}, {2, 1}};
+  preset.sessions = {{.route = {{1, 1}, {2, 1}, {2, 2}, {1, 2}, {1, 1}, {2, 1}}}};
   preset.drive.stop_at = -1.0;
+  return preset;
+}
+
+Preset town_sessions() {
+  Preset preset = town();
+  preset.name = "town-sessions";
+  preset.summary = "three drives through a hilly town on three days, from different starts, over streets they share";
+  // Once around two by two blocks.
+  const Route around = {{1, 2}, {1, 1}, {2, 1}, {3, 1}, {3, 2}, {3, 3}, {2, 3}, {1, 3}, {1, 2}, {1, 1}, {2, 1}};
+  // In through the middle, then around the northern blocks against the first.
+  const Route against = {{4, 2}, {3, 2}, {2, 2}, {1, 2}, {1, 3}, {2, 3}, {3, 3}, {3, 2}, {2, 2}, {1, 2}};
+  // In from the south, then around the eastern blocks with the first, and out to the east.
+  const Route along = {{2, 0}, {2, 1}, {3, 1}, {3, 2}, {3, 3}, {2, 3}, {2, 2}, {2, 1}, {3, 1}, {4, 1}};
+  preset.sessions = {{.route = around, .day = 0}, {.route = against, .day = 21}, {.route = along, .day = 63}};
   return preset;
 }
 
 }  // namespace
 
 std::span<const std::string_view> preset_names() {
-  static constexpr std::array<std::string_view, 2> names{"town", "town-small"};
+  static constexpr std::array<std::string_view, 3> names{"town", "town-small", "town-sessions"};
   return names;
 }
 
 std::optional<Preset> preset(std::string_view name) {
   if (name == "town") return town();
   if (name == "town-small") return town_small();
+  if (name == "town-sessions") return town_sessions();
   return std::nullopt;
 }
 

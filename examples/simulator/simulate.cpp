@@ -1,6 +1,7 @@
 #include "simulator/simulate.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -32,30 +33,29 @@ class NewFolder {
   ~NewFolder() {
     if (whole_) return;
     std::error_code ignored;
-    for (const fs::path& name : names_) fs::remove(path_ / name, ignored);
+    for (; !parts_.empty(); parts_.pop_back()) fs::remove(parts_.back(), ignored);
   }
 
-  fs::path file(const char* name) {
-    names_.emplace_back(name);
-    return path_ / name;
-  }
+  /// A file or folder to be made in it.
+  const fs::path& part(const fs::path& name) { return parts_.emplace_back(path_ / name); }
 
   /// Bytes in all files, which stay from now on.
   std::uint64_t keep() {
     whole_ = true;
     std::uint64_t bytes = 0;
-    for (const fs::path& name : names_) bytes += fs::file_size(path_ / name);
+    for (const fs::path& part : parts_) bytes += fs::is_regular_file(part) ? fs::file_size(part) : 0;
     return bytes;
   }
 
  private:
   fs::path path_;
-  std::vector<fs::path> names_;
+  std::vector<fs::path> parts_;  ///< folders before what is in them
   bool whole_ = false;
 };
 
+/// @param made  called with the scans that have been written since the last call.
 std::uint64_t write_hits(const fs::path& path, const TownDrive& drive, const ChunkRunner& run_chunks,
-                         const SimulationProgress& progress) {
+                         const std::function<void(Index)>& made) {
   constexpr Index batch = 32;  // scans that are made, then written together
   HitsFile file(path);
   std::uint64_t points = 0;
@@ -67,13 +67,13 @@ std::uint64_t write_hits(const fs::path& path, const TownDrive& drive, const Chu
       for (Index i = begin; i < end; ++i) {
         const Revolution revolution = drive.revolution(done + i);
         returns[static_cast<std::size_t>(i)] = revolution.returns.size();
-        encoded[static_cast<std::size_t>(i)] = HitsFile::encode(revolution, drive.lidar(), TownDrive::epoch());
+        encoded[static_cast<std::size_t>(i)] = HitsFile::encode(revolution, drive.lidar(), drive.epoch());
       }
     });
     for (const auto& packets : encoded) file.write(packets);
     for (const std::size_t in_scan : returns) points += in_scan;
     done += count;
-    if (progress) progress(done, drive.scan_count());
+    made(count);
   }
   file.commit();
   return points;
@@ -88,16 +88,29 @@ std::string describe(const SE3d& T) {
   return text;
 }
 
-void write_readme(const fs::path& path, const Preset& preset, std::uint64_t seed, const SimulationReport& report) {
+/// As NCLT names its sessions, such as 2013-06-01.
+std::string date_of(Timestamp time) {
+  const std::chrono::sys_time<Duration> instant(Duration(time.nanoseconds()));
+  const std::chrono::year_month_day date(std::chrono::floor<std::chrono::days>(instant));
+  const auto two_digits = [](unsigned value) { return (value < 10 ? "-0" : "-") + std::to_string(value); };
+  return std::to_string(static_cast<int>(date.year())) + two_digits(static_cast<unsigned>(date.month())) +
+         two_digits(static_cast<unsigned>(date.day()));
+}
+
+void write_readme(const fs::path& path, const Preset& preset, std::uint64_t seed, std::size_t session,
+                  const TownDrive& drive, std::uint64_t points) {
   AtomicFile file(path);
   file.write("A simulated LiDAR session in NCLT's file layout: " + preset.summary + ".\n\n");
   file.write("preset: " + preset.name + "\nseed: " + std::to_string(seed) + "\n");
-  file.write("scans: " + std::to_string(report.scans) + " at 10 Hz\npoints: " + std::to_string(report.points) + "\n");
-  file.write("duration: " + std::to_string(report.duration) + " s\nlength: " + std::to_string(report.length) +
-             " m\n\n");
+  if (preset.sessions.size() > 1)
+    file.write("session: " + std::to_string(session + 1) + " of " + std::to_string(preset.sessions.size()) +
+               ", all in one map frame\n");
+  file.write("scans: " + std::to_string(drive.scan_count()) + " at 10 Hz\npoints: " + std::to_string(points) + "\n");
+  file.write("duration: " + std::to_string(drive.drive().duration()) +
+             " s\nlength: " + std::to_string(drive.drive().length()) + " m\n\n");
+  file.write("velodyne_hits.bin, ms25.csv, gps.csv and groundtruth_" + date_of(drive.epoch()) + ".csv");
   file.write(
-      "velodyne_hits.bin, ms25.csv, gps.csv and groundtruth_2013-06-01.csv are laid out as NCLT has them (axes z "
-      "down;\n"
+      " are laid out as NCLT has them (axes z down;\n"
       "the ground truth is that of the robot's base). truth.tum: t x y z qx qy qz qw, the pose of the inertial unit at "
       "the\n"
       "end of every scan; map frame x north, y west, z up, body frame x ahead, y left, z up.\n\n"
@@ -113,15 +126,31 @@ void write_readme(const fs::path& path, const Preset& preset, std::uint64_t seed
 SimulationReport simulate(const Preset& preset, std::uint64_t seed, const fs::path& directory,
                           const ChunkRunner& run_chunks, const SimulationProgress& progress) {
   NewFolder folder(directory);
-  const TownDrive drive(preset, seed);
-  SimulationReport report{
-      .scans = drive.scan_count(), .duration = drive.drive().duration(), .length = drive.drive().length()};
-  report.points = write_hits(folder.file("velodyne_hits.bin"), drive, run_chunks, progress);
-  write_ms25(folder.file("ms25.csv"), drive);
-  write_gps(folder.file("gps.csv"), drive);
-  write_ground_truth(folder.file("groundtruth_2013-06-01.csv"), drive);
-  write_tum(folder.file("truth.tum"), drive.truth_at_scan_ends());
-  write_readme(folder.file("README.txt"), preset, seed, report);
+  std::vector<TownDrive> drives;
+  SimulationReport report;
+  for (std::size_t i = 0; i < preset.sessions.size(); ++i) {
+    const TownDrive& drive = drives.emplace_back(preset, seed, i);
+    report.scans += drive.scan_count();
+    report.duration += drive.drive().duration();
+    report.length += drive.drive().length();
+  }
+  Index done = 0;
+  const auto made = [&](Index scans) {
+    done += scans;
+    if (progress) progress(done, report.scans);
+  };
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    const TownDrive& drive = drives[i];
+    const fs::path place = drives.size() > 1 ? "session" + std::to_string(i + 1) : "";
+    if (!place.empty()) fs::create_directory(folder.part(place));
+    const std::uint64_t points = write_hits(folder.part(place / "velodyne_hits.bin"), drive, run_chunks, made);
+    write_ms25(folder.part(place / "ms25.csv"), drive);
+    write_gps(folder.part(place / "gps.csv"), drive);
+    write_ground_truth(folder.part(place / ("groundtruth_" + date_of(drive.epoch()) + ".csv")), drive);
+    write_tum(folder.part(place / "truth.tum"), drive.truth_at_scan_ends());
+    write_readme(folder.part(place / "README.txt"), preset, seed, i, drive, points);
+    report.points += points;
+  }
   report.bytes = folder.keep();
   return report;
 }

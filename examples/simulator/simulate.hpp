@@ -10,12 +10,12 @@
 
 namespace chainslam::simulator {
 
-/// What `simulate` made.
+/// What `simulate` made, in all sessions.
 struct SimulationReport {
   Index scans = 0;
   std::uint64_t points = 0;  ///< returns in all scans
   double duration = 0.0;     ///< seconds
-  double length = 0.0;       ///< of the drive, metres
+  double length = 0.0;       ///< of the drives, metres
   std::uint64_t bytes = 0;   ///< of all files
 };
 
@@ -29,8 +29,9 @@ using ChunkRunner = std::function<void(Index count, Index grain, const std::func
                                         const std::filesystem::path& directory, const ChunkRunner& run_chunks,
                                         const SimulationProgress& progress = {});
 
-/// Writes a simulated session as a folder in NCLT's layout, all files in one folder:
-/// `velodyne_hits.bin`, `ms25.csv`, `gps.csv`, `groundtruth_2013-06-01.csv` as NCLT has them (z down); beside them
+/// Writes a simulated session in NCLT's layout, all files in one folder; several sessions as the folders `session1`,
+/// `session2`, ... in it, their truths in one map frame:
+/// `velodyne_hits.bin`, `ms25.csv`, `gps.csv`, `groundtruth_<date>.csv` as NCLT has them (z down); beside them
 /// `truth.tum`, T_map_body at the end of every scan (z up, as the library has it), and `README.txt`, which says what it
 /// is. The same preset and seed give the same bytes with any executor.
 ///

@@ -7,6 +7,7 @@
 #include <optional>
 #include <stdexcept>
 
+#include "simulator/day.hpp"
 #include "simulator/rig.hpp"
 
 namespace chainslam::simulator {
@@ -50,20 +51,21 @@ std::optional<double> measure(const LidarOptions& options, const RayHit& hit, do
 
 }  // namespace
 
-SpinningLidar::SpinningLidar(const LidarOptions& options, Rng rng) : options_(options), rng_(rng) {
+SpinningLidar::SpinningLidar(const LidarOptions& options, Rng unit, Index day)
+    : options_(options), noise_(on_day(unit, day)) {
   if (options.firings_per_revolution <= 0 || options.firings_per_revolution % firings_per_packet != 0)
     throw std::invalid_argument("SpinningLidar: firings_per_revolution must be a positive multiple of 12");
-  const Eigen::Vector3d axis = random_direction(rng);
-  const Eigen::Vector3d shift = random_direction(rng);
+  const Eigen::Vector3d axis = random_direction(unit);
+  const Eigen::Vector3d shift = random_direction(unit);
   const SE3d nominal = nominal_T_body_lidar();
   true_T_body_lidar_ = SE3d(nominal.rotation() * SO3d::exp(options.mount_angle_deg * degree * axis),
                             nominal.translation() + options.mount_shift * shift);
 
   const double turn_rate = -2.0 * std::numbers::pi / options.period;
   for (Index laser = 0; laser < lasers; ++laser) {
-    const auto sign = [&] { return rng.uniform() < 0.5 ? -1.0 : 1.0; };
-    const double error = sign() * rng.uniform(0.2, 1.0) * options.elevation_error_deg * degree;
-    const double bias = sign() * rng.uniform(0.5, 1.5) * options.range_bias;
+    const auto sign = [&] { return unit.uniform() < 0.5 ? -1.0 : 1.0; };
+    const double error = sign() * unit.uniform(0.2, 1.0) * options.elevation_error_deg * degree;
+    const double bias = sign() * unit.uniform(0.5, 1.5) * options.range_bias;
     const double azimuth = turn_rate * to_seconds(laser_offset(laser));
     const auto direction = [&](double elevation) {
       return Eigen::Vector3d(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
@@ -87,7 +89,7 @@ Duration SpinningLidar::firing_offset(Index firing) const {
 
 Revolution SpinningLidar::turn(const RayCaster& world, const Drive& drive, Index index) const {
   Revolution revolution{.start = index * period(), .returns = {}};
-  const Rng rng = rng_.fork(static_cast<std::uint64_t>(index));
+  const Rng rng = noise_.fork(static_cast<std::uint64_t>(index));
   for (Index firing = 0; firing < options_.firings_per_revolution; ++firing) {
     // The vehicle moves by a third of a millimetre while one firing's lasers go off: one pose, at their middle, does.
     const Duration time = revolution.start + firing_offset(firing) + laser_offset(lasers) / 2;

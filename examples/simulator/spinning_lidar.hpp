@@ -51,8 +51,9 @@ class SpinningLidar {
   static constexpr Index lasers = 32;
   static constexpr Index firings_per_packet = 12;
 
+  /// The same unit is off by the same on every `day`; its noise is the day's.
   /// @throws std::invalid_argument if `firings_per_revolution` is not a positive multiple of 12.
-  SpinningLidar(const LidarOptions& options, Rng rng);
+  SpinningLidar(const LidarOptions& options, Rng unit, Index day = 0);
 
   [[nodiscard]] const LidarOptions& options() const { return options_; }
   [[nodiscard]] Duration period() const { return seconds(options_.period); }
@@ -83,7 +84,7 @@ class SpinningLidar {
             std::vector<LidarReturn>& returns) const;
 
   LidarOptions options_;
-  Rng rng_;
+  Rng noise_;
   SE3d true_T_body_lidar_;
   std::vector<Laser> lasers_;
 };

@@ -25,6 +25,9 @@ struct Crossing {
   Index row;
 };
 
+/// Neighbouring crossings, one after the other.
+using Route = std::vector<Crossing>;
+
 /// A straight piece of street between two neighbouring crossings.
 struct Street {
   Eigen::Vector2d from;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "simulator/building.hpp"
+#include "simulator/day.hpp"
 #include "simulator/furniture.hpp"
 
 namespace chainslam::simulator {
@@ -58,11 +59,21 @@ struct Frontage {
   [[nodiscard]] Eigen::Vector2d at(double s, double d) const { return start + s * along + d * inward; }
 };
 
+/// A place for one car along the kerb.
+struct ParkingBay {
+  double gap;   ///< kerb to the car's middle, metres
+  double skew;  ///< of the car to the street
+  double lot;   ///< 0 to 1, for whether it is taken
+
+  explicit ParkingBay(Rng& rng) : gap(rng.uniform(0.95, 1.1)), skew(rng.uniform(-0.03, 0.03)), lot(rng.uniform()) {}
+};
+
 class Builder {
  public:
-  Builder(const TownOptions& options, const Rng& rng)
+  Builder(const TownOptions& options, const Rng& rng, Index day)
       : options_(options),
         rng_(rng),
+        day_(day),
         town_{.streets = StreetGrid(options.streets, rng.fork(0)),
               .terrain = Terrain(options.steepness, rng.fork(1)),
               .world = {}},
@@ -233,16 +244,23 @@ class Builder {
     return true;
   }
 
+  /// Whether a thing is among the `part` of all that differ from day to day; on the first day all are as they were.
+  [[nodiscard]] bool is_changed(const Rng& thing, double part) const {
+    return day_ > 0 && thing.fork(0).uniform() < part;
+  }
+
   void park_cars(const Frontage& side, Rng rng) {
     for (double s = clear_of_crossing + rng.uniform(0.0, 3.0); s < side.length - clear_of_crossing;
          s += rng.uniform(5.4, 6.4)) {
-      const double offset = options_.streets.half_road - rng.uniform(0.95, 1.1);
-      const double skew = rng.uniform(-0.03, 0.03);
-      const bool taken = rng.uniform() < options_.parked;
-      if (!taken) continue;
-      const Eigen::Vector2d direction = side.along + skew * side.inward;
-      add_car(town_.world, leaning(side.at(s, offset), direction.normalized(), 0.0),
-              rng.fork(static_cast<std::uint64_t>(s * 1000.0)));
+      Rng car = rng.fork(static_cast<std::uint64_t>(s * 1000.0));
+      ParkingBay bay(rng);
+      if (is_changed(car, options_.parked_anew)) {
+        car = on_day(car, day_);
+        bay = ParkingBay(car);
+      }
+      if (bay.lot >= options_.parked) continue;
+      const Eigen::Vector2d direction = side.along + bay.skew * side.inward;
+      add_car(town_.world, leaning(side.at(s, options_.streets.half_road - bay.gap), direction.normalized(), 0.0), car);
     }
   }
 
@@ -254,9 +272,13 @@ class Builder {
          s += rng.uniform(4.0, 9.0)) {
       const double offset = options_.streets.half_road + rng.uniform(0.5, 0.8);
       const Place place = standing(side.at(s, offset), -side.along);  // y points to the road
-      const double what = rng.uniform();
+      double what = rng.uniform();
       const double size = rng.uniform(0.7, 1.2);
-      const Rng item = rng.fork(number++);
+      Rng item = rng.fork(number++);
+      if (is_changed(item, options_.kerb_changes)) {
+        item = on_day(item, day_);
+        what = item.uniform();
+      }
       if (what < (avenue ? 0.45 : 0.1))
         add_tree(town_.world, place, size, item);
       else if (what < 0.62)
@@ -299,6 +321,7 @@ class Builder {
 
   const TownOptions& options_;
   Rng rng_;
+  Index day_;
   Town town_;
   std::vector<Street> streets_;
   double building_line_;  ///< middle of the road to the houses, metres
@@ -307,6 +330,6 @@ class Builder {
 
 }  // namespace
 
-Town make_town(const TownOptions& options, const Rng& rng) { return Builder(options, rng).build(); }
+Town make_town(const TownOptions& options, const Rng& rng, Index day) { return Builder(options, rng, day).build(); }
 
 }  // namespace chainslam::simulator

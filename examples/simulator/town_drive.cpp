@@ -1,18 +1,30 @@
 #include "simulator/town_drive.hpp"
 
+#include <chrono>
 #include <utility>
+
+#include "simulator/day.hpp"
 
 namespace chainslam::simulator {
 
-TownDrive::TownDrive(const Preset& preset, std::uint64_t seed)
-    : TownDrive(preset, Rng(seed), make_town(preset.town, Rng(seed).fork(0))) {}
+namespace {
 
-TownDrive::TownDrive(const Preset& preset, const Rng& rng, Town town)
-    : drive_(preset.drive, town, rng.fork(1)),
+constexpr std::chrono::sys_days first_day = std::chrono::year(2013) / std::chrono::June / 1;
+constexpr Duration noon = std::chrono::hours(12);
+
+}  // namespace
+
+TownDrive::TownDrive(const Preset& preset, std::uint64_t seed, std::size_t session)
+    : TownDrive(preset, preset.sessions.at(session), Rng(seed),
+                make_town(preset.town, Rng(seed).fork(0), preset.sessions.at(session).day)) {}
+
+TownDrive::TownDrive(const Preset& preset, const SessionPlan& session, const Rng& rng, Town town)
+    : epoch_((first_day + std::chrono::days(session.day)).time_since_epoch() + noon),
+      drive_(preset.drive, session.route, town, on_day(rng.fork(1), session.day)),
       caster_(std::move(town.world)),
-      lidar_(preset.lidar, rng.fork(2)),
-      imu_(record_imu(drive_, preset.imu, epoch(), rng.fork(3))),
-      gnss_(record_gnss(drive_, preset.gnss, epoch(), rng.fork(4))),
+      lidar_(preset.lidar, rng.fork(2), session.day),
+      imu_(record_imu(drive_, preset.imu, epoch_, rng.fork(3), session.day)),
+      gnss_(record_gnss(drive_, preset.gnss, epoch_, on_day(rng.fork(4), session.day))),
       scan_count_(static_cast<Index>(drive_.duration() / preset.lidar.period)) {}
 
 Timestamp TownDrive::scan_end(Index index) const {

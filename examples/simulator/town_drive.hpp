@@ -13,19 +13,21 @@ namespace chainslam::simulator {
 
 /// A simulated session: one vehicle, its sensors and the truth, as a stream of packets in time order.
 ///
-/// The same preset and seed give the same session. Frames: `body` is the inertial unit, `lidar` the sensor's own, both
+/// The same preset, seed and number give the same session. Sessions of one preset and seed share the town, its map
+/// frame and the vehicle. Frames: `body` is the inertial unit, `lidar` the sensor's own, both
 /// z up; `nominal_T_body_lidar()` is what an estimator should assume. The map frame is the world's: x north, y west, z
 /// up.
 class TownDrive {
  public:
-  TownDrive(const Preset& preset, std::uint64_t seed);
+  /// @throws std::out_of_range if the preset has no session of this number, counted from 0.
+  TownDrive(const Preset& preset, std::uint64_t seed, std::size_t session = 0);
 
   /// The next packet: inertial samples, GNSS fixes (none in outages) and scans at their end; nothing after the drive.
   /// At equal times inertial samples come first and scans last.
   [[nodiscard]] std::optional<Packet> next();
 
-  /// When the drive starts: 2013-06-01 12:00 UTC.
-  [[nodiscard]] static constexpr Timestamp epoch() { return Timestamp::from_microseconds(1'370'088'000'000'000); }
+  /// When the drive starts: 12:00 UTC of its day; day 0 is 2013-06-01.
+  [[nodiscard]] Timestamp epoch() const { return epoch_; }
   [[nodiscard]] Timestamp end() const { return epoch() + seconds(drive_.duration()); }
   [[nodiscard]] Index scan_count() const { return scan_count_; }
 
@@ -47,10 +49,11 @@ class TownDrive {
   [[nodiscard]] const std::vector<GnssReading>& gnss() const { return gnss_; }
 
  private:
-  TownDrive(const Preset& preset, const Rng& rng, Town town);
+  TownDrive(const Preset& preset, const SessionPlan& session, const Rng& rng, Town town);
 
   [[nodiscard]] Timestamp scan_end(Index index) const;
 
+  Timestamp epoch_;
   Drive drive_;
   RayCaster caster_;
   SpinningLidar lidar_;

@@ -17,7 +17,7 @@ struct Session {
   Session(const char* name, std::uint64_t seed)
       : options(*preset(name)),
         town(make_town(options.town, Rng(seed))),
-        drive(options.drive, town, Rng(seed).fork(1)) {}
+        drive(options.drive, options.sessions[0].route, town, Rng(seed).fork(1)) {}
 };
 
 }  // namespace

@@ -13,11 +13,11 @@ namespace {
 
 Drive small_drive() {
   const Preset options = *preset("town-small");
-  return Drive(options.drive, make_town(options.town, Rng(1)), Rng(1).fork(1));
+  return Drive(options.drive, options.sessions[0].route, make_town(options.town, Rng(1)), Rng(1).fork(1));
 }
 
 GnssOptions perfect_receiver() {
-  return {.session_bias = 0.0, .wander = 0.0, .noise = 0.0, .time_between_outages = 1e9};
+  return {.least_bias = 0.0, .most_bias = 0.0, .wander = 0.0, .noise = 0.0, .time_between_outages = 1e9};
 }
 
 }  // namespace
@@ -78,24 +78,54 @@ TEST_SUITE("simulator/gnss_receiver") {
       vertical += first.z() * first.z();
       fast += (second - first).head<2>().squaredNorm() / 2.0;
       const double trace = readings[0].fix.covariance_ecef.trace();
-      CHECK(trace == doctest::Approx(6.0 * (1.5 * 1.5 + 0.3 * 0.3)).epsilon(1e-6));
+      CHECK(trace == doctest::Approx(6.0 * (1.5 * 1.5 + 1.0)).epsilon(1e-6));
     }
     const double wander_step = 2.0 * 1.5 * 1.5 * (1.0 - std::exp(-0.5 / 60.0));
+    const double bias_square = (1.0 + 3.0 + 9.0) / 3.0;  // mean of the squares from 1 to 3
     // 600 values: 2.9 % of a standard deviation.
-    CHECK(std::sqrt(all / sessions) == doctest::Approx(std::sqrt(1.0 + 1.5 * 1.5 + 0.3 * 0.3)).epsilon(0.1));
+    CHECK(std::sqrt(all / sessions) == doctest::Approx(std::sqrt(0.5 * bias_square + 1.5 * 1.5 + 1.0)).epsilon(0.1));
     CHECK(std::sqrt(vertical / sessions) ==
-          doctest::Approx(2.0 * std::sqrt(1.0 + 1.5 * 1.5 + 0.3 * 0.3)).epsilon(0.15));
-    CHECK(std::sqrt(fast / sessions) == doctest::Approx(std::sqrt(2.0 * 0.3 * 0.3 + wander_step)).epsilon(0.1));
+          doctest::Approx(2.0 * std::sqrt(bias_square / 3.0 + 1.5 * 1.5 + 1.0)).epsilon(0.15));
+    CHECK(std::sqrt(fast / sessions) == doctest::Approx(std::sqrt(2.0 + wander_step)).epsilon(0.1));
   }
 
-  TEST_CASE("outages happen and say so") {
+  TEST_CASE("each session's fixes are off by a constant of its own, 1 to 3 m to the side") {
+    const Drive drive = small_drive();
+    GnssOptions options = perfect_receiver();
+    options.least_bias = 1.0;
+    options.most_bias = 3.0;
+    double shortest = 3.0;
+    double longest = 1.0;
+    Eigen::Vector3d previous = Eigen::Vector3d::Zero();
+    for (std::uint64_t session = 0; session < 50; ++session) {
+      const auto readings = record_gnss(drive, options, Timestamp(), Rng(session));
+      const auto perfect = record_gnss(drive, perfect_receiver(), Timestamp(), Rng(session));
+      const Eigen::Vector3d bias = readings[0].fix.position_ecef - perfect[0].fix.position_ecef;
+      const Eigen::Vector3d up = (map_to_ecef(Eigen::Vector3d::UnitZ()) - map_to_ecef(Eigen::Vector3d::Zero()));
+      const double aside = (bias - bias.dot(up) * up).norm();
+      shortest = std::min(shortest, aside);
+      longest = std::max(longest, aside);
+      CHECK((bias - previous).norm() > 0.01);
+      previous = bias;
+      for (std::size_t i = 0; i < readings.size(); ++i)
+        CHECK((readings[i].fix.position_ecef - perfect[i].fix.position_ecef - bias).norm() < 1e-6);
+    }
+    CHECK(shortest > 0.99);
+    CHECK(shortest < 1.3);
+    CHECK(longest > 2.7);
+    CHECK(longest < 3.01);
+  }
+
+  TEST_CASE("outages happen and say so, but not before the first fix") {
     const Drive drive = small_drive();
     std::size_t lost = 0;
     std::size_t all = 0;
     for (std::uint64_t session = 0; session < 100; ++session)
-      for (const GnssReading& reading : record_gnss(drive, {}, Timestamp(), Rng(session))) {
+      for (bool first = true; const GnssReading& reading : record_gnss(drive, {}, Timestamp(), Rng(session))) {
         ++all;
         const bool none = reading.mode == 0;
+        CHECK_FALSE((none && first));
+        first = false;
         lost += none ? 1 : 0;
         CHECK(none == (reading.fix.quality == GnssQuality::none));
         CHECK(none == std::isnan(reading.altitude));

@@ -9,7 +9,7 @@ namespace {
 
 Drive small_drive(std::uint64_t seed) {
   const Preset options = *preset("town-small");
-  return Drive(options.drive, make_town(options.town, Rng(seed)), Rng(seed).fork(1));
+  return Drive(options.drive, options.sessions[0].route, make_town(options.town, Rng(seed)), Rng(seed).fork(1));
 }
 
 struct State {
@@ -85,6 +85,22 @@ TEST_SUITE("simulator/inertial_unit") {
     CHECK(noise == doctest::Approx(options.gyro_noise * 10.0).epsilon(0.03));  // 22800 values: 0.5 %
     // 120 values: 6.5 %; the mean of 190 samples adds 0.36e-3 rad/s of noise.
     CHECK(std::sqrt(bias_squares / units) == doctest::Approx(options.gyro_bias).epsilon(0.2));
+  }
+
+  TEST_CASE("a unit keeps its scales and axes from day to day, not its bias and noise") {
+    const Drive drive = small_drive(3);
+    InertialOptions lasting = InertialOptions{}.without_errors();
+    lasting.scale = InertialOptions{}.scale;
+    lasting.misalignment_deg = InertialOptions{}.misalignment_deg;
+    const auto accel = [&](const InertialOptions& options, std::size_t sample, Index day) {
+      return record_imu(drive, options, Timestamp(), Rng(7), day)[sample].accel;
+    };
+    CHECK(accel(lasting, 900, 0) == accel(lasting, 900, 21));
+    CHECK(accel(lasting, 900, 0) != accel(InertialOptions{}.without_errors(), 900, 0));
+    InertialOptions biased = InertialOptions{}.without_errors();
+    biased.accel_bias = InertialOptions{}.accel_bias;
+    CHECK((accel(biased, 900, 0) - accel(biased, 900, 21)).norm() > 0.1 * biased.accel_bias);
+    CHECK((accel(biased, 900, 63) - accel(biased, 900, 21)).norm() > 0.1 * biased.accel_bias);
   }
 
   TEST_CASE("at rest the unit feels gravity and nothing else") {

@@ -145,7 +145,7 @@ TEST_SUITE("simulator/simulate") {
     const Folder folder("layout");
     const SimulationReport report = simulate(quick_preset(), 5, folder.path, ThreadPool(2));
     const TownDrive drive(quick_preset(), 5);
-    const std::uint64_t epoch_us = static_cast<std::uint64_t>(TownDrive::epoch().nanoseconds() / 1000);
+    const std::uint64_t epoch_us = static_cast<std::uint64_t>(drive.epoch().nanoseconds() / 1000);
 
     SUBCASE("velodyne_hits.bin") {
       const auto packets = read_hits(folder.path / "velodyne_hits.bin");
@@ -215,6 +215,36 @@ TEST_SUITE("simulator/simulate") {
     }
   }
 
+  TEST_CASE("several sessions are folders, each as if it were alone, dated by its day") {
+    Preset two_days = quick_preset();
+    two_days.sessions.push_back({.route = {{2, 2}, {2, 1}, {1, 1}}, .day = 30});
+    const Folder folder("days");
+    const SimulationReport report = simulate(two_days, 4, folder.path, ThreadPool(2));
+    CHECK(entries_in(folder.path) == 2);
+    Index scans = 0;
+    for (const std::size_t session : {0U, 1U}) {
+      const fs::path place = folder.path / ("session" + std::to_string(session + 1));
+      const TownDrive drive(two_days, 4, session);
+      CHECK(entries_in(place) == 6);
+      CHECK(read_tum(place / "truth.tum").times == drive.truth_at_scan_ends().times);
+      CHECK(read_hits(place / "velodyne_hits.bin").size() == static_cast<std::size_t>(5 * drive.scan_count()));
+      const std::string number = std::to_string(session + 1);
+      CHECK(read_file(place / "README.txt").find("session: " + number + " of 2, ") != std::string::npos);
+      scans += drive.scan_count();
+    }
+    CHECK(report.scans == scans);
+    CHECK(fs::exists(folder.path / "session1" / "groundtruth_2013-06-01.csv"));
+    CHECK(fs::exists(folder.path / "session2" / "groundtruth_2013-07-01.csv"));
+    CHECK(TownDrive(two_days, 4, 1).epoch() - TownDrive(two_days, 4, 0).epoch() == std::chrono::days(30));
+
+    const Folder alone("alone");
+    static_cast<void>(simulate(quick_preset(), 4, alone.path, Serial{}));
+    for (const char* name : {"velodyne_hits.bin", "ms25.csv", "gps.csv", "truth.tum"}) {
+      CAPTURE(name);
+      CHECK(read_file(alone.path / name) == read_file(folder.path / "session1" / name));
+    }
+  }
+
   TEST_CASE("progress reaches the end, and what it throws stops the work without a trace") {
     const Folder folder("progress");
     Index last = 0;
@@ -228,10 +258,12 @@ TEST_SUITE("simulator/simulate") {
     CHECK(all > 200);
 
     const Folder stopped("stopped");
-    const auto stop = [](Index done, Index) {
-      if (done > 100) throw std::runtime_error("stop");
+    const auto stop = [&](Index done, Index) {
+      if (done > all + 100) throw std::runtime_error("stop");
     };
-    CHECK_THROWS_AS(static_cast<void>(simulate(quick_preset(), 1, stopped.path, Serial{}, stop)), std::runtime_error);
+    Preset twice = quick_preset();
+    twice.sessions.push_back(twice.sessions.front());
+    CHECK_THROWS_AS(static_cast<void>(simulate(twice, 1, stopped.path, Serial{}, stop)), std::runtime_error);
     CHECK(entries_in(stopped.path) == 0);
   }
 

@@ -36,7 +36,7 @@ RayCaster room() {
 
 Drive drive_in_room() {
   const Preset options = *preset("town-small");
-  return Drive(options.drive, make_town(options.town, Rng(5)), Rng(5).fork(1));
+  return Drive(options.drive, options.sessions[0].route, make_town(options.town, Rng(5)), Rng(5).fork(1));
 }
 
 /// How far a point is off the nearest wall of the room.
@@ -139,6 +139,34 @@ TEST_SUITE("simulator/spinning_lidar") {
     CHECK(error.translation().norm() == doctest::Approx(LidarOptions{}.mount_shift));
   }
 
+  TEST_CASE("a sensor is off by the same every day, its noise is not the same") {
+    const RayCaster world = room();
+    const Drive drive = drive_in_room();
+    LidarOptions lasting;
+    lasting.range_noise = lasting.lost_returns = 0.0;
+    const auto ranges = [&](const LidarOptions& options, Index day) {
+      std::map<std::pair<int, int>, float> found;
+      for (const LidarReturn& hit : SpinningLidar(options, Rng(4), day).turn(world, drive, 9).returns)
+        found[{hit.firing, hit.laser}] = hit.position.norm();
+      return found;
+    };
+    const auto mean_difference = [&](const LidarOptions& options) {
+      const auto first = ranges(options, 0);
+      double sum = 0.0;
+      std::size_t count = 0;
+      for (const auto& [ray, range] : ranges(options, 21))
+        if (const auto before = first.find(ray); before != first.end()) {
+          sum += static_cast<double>(std::abs(range - before->second));
+          ++count;
+        }
+      REQUIRE(count > 5000);
+      return sum / static_cast<double>(count);
+    };
+    CHECK(mean_difference(lasting) == 0.0);
+    // The mean size of a difference of two normal values: 2 / sqrt(pi) standard deviations.
+    CHECK(mean_difference({}) == doctest::Approx(2.0 / std::sqrt(std::numbers::pi) * 0.015).epsilon(0.05));
+  }
+
   TEST_CASE("far and grazing surfaces return less") {
     World world;
     HeightField& ground = world.ground;
@@ -151,7 +179,7 @@ TEST_SUITE("simulator/spinning_lidar") {
     const Preset options = *preset("town-small");
     TownOptions flat = options.town;
     flat.steepness = 0.0;
-    const Drive drive(options.drive, make_town(flat, Rng(5)), Rng(5).fork(1));
+    const Drive drive(options.drive, options.sessions[0].route, make_town(flat, Rng(5)), Rng(5).fork(1));
     const SpinningLidar lidar({}, Rng(6));
     std::array<int, 32> returns{};
     constexpr Index scans = 3;

@@ -22,7 +22,7 @@ TEST_SUITE("simulator/town_drive") {
   TEST_CASE("packets come in time order, all of them") {
     TownDrive drive(quick_preset(), 1);
     std::array<std::size_t, 3> counts{};
-    Timestamp previous = TownDrive::epoch();
+    Timestamp previous = drive.epoch();
     while (const auto packet = drive.next()) {
       CHECK(available_at(*packet) >= previous);
       previous = available_at(*packet);
@@ -73,11 +73,17 @@ TEST_SUITE("simulator/town_drive") {
   }
 
   TEST_CASE("the vehicle never drives through anything") {
-    for (const char* name : {"town", "town-small"})
+    struct Tried {
+      const char* name;
+      std::size_t session;
+    };
+    for (const Tried& tried : {Tried{"town", 0}, Tried{"town-small", 0}, Tried{"town-sessions", 0},
+                               Tried{"town-sessions", 1}, Tried{"town-sessions", 2}})
       for (const std::uint64_t seed : {1U, 2U, 3U}) {
-        CAPTURE(name);
+        CAPTURE(tried.name);
+        CAPTURE(tried.session);
         CAPTURE(seed);
-        const TownDrive drive(*preset(name), seed);
+        const TownDrive drive(*preset(tried.name), seed, tried.session);
         for (double t = 0.0; t < drive.drive().duration(); t += 0.1) {
           const SE3d T = drive.drive().pose(t);
           // Feelers at half the body's height, ahead and to both sides: 1 m beyond the vehicle's outline is free.
