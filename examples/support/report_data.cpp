@@ -1,47 +1,86 @@
 #include "support/report_data.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cstddef>
 #include <map>
 #include <optional>
+#include <utility>
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/timestamp.hpp"
+#include "chainslam/graph/connected_components.hpp"
 
 namespace chainslam::support {
 namespace {
 
-ReportSession session_of(const Session& session, const SlamMap& map) {
-  ReportSession result{.name = session.name};
+std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+
+ReportSession session_of(const Session& session, const SlamMap& map, const Eigen::Vector3d& offset) {
+  ReportSession result{.name = session.name, .frame = std::max<Index>(session.frame.value, 0), .offset = offset};
   if (session.keyframes == 0) return result;
-  const Keyframe& first = map.keyframes[static_cast<std::size_t>(session.first_keyframe)];
-  const SE3d T_map_odom = first.T_map_body * first.T_odom_body.inverse();
-  for (Index i = session.first_keyframe; i < session.first_keyframe + session.keyframes; ++i) {
-    const Keyframe& keyframe = map.keyframes[static_cast<std::size_t>(i)];
+  const Keyframe& first = map.keyframes[at(session.first_keyframe)];
+  const SE3d T_map_odom = odometry_placement(map, session);
+  for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) {
+    const Keyframe& keyframe = map.keyframes[at(i)];
     result.times.push_back(to_seconds(keyframe.time - first.time));
-    result.optimised.push_back(keyframe.T_map_body.translation());
-    result.odometry.push_back((T_map_odom * keyframe.T_odom_body).translation());
+    result.optimised.emplace_back(keyframe.T_map_body.translation() + offset);
+    result.odometry.emplace_back((T_map_odom * keyframe.T_odom_body).translation() + offset);
   }
   return result;
 }
 
+/// How far each frame is moved so that it lies to the right of the ones before; by the session that defines it.
+std::map<SessionId, Eigen::Vector3d> side_by_side(const SlamMap& map) {
+  constexpr double gap = 120.0;  // metres between the keyframes of two frames: each has its surroundings
+  std::map<SessionId, Eigen::AlignedBox3d> boxes;
+  for (const Session& session : map.sessions)
+    for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i)
+      boxes[session.frame].extend(map.keyframes[at(i)].T_map_body.translation());
+  std::map<SessionId, Eigen::Vector3d> offsets;
+  double right = 0.0, bottom = 0.0;
+  for (const auto& [frame, box] : boxes) {
+    Eigen::Vector3d& offset = offsets[frame] = Eigen::Vector3d::Zero();
+    if (offsets.size() == 1)
+      bottom = box.min().y();
+    else
+      offset.head<2>() = Eigen::Vector2d(right + gap - box.min().x(), bottom - box.min().y());
+    right = box.max().x() + offset.x();
+  }
+  return offsets;
+}
+
+std::vector<ReportRefusal> refusals_of(const SlamMap& map) {
+  std::map<std::pair<ClosureVerdict, ClosureKind>, Index> counts;
+  for (const LoopClosure& refusal : map.refusals) ++counts[{refusal.verdict, refusal.kind}];
+  std::vector<ReportRefusal> refusals;
+  for (const auto& [what, count] : counts)
+    refusals.push_back({.reason = name_of(what.first), .count = count, .kind = what.second});
+  return refusals;
+}
+
 /// Adds the keyframe's points that are the first in their cells.
-void add_points(const Keyframe& keyframe, double voxel_size, CellTable& cells, ReportData& data) {
+void add_points(const Keyframe& keyframe, const Eigen::Vector3d& offset, double voxel_size, CellTable& cells,
+                ReportData& data) {
   if (!keyframe.cloud) return;
   for (const Eigen::Vector3f& position : keyframe.cloud->positions) {
     const Eigen::Vector3d point = keyframe.T_map_body * Eigen::Vector3d(position.cast<double>());
     const std::optional<Cell> cell = cell_of(point / voxel_size);
     if (!cell || !cells.insert(*cell, cells.size()).second) continue;
-    data.points.emplace_back((point - data.points_origin).cast<float>());
+    data.points.emplace_back((point + offset - data.points_origin).cast<float>());
     data.point_sessions.push_back(static_cast<std::uint8_t>(std::min<Index>(keyframe.session.value, 255)));
   }
 }
 
-ReportSeries error_series(const std::string& name, const ReportSession& session,
+ReportSeries error_series(const std::string& name, const ReportSession& session, Index color,
                           const std::vector<Eigen::Vector3d>& positions) {
-  ReportSeries series{.name = session.name + ", " + name, .x = session.times};
+  ReportSeries series{.name = name, .x = session.times, .color = color};
   for (std::size_t i = 0; i < positions.size(); ++i) series.y.push_back((positions[i] - session.truth[i]).norm());
   return series;
+}
+
+ReportPlot error_plot(const std::string& title) {
+  return {.title = title, .x_label = "time in session (s)", .y_label = "error (m)"};
 }
 
 }  // namespace
@@ -58,6 +97,12 @@ std::string name_of(ClosureVerdict verdict) {
       return "high residual";
     case ClosureVerdict::implausible:
       return "implausible correction";
+    case ClosureVerdict::low_fitness:
+      return "low fitness";
+    case ClosureVerdict::inconsistent:
+      return "contradicts the map";
+    case ClosureVerdict::unconfirmed:
+      return "not confirmed by a second place";
   }
   return "unknown";
 }
@@ -76,23 +121,77 @@ std::string name_of(ClosureKind kind) {
 
 ReportData report_data(const SlamMap& map, double voxel_size) {
   ReportData data;
-  for (const Session& session : map.sessions) data.sessions.push_back(session_of(session, map));
+  const auto offsets = side_by_side(map);
+  const auto offset_of = [&](const Session& session) -> Eigen::Vector3d {
+    const auto found = offsets.find(session.frame);
+    return found == offsets.end() ? Eigen::Vector3d::Zero() : found->second;
+  };
+  for (const Session& session : map.sessions) data.sessions.push_back(session_of(session, map, offset_of(session)));
   for (const LoopClosure& closure : map.closures)
     data.closures.push_back({.from = closure.from.value,
                              .to = closure.to.value,
                              .kind = closure.kind,
                              .score = closure.mean_squared_error});
-  std::map<ClosureVerdict, Index> refusals;
-  for (const LoopClosure& refusal : map.refusals) ++refusals[refusal.verdict];
-  for (const auto& [verdict, count] : refusals) data.refusals.push_back({.reason = name_of(verdict), .count = count});
+  data.refusals = refusals_of(map);
+  data.components = adjacency_components(map);
 
   if (!map.keyframes.empty()) data.points_origin = map.keyframes.front().T_map_body.translation();
-  std::map<SessionId, CellTable> cells;
-  for (const Keyframe& keyframe : map.keyframes) add_points(keyframe, voxel_size, cells[keyframe.session], data);
+  for (const Session& session : map.sessions) {
+    CellTable cells;
+    for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i)
+      add_points(map.keyframes[at(i)], offset_of(session), voxel_size, cells, data);
+  }
 
   const bool has_times = std::ranges::any_of(data.sessions, [](const ReportSession& s) { return s.times.size() > 1; });
   if (has_times) data.plots.push_back(speed_plot(data.sessions));
   return data;
+}
+
+SE3d odometry_placement(const SlamMap& map, const Session& session) {
+  const auto contains = [&](KeyframeId id) {
+    return id.value >= session.first_keyframe && id.value < session.end_keyframe();
+  };
+  const auto pose = [&](KeyframeId id) -> const Keyframe& { return map.keyframes[at(id.value)]; };
+  const LoopClosure* merge = nullptr;
+  if (session.frame != session.id)
+    for (const LoopClosure& closure : map.closures) {
+      if (closure.kind != ClosureKind::merge || contains(closure.from) == contains(closure.to)) continue;
+      if (contains(closure.to) || !merge) merge = &closure;
+      if (contains(closure.to)) break;
+    }
+  if (!merge) {
+    const Keyframe& first = map.keyframes[at(session.first_keyframe)];
+    return first.T_map_body * first.T_odom_body.inverse();
+  }
+  const Keyframe &from = pose(merge->from), &to = pose(merge->to);
+  return contains(merge->to) ? from.T_map_body * merge->T_from_to * to.T_odom_body.inverse()
+                             : to.T_map_body * merge->T_from_to.inverse() * from.T_odom_body.inverse();
+}
+
+std::vector<ReportComponent> adjacency_components(const SlamMap& map) {
+  ConnectedComponents connected(to_index(map.keyframes.size()));
+  const auto is_factor = [](const LoopClosure& closure) { return !closure.sqrt_information.isZero(0); };
+  for (const LoopClosure& closure : map.closures)
+    if (is_factor(closure)) connected.connect(closure.from.value, closure.to.value);
+
+  std::map<Index, ReportComponent> by_node;  // that stands for the component
+  for (const Keyframe& keyframe : map.keyframes) {
+    if (connected.size_of(keyframe.id.value) < 2) continue;
+    ReportComponent& component = by_node[connected.component_of(keyframe.id.value)];
+    component.keyframes.push_back(keyframe.id.value);
+    const Index session = keyframe.session.value;
+    if (component.sessions.empty() || component.sessions.back() != session) component.sessions.push_back(session);
+  }
+  for (const LoopClosure& closure : map.closures)
+    if (is_factor(closure)) ++by_node[connected.component_of(closure.from.value)].closures;
+
+  std::vector<ReportComponent> components;
+  for (auto& [node, component] : by_node) components.push_back(std::move(component));
+  std::ranges::sort(components, [](const ReportComponent& a, const ReportComponent& b) {
+    if (a.keyframes.size() != b.keyframes.size()) return a.keyframes.size() > b.keyframes.size();
+    return a.keyframes.front() < b.keyframes.front();
+  });
+  return components;
 }
 
 ReportPlot speed_plot(const std::vector<ReportSession>& sessions) {
@@ -111,17 +210,32 @@ ReportPlot speed_plot(const std::vector<ReportSession>& sessions) {
   return plot;
 }
 
-ReportPlot error_plot(const std::vector<ReportSession>& sessions) {
-  ReportPlot plot{.title = "Distance from the truth", .x_label = "time in session (s)", .y_label = "error (m)"};
+std::vector<ReportPlot> error_plots(const std::vector<ReportSession>& sessions) {
+  ReportPlot together = error_plot("Distance from the truth");
+  std::vector<ReportPlot> apart;
   for (std::size_t s = 0; s < sessions.size(); ++s) {
     const ReportSession& session = sessions[s];
     if (session.truth.empty() || session.times.empty()) continue;
-    plot.series.push_back(error_series("optimised", session, session.optimised));
-    plot.series.back().color = to_index(s);
+    const Index color = to_index(s);
+    together.series.push_back(error_series(session.name, session, color, session.optimised));
+    ReportPlot& plot = apart.emplace_back(error_plot("Distance from the truth: " + session.name));
+    plot.series.push_back(error_series(session.name + ", optimised", session, color, session.optimised));
     if (session.odometry.empty()) continue;
-    plot.series.push_back(error_series("odometry alone", session, session.odometry));
-    plot.series.back().color = to_index(s);
+    plot.series.push_back(error_series(session.name + ", odometry alone", session, color, session.odometry));
     plot.series.back().dashed = true;
+  }
+  if (apart.size() > 1) apart.insert(apart.begin(), std::move(together));
+  if (apart.size() == 1) apart.front().title = together.title;
+  return apart;
+}
+
+ReportPlot back_end_plot(const std::vector<double>& keyframe_seconds) {
+  ReportPlot plot{.title = "Back end, per keyframe", .x_label = "keyframe of this run", .y_label = "time (ms)"};
+  if (keyframe_seconds.empty()) return plot;
+  ReportSeries& series = plot.series.emplace_back(ReportSeries{.name = "back end"});
+  for (std::size_t i = 0; i < keyframe_seconds.size(); ++i) {
+    series.x.push_back(static_cast<double>(i));
+    series.y.push_back(1e3 * keyframe_seconds[i]);
   }
   return plot;
 }

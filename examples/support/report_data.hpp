@@ -20,13 +20,17 @@ struct ReportFigure {
   std::string note{};   ///< small, below: "from 41 direct ones"
 };
 
-/// One session's keyframes. All positions in the map frame, metres.
+/// One session's keyframes. All positions in the map frame, metres, moved by `offset`.
 struct ReportSession {
   std::string name{};
   std::vector<double> times{};               ///< seconds since the session's start; empty or one per keyframe
   std::vector<Eigen::Vector3d> optimised{};  ///< one per keyframe
-  std::vector<Eigen::Vector3d> odometry{};  ///< without closures, laid on the first keyframe; empty or one per keyframe
-  std::vector<Eigen::Vector3d> truth{};     ///< empty or one per keyframe
+  std::vector<Eigen::Vector3d> odometry{};   ///< as the front end gave it, laid on the map; empty or one per keyframe
+  std::vector<Eigen::Vector3d> truth{};      ///< empty or one per keyframe
+  bool loaded = false;                       ///< from a map that was saved before
+  Index frame = 0;                           ///< number of the session in whose frame it lies
+  /// Where its frame is drawn: frames that no merge joined lie side by side.
+  Eigen::Vector3d offset = Eigen::Vector3d::Zero();
 };
 
 /// An accepted closure. Keyframes are numbered through all sessions, in their order.
@@ -37,10 +41,18 @@ struct ReportClosure {
   double score = 0.0;  ///< mean squared error over inliers, m^2
 };
 
-/// How many candidates were refused for one reason.
+/// How many candidates of a kind were refused for one reason.
 struct ReportRefusal {
   std::string reason{};
   Index count = 0;
+  ClosureKind kind = ClosureKind::direct;
+};
+
+/// Keyframes that accepted closures connect, two or more.
+struct ReportComponent {
+  std::vector<Index> keyframes{};  ///< ascending
+  std::vector<Index> sessions{};   ///< numbers of those that it joins, ascending
+  Index closures = 0;
 };
 
 struct ReportSeries {
@@ -69,6 +81,7 @@ struct ReportData {
   std::vector<ReportSession> sessions{};
   std::vector<ReportClosure> closures{};
   std::vector<ReportRefusal> refusals{};
+  std::vector<ReportComponent> components{};                ///< of the adjacency graph, the largest first
   std::vector<Eigen::Vector3f> points{};                    ///< the map, metres, near `points_origin`
   std::vector<std::uint8_t> point_sessions{};               ///< number of each point's session; empty or one per point
   Eigen::Vector3d points_origin = Eigen::Vector3d::Zero();  ///< added to each point: keeps floats small far from zero
@@ -76,22 +89,36 @@ struct ReportData {
   std::vector<StageTime> stages{};
 };
 
-/// Sessions, closures, refusals and points of a map.
+/// Sessions, closures, refusals, components and points of a map.
+///
+/// Frames that no merge joined are moved apart, since nothing is known of how they lie to each other.
 /// @param voxel_size  edge of the cells in which one point of each session is kept, metres.
 [[nodiscard]] ReportData report_data(const SlamMap& map, double voxel_size);
+
+/// Where a session's odometry lies without the closures: at the partner of the merge that brought it into its frame, or
+/// at its own first keyframe if none did. @returns T_map_odom.
+[[nodiscard]] SE3d odometry_placement(const SlamMap& map, const Session& session);
+
+/// The connected components of the adjacency graph, whose nodes are keyframes and whose edges are the closures that
+/// are factors; the largest first, the earlier of equals. Keyframes without a closure are left out.
+[[nodiscard]] std::vector<ReportComponent> adjacency_components(const SlamMap& map);
 
 /// Speed between keyframes over time, a line for each session that states times.
 [[nodiscard]] ReportPlot speed_plot(const std::vector<ReportSession>& sessions);
 
-/// Distance from the truth over time, optimised and odometry alone, for each session that has truth and times.
-[[nodiscard]] ReportPlot error_plot(const std::vector<ReportSession>& sessions);
+/// Distance from the truth over time, of each session that has truth and times. One session: optimised and odometry
+/// alone. Several: the optimised ones together, then one plot for each as if it were the only one.
+[[nodiscard]] std::vector<ReportPlot> error_plots(const std::vector<ReportSession>& sessions);
+
+/// What the back end took for each keyframe.
+[[nodiscard]] ReportPlot back_end_plot(const std::vector<double>& keyframe_seconds);
 
 inline constexpr std::array closure_kinds{ClosureKind::direct, ClosureKind::chained, ClosureKind::merge};
 
 /// A verdict in words: "high residual".
 [[nodiscard]] std::string name_of(ClosureVerdict verdict);
 
-/// A kind in words: "direct".
+/// A kind in words: "direct", "chained", "merge".
 [[nodiscard]] std::string name_of(ClosureKind kind);
 
 }  // namespace chainslam::support

@@ -14,6 +14,11 @@ double percentile(std::vector<double> samples, double share) {
   return *nth;
 }
 
+Spread spread_of(const std::vector<double>& samples) {
+  if (samples.empty()) return {};
+  return {percentile(samples, 0.50), percentile(samples, 0.99), *std::ranges::max_element(samples)};
+}
+
 void StageTimes::add(const std::string& stage, double seconds) {
   const std::scoped_lock lock(mutex_);
   auto entry = std::ranges::find(samples_, stage, &std::pair<std::string, std::vector<double>>::first);
@@ -24,13 +29,15 @@ void StageTimes::add(const std::string& stage, double seconds) {
 std::vector<StageTime> StageTimes::rows() const {
   const std::scoped_lock lock(mutex_);
   std::vector<StageTime> result;
-  for (const auto& [stage, samples] : samples_)
+  for (const auto& [stage, samples] : samples_) {
+    const Spread spread = spread_of(samples);
     result.push_back({.stage = stage,
                       .count = to_index(samples.size(), "samples of a stage"),
                       .total = std::accumulate(samples.begin(), samples.end(), 0.0),
-                      .p50 = percentile(samples, 0.50),
-                      .p99 = percentile(samples, 0.99),
-                      .max = *std::ranges::max_element(samples)});
+                      .p50 = spread.p50,
+                      .p99 = spread.p99,
+                      .max = spread.max});
+  }
   return result;
 }
 

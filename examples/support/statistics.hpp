@@ -56,4 +56,14 @@ class StageTimes {
 /// @param share  in (0, 1].
 [[nodiscard]] double percentile(std::vector<double> samples, double share);
 
+/// The middle and the end of a list of samples; zeros of none.
+struct Spread {
+  double p50 = 0.0;
+  double p99 = 0.0;
+  double max = 0.0;
+};
+
+/// Nearest-rank percentiles of samples in any order.
+[[nodiscard]] Spread spread_of(const std::vector<double>& samples);
+
 }  // namespace chainslam::support

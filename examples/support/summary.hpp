@@ -19,6 +19,42 @@ struct GoalResult {
   bool met = false;
 };
 
+/// One session of the map.
+struct SessionSummary {
+  std::string name{};
+  bool loaded = false;          ///< from a map that was saved before; it then has keyframes, but no scans
+  Index frame = 0;              ///< number of the session in whose frame it lies: its own, until a merge joins it
+  Index scans = 0;              ///< given to odometry
+  Index frames = 0;             ///< answered by odometry
+  Index lost_frames = 0;        ///< of these, without a match in the map
+  Index degenerate_frames = 0;  ///< of these, with directions that the scan says nothing about
+  Index keyframes = 0;
+  double data_seconds = 0.0;  ///< time that the data spans
+  double path_length = 0.0;   ///< metres
+  /// "optimised.ape.translation.rmse", ... under an alignment of its own; each dot is a level
+  std::map<std::string, double> errors{};
+  std::vector<std::string> notes{};
+};
+
+/// The components of the adjacency graph, whose edges are the accepted closures. Keyframes without one are none.
+struct ComponentSummary {
+  Index count = 0;
+  Index keyframes = 0;                 ///< in all of them
+  Index largest = 0;                   ///< keyframes in the largest
+  std::map<Index, Index> histogram{};  ///< how many there are of each size
+};
+
+/// What the back end did, and what each keyframe and each closure cost it.
+struct BackEndSummary {
+  Index optimisations = 0;
+  Index failed_optimisations = 0;
+  Index alignments = 0;          ///< scans registered to submaps, accepted or not
+  Index keyframes = 0;           ///< added in this run
+  Spread seconds{};              ///< per keyframe
+  Spread keyframe_alignments{};  ///< registrations per keyframe
+  Spread closure_alignments{};   ///< registrations per direct closure: its own and those of its chain
+};
+
 /// What a run came to, in figures that scripts can read.
 struct RunSummary {
   std::string dataset{};
@@ -28,22 +64,27 @@ struct RunSummary {
   Index lost_frames = 0;        ///< of these, without a match in the map
   Index degenerate_frames = 0;  ///< of these, with directions that the scan says nothing about
   Index keyframes = 0;
-  Index sessions = 0;
-  Index merges = 0;
+  std::vector<SessionSummary> sessions{};  ///< of the map, the loaded ones too
+  Index merges = 0;                        ///< frames joined
   Index direct_closures = 0;
   Index chained_closures = 0;
-  std::map<std::string, Index> refusals{};  ///< by reason
-  double data_seconds = 0.0;                ///< time that the data spans
-  double wall_seconds = 0.0;                ///< time that the run took
-  double path_length = 0.0;                 ///< metres, all sessions
-  std::uint64_t peak_memory = 0;            ///< bytes
+  Index merge_closures = 0;
+  std::map<std::string, Index> refusals{};                                 ///< by reason
+  std::map<std::string, std::map<std::string, Index>> refusals_by_kind{};  ///< by kind of closure, then by reason
+  ComponentSummary components{};
+  BackEndSummary back_end{};
+  double data_seconds = 0.0;      ///< time that the data spans, all sessions of this run
+  double wall_seconds = 0.0;      ///< time that the run took
+  double path_length = 0.0;       ///< metres, all sessions of this run
+  std::uint64_t peak_memory = 0;  ///< bytes
   std::vector<StageTime> stages{};
   std::map<std::string, double> errors{};  ///< "optimised.ape.translation.rmse", ...; each dot is a level
   std::vector<GoalResult> goals{};
   std::vector<std::string> notes{};
 };
 
-/// The summary as JSON text: `scans`, `keyframes`, `closures.direct`, `closures.chained`, `refusals.<reason>`,
+/// The summary as JSON text: `scans`, `keyframes`, `sessions[]`, `closures.direct`, `closures.chained`,
+/// `closures.merge`, `refusals.<reason>`, `refusals_by_kind.<kind>.<reason>`, `components`, `back_end`,
 /// `stages.<name>.p50_ms`, `peak_memory_bytes`, `errors...` and so on. A figure that is not finite is null.
 [[nodiscard]] std::string summary_json(const RunSummary& summary);
 

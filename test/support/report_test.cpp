@@ -103,7 +103,8 @@ ReportData square_town() {
   data.summary = {{"Preset", "best"}};
   data.warnings = {"gap of 2 s <b>here</b>"};
   data.stages = {{.stage = "odometry", .count = 80, .total = 4.0, .p50 = 0.05, .p99 = 0.2, .max = 1.5}};
-  data.plots = {speed_plot(data.sessions), error_plot(data.sessions)};
+  data.plots = error_plots(data.sessions);
+  data.plots.insert(data.plots.begin(), speed_plot(data.sessions));
   return data;
 }
 
@@ -225,7 +226,7 @@ TEST_SUITE("support/report") {
       CAPTURE(part);
       CHECK(html.find(part) != std::string::npos);
     }
-    CHECK(count(html, "<svg class=\"plot\"") == 2);
+    CHECK(count(html, "<svg class=\"plot\"") == 4);  // speed, errors of both and of each
     CHECK(count(html, "class=\"closures ") == 3);
     const std::string paths = between(html, "id=\"paths\">", "</script>");
     CHECK(paths.size() == (6 * 40 * 3 * sizeof(float) + 2) / 3 * 4);
@@ -334,21 +335,132 @@ TEST_SUITE("support/report") {
   }
 }
 
+SE3d at(double x, double y = 0) { return SE3d(SO3d(), Eigen::Vector3d(x, y, 0)); }
+
+Session session(Index id, const char* name, Index first, Index keyframes, Index frame) {
+  Session result;
+  result.id = SessionId{id};
+  result.name = name;
+  result.first_keyframe = first;
+  result.keyframes = keyframes;
+  result.frame = SessionId{frame};
+  return result;
+}
+
+LoopClosure closure(Index from, Index to, ClosureKind kind, const SE3d& T_from_to) {
+  LoopClosure result;
+  result.from = KeyframeId{from};
+  result.to = KeyframeId{to};
+  result.kind = kind;
+  result.T_from_to = T_from_to;
+  result.sqrt_information.setIdentity();
+  return result;
+}
+
+/// Three sessions of four keyframes, 10 m apart along x. The second was merged into the first, 2 m beside it, with
+/// odometry that is 1 m too long between keyframes; the third was not.
+SlamMap three_sessions() {
+  SlamMap map;
+  map.sessions = {session(0, "a", 0, 4, 0), session(1, "b", 4, 4, 0), session(2, "c", 8, 4, 2)};
+  for (Index i = 0; i < 12; ++i) {
+    Keyframe keyframe;
+    keyframe.id = KeyframeId{i};
+    keyframe.session = SessionId{i / 4};
+    keyframe.time = Timestamp::from_seconds(i);
+    keyframe.T_map_body = at(10.0 * (i % 4), i / 4 == 1 ? 2 : 0);
+    keyframe.T_odom_body = at((i / 4 == 1 ? 11.0 : 10.0) * (i % 4));
+    map.keyframes.push_back(keyframe);
+  }
+  map.closures = {closure(2, 6, ClosureKind::merge, at(0, 2)), closure(2, 7, ClosureKind::direct, at(10, 2)),
+                  closure(0, 4, ClosureKind::direct, at(0, 2)), closure(3, 7, ClosureKind::chained, at(0, 2))};
+  map.refusals = {closure(1, 5, ClosureKind::chained, at(0)), closure(1, 6, ClosureKind::chained, at(0)),
+                  closure(1, 6, ClosureKind::merge, at(0))};
+  for (LoopClosure& refusal : map.refusals) refusal.verdict = ClosureVerdict::high_residual;
+  map.refusals.back().verdict = ClosureVerdict::unconfirmed;
+  return map;
+}
+
 TEST_SUITE("support/report_data") {
+  TEST_CASE("odometry lies where its merge put it, and drifts from there") {
+    const SlamMap map = three_sessions();
+    const SE3d T_map_odom = odometry_placement(map, map.sessions[1]);
+    CHECK(T_map_odom.translation().isApprox(Eigen::Vector3d(-2, 2, 0)));  // at keyframe 6, two odd metres back
+    const ReportData data = report_data(map, 0.5);
+    CHECK(data.sessions[1].odometry[2].isApprox(data.sessions[1].optimised[2]));
+    CHECK((data.sessions[1].odometry[3] - data.sessions[1].optimised[3]).norm() == doctest::Approx(1));
+    CHECK(data.sessions[0].odometry[3].isApprox(data.sessions[0].optimised[3]));
+  }
+
+  TEST_CASE("a session is placed by a later one's merge with it, if that is what joined it") {
+    SlamMap map = three_sessions();
+    map.closures = {closure(6, 8, ClosureKind::merge, at(5, 1))};
+    const SE3d T_map_odom = odometry_placement(map, map.sessions[1]);
+    CHECK((T_map_odom * map.keyframes[6].T_odom_body).translation().isApprox(Eigen::Vector3d(-5, -1, 0)));
+  }
+
+  TEST_CASE("frames that no merge joined are drawn side by side") {
+    const ReportData data = report_data(three_sessions(), 0.5);
+    CHECK(data.sessions[0].offset.isZero());
+    CHECK(data.sessions[1].offset.isZero());
+    CHECK(data.sessions[1].frame == 0);
+    CHECK(data.sessions[2].frame == 2);
+    CHECK(data.sessions[2].offset.x() > 100);
+    CHECK(data.sessions[2].optimised[0].isApprox(data.sessions[2].offset));
+  }
+
+  TEST_CASE("components join what closures that are factors connect, the largest first") {
+    SlamMap map = three_sessions();
+    const auto components = adjacency_components(map);
+    REQUIRE(components.size() == 2);
+    CHECK(components[0].keyframes == std::vector<Index>{2, 3, 6, 7});
+    CHECK(components[0].sessions == std::vector<Index>{0, 1});
+    CHECK(components[0].closures == 3);
+    CHECK(components[1].keyframes == std::vector<Index>{0, 4});
+    map.closures[1].sqrt_information.setZero();
+    CHECK(adjacency_components(map).size() == 3);
+    CHECK(adjacency_components({}).empty());
+  }
+
+  TEST_CASE("refusals are counted by reason and kind") {
+    const ReportData data = report_data(three_sessions(), 0.5);
+    REQUIRE(data.refusals.size() == 2);
+    CHECK(data.refusals[0].count == 2);
+    CHECK(data.refusals[0].kind == ClosureKind::chained);
+    CHECK(data.refusals[1].reason == "not confirmed by a second place");
+    CHECK(data.refusals[1].kind == ClosureKind::merge);
+  }
+
+  TEST_CASE("several sessions with truth have a plot together and one each") {
+    std::vector<ReportSession> sessions(2);
+    for (std::size_t i = 0; i < 2; ++i)
+      sessions[i] = {.name = i == 0 ? "a" : "b",
+                     .times = {0},
+                     .optimised = {{1, 0, 0}},
+                     .odometry = {{0, 2, 0}},
+                     .truth = {{0, 0, 0}}};
+    const auto plots = error_plots(sessions);
+    REQUIRE(plots.size() == 3);
+    CHECK(plots[0].series.size() == 2);
+    REQUIRE(plots[2].series.size() == 2);
+    CHECK(plots[2].series[0].color == 1);
+    CHECK(plots[2].series[1].y == std::vector<double>{2});
+    CHECK(plots[2].series[1].dashed);
+  }
+
+  TEST_CASE("the back end's times are milliseconds, and no keyframe is no line") {
+    CHECK(back_end_plot({}).series.empty());
+    CHECK(back_end_plot({0.5, 0.001}).series.at(0).y == std::vector<double>{500, 1});
+  }
+
   TEST_CASE("a map's sessions, closures, refusals and points come through") {
     auto cloud = std::make_shared<PointCloud<float>>();
     cloud->positions = {{1, 0, 0}, {1.1F, 0, 0}, {5, 0, 0}, {std::numeric_limits<float>::quiet_NaN(), 0, 0}};
     SlamMap map;
-    map.sessions = {{SessionId{0}, "a", 0, 2}, {SessionId{1}, "b", 2, 1}};
-    const auto at = [](double x) { return SE3d(SO3d(), Eigen::Vector3d(x, 0, 0)); };
+    map.sessions = {session(0, "a", 0, 2, 0), session(1, "b", 2, 1, 0)};
     map.keyframes = {{KeyframeId{0}, SessionId{0}, Timestamp::from_seconds(10), at(100), at(1000), cloud, {}},
                      {KeyframeId{1}, SessionId{0}, Timestamp::from_seconds(12), at(103), at(1004), cloud, {}},
                      {KeyframeId{2}, SessionId{1}, Timestamp::from_seconds(5), at(0), at(1000), nullptr, {}}};
-    LoopClosure closure;
-    closure.from = KeyframeId{0};
-    closure.to = KeyframeId{2};
-    closure.kind = ClosureKind::merge;
-    map.closures = {closure};
+    map.closures = {closure(0, 2, ClosureKind::merge, at(0))};
     map.refusals.resize(3);
     map.refusals[0].verdict = map.refusals[2].verdict = ClosureVerdict::high_residual;
     map.refusals[1].verdict = ClosureVerdict::implausible;
@@ -382,9 +494,10 @@ TEST_SUITE("support/report_data") {
                    .optimised = {{0, 0, 0}, {3, 4, 0}},
                    .odometry = {},
                    .truth = {{0, 0, 0}, {0, 0, 0}}};
-    const ReportPlot plot = error_plot(sessions);
-    REQUIRE(plot.series.size() == 1);
-    CHECK(plot.series[0].y == std::vector<double>{0, 5});
+    const std::vector<ReportPlot> plots = error_plots(sessions);
+    REQUIRE(plots.size() == 1);
+    REQUIRE(plots[0].series.size() == 1);
+    CHECK(plots[0].series[0].y == std::vector<double>{0, 5});
   }
 }
 

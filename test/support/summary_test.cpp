@@ -30,6 +30,14 @@ TEST_SUITE("support/statistics") {
     CHECK(percentile({}, 0.5) == 0);
   }
 
+  TEST_CASE("a spread is the middle and the end, and zero of nothing") {
+    const Spread spread = spread_of({5, 1, 4, 2, 3});
+    CHECK(spread.p50 == 3);
+    CHECK(spread.p99 == 5);
+    CHECK(spread.max == 5);
+    CHECK(spread_of({}).max == 0);
+  }
+
   TEST_CASE("each stage has a row, in the order of its first step") {
     StageTimes times;
     for (int i = 100; i >= 1; --i) times.add("odometry", i);
@@ -67,20 +75,46 @@ TEST_SUITE("support/summary") {
     RunSummary summary{.dataset = "town",
                        .scans = 100,
                        .keyframes = 20,
-                       .sessions = 2,
+                       .merges = 1,
                        .direct_closures = 3,
                        .chained_closures = 9,
+                       .merge_closures = 2,
                        .peak_memory = 1 << 20};
     summary.refusals["high_residual"] = 4;
     summary.stages.push_back({.stage = "odometry", .count = 100, .total = 2, .p50 = 0.25, .p99 = 0.5, .max = 1});
     summary.errors = {{"ape.translation.rmse", 0.5}, {"ape.translation.max", 1.5}, {"rpe.translation.rmse", 0.125}};
     const std::string text = summary_json(summary);
     CHECK(has(text, "\"scans\": 100"));
-    CHECK(has(text, "\"closures\": {\n    \"direct\": 3,\n    \"chained\": 9\n  }"));
+    CHECK(has(text, "\"closures\": {\n    \"direct\": 3,\n    \"chained\": 9,\n    \"merge\": 2\n  }"));
     CHECK(has(text, "\"refusals\": {\n    \"high_residual\": 4\n  }"));
     CHECK(has(text, "\"odometry\": {\n      \"count\": 100,\n      \"total_s\": 2.0,\n      \"p50_ms\": 250.0"));
     CHECK(has(text, "\"ape\": {\n      \"translation\": {\n        \"max\": 1.5,\n        \"rmse\": 0.5"));
     CHECK(has(text, "\"peak_memory_bytes\": 1048576"));
+  }
+
+  TEST_CASE("each session has its own figures, and one that was loaded has no scans") {
+    RunSummary summary;
+    summary.sessions = {{.name = "old", .loaded = true, .keyframes = 7},
+                        {.name = "new", .frame = 1, .scans = 12, .keyframes = 4, .errors = {{"odometry.ape", 0.5}}}};
+    const std::string text = summary_json(summary);
+    CHECK(has(text, "\"name\": \"old\",\n      \"loaded\": true,\n      \"frame\": 0,\n      \"keyframes\": 7"));
+    CHECK(has(text, "\"scans\": 12,"));
+    CHECK(has(text, "\"errors\": {\n        \"odometry\": {\n          \"ape\": 0.5"));
+    CHECK(text.find("\"scans\"", text.find("\"old\"")) > text.find("\"new\""));
+  }
+
+  TEST_CASE("refusals stand by kind and reason, components by size, the back end in milliseconds") {
+    RunSummary summary;
+    summary.refusals_by_kind["chained"]["high residual"] = 3;
+    summary.components = {.count = 3, .keyframes = 9, .largest = 5, .histogram = {{2, 2}, {5, 1}}};
+    summary.back_end = {.alignments = 40, .keyframes = 10, .seconds = {.p50 = 0.25, .p99 = 0.5, .max = 2}};
+    summary.back_end.closure_alignments = {.p50 = 4, .p99 = 9, .max = 11};
+    const std::string text = summary_json(summary);
+    CHECK(has(text, "\"refusals_by_kind\": {\n    \"chained\": {\n      \"high residual\": 3\n    }\n  }"));
+    CHECK(has(text, "\"count\": 3,\n    \"keyframes\": 9,\n    \"largest\": 5,"));
+    CHECK(has(text, "\"keyframes\": 2,\n        \"components\": 2"));
+    CHECK(has(text, "\"p50_ms\": 250.0,\n      \"p99_ms\": 500.0,\n      \"max_ms\": 2000.0"));
+    CHECK(has(text, "\"alignments_per_direct_closure\": {\n      \"p50\": 4.0"));
   }
 
   TEST_CASE("nothing found is an empty object, a figure that is none is null, and a bad name does not throw") {
