@@ -5,12 +5,12 @@
 #include <cstdio>
 #include <map>
 #include <numbers>
+#include <span>
 #include <utility>
 
 #include "chainslam/cloud/transform.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/evaluation/ape.hpp"
-#include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/io/file_system.hpp"
 #include "chainslam/io/g2o.hpp"
 #include "chainslam/io/kitti.hpp"
@@ -18,8 +18,7 @@
 #include "chainslam/io/tum.hpp"
 #include "chainslam/slam/corrected_trajectory.hpp"
 #include "chainslam/trajectory/association.hpp"
-#include "support/map_picture.hpp"
-#include "support/report.hpp"
+#include "run_summary.hpp"
 #include "support/report_data.hpp"
 
 namespace chainslam::mapper {
@@ -28,47 +27,127 @@ namespace {
 
 namespace fs = std::filesystem;
 
+const Duration truth_gap = seconds(2.0);  // over which the truth is interpolated
+
 std::optional<TrajectoryErrors> errors_against(const Trajectory& truth, const Trajectory& estimate) {
-  const Duration max_gap = seconds(2.0);  // of the truth, over which it is interpolated
-  const InterpolatedMatch match = match_interpolated(truth, estimate, max_gap);
+  const InterpolatedMatch match = match_interpolated(truth, estimate, truth_gap);
   if (match.trajectories.estimate.size() < 3) return std::nullopt;
   TrajectoryErrors errors{ape(match.trajectories.reference, match.trajectories.estimate), match.estimate.total()};
   if (errors.ape.status != EvaluationStatus::evaluated) return std::nullopt;
   return errors;
 }
 
-void add_errors(const std::string& name, const AbsolutePoseErrors& errors, support::RunSummary& summary) {
-  constexpr double degrees = 180 / std::numbers::pi;
-  const auto add = [&](const std::string& part, const ErrorStatistics& statistics, double factor) {
-    summary.errors[name + ".ape." + part + ".rmse"] = factor * statistics.rmse;
-    summary.errors[name + ".ape." + part + ".mean"] = factor * statistics.mean;
-    summary.errors[name + ".ape." + part + ".max"] = factor * statistics.max;
-  };
-  add("translation", errors.translation, 1);
-  add("rotation_deg", errors.rotation, degrees);
-  summary.errors[name + ".ape.poses"] = static_cast<double>(errors.translation_errors.size());
+/// Collects errors that were taken under several alignments.
+class ErrorPool {
+ public:
+  void add(const AbsolutePoseErrors& errors, Index sessions) {
+    translation_.insert(translation_.end(), errors.translation_errors.begin(), errors.translation_errors.end());
+    rotation_.insert(rotation_.end(), errors.rotation_errors.begin(), errors.rotation_errors.end());
+    sessions_ += sessions;
+    ++alignments_;
+  }
+
+  [[nodiscard]] std::optional<JointErrors> joint() const {
+    const auto translation = error_statistics(translation_), rotation = error_statistics(rotation_);
+    if (!translation || !rotation) return std::nullopt;
+    return JointErrors{*translation, *rotation, sessions_, alignments_};
+  }
+
+ private:
+  std::vector<double> translation_, rotation_;
+  Index sessions_ = 0, alignments_ = 0;
+};
+
+const Session& session_of(const MappingResult& mapping, std::size_t run) {
+  return mapping.map->sessions[static_cast<std::size_t>(mapping.sessions[run].id.value)];
 }
 
-void judge_goals(const Goals& goals, const RunOutcome& outcome, support::RunSummary& summary) {
-  const double none = std::nan("");
-  const double odometry = outcome.odometry_errors ? outcome.odometry_errors->ape.translation.rmse : none;
-  const double optimised = outcome.optimised_errors ? outcome.optimised_errors->ape.translation.rmse : none;
-  const auto at_least = [&](const char* name, double bound, double value) {
-    if (bound > 0) summary.goals.push_back({name, bound, value, value >= bound});
-  };
-  if (goals.max_ape > 0) summary.goals.push_back({"max_ape", goals.max_ape, optimised, optimised <= goals.max_ape});
-  at_least("min_odometry_ape", goals.min_odometry_ape, odometry);
-  at_least("min_ape_ratio", goals.min_ape_ratio, odometry / optimised);
-  at_least("min_closures", goals.min_closures, summary.direct_closures);
+std::span<const Keyframe> keyframes_of(const SlamMap& map, const Session& session) {
+  return std::span(map.keyframes)
+      .subspan(static_cast<std::size_t>(session.first_keyframe), static_cast<std::size_t>(session.keyframes));
 }
 
-void write_map(const fs::path& path, const SlamMap& map, double voxel_size) {
+/// Positions of the sessions with a truth, by the frame in which they can be compared.
+std::map<SessionId, std::vector<std::size_t>> sessions_by_frame(const MappingResult& mapping) {
+  std::map<SessionId, std::vector<std::size_t>> groups;
+  for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
+    if (!mapping.sessions[i].truth) continue;
+    const Session& session = session_of(mapping, i);
+    groups[mapping.truths_share_frame ? session.frame : session.id].push_back(i);
+  }
+  return groups;
+}
+
+/// The joint errors of sessions in one frame, and where that puts their truths.
+void take_joint_errors(const std::vector<std::size_t>& group, RunOutcome& outcome, ErrorPool& pool) {
+  std::vector<MatchedTrajectories> matched;
+  for (const std::size_t i : group)
+    matched.push_back(
+        match_interpolated(*outcome.mapping.sessions[i].truth, outcome.sessions[i].trajectory, truth_gap).trajectories);
+  const AlignedSessions aligned = align_sessions(matched);
+  if (aligned.status != EvaluationStatus::evaluated) return;
+  pool.add(ape(aligned), to_index(aligned.sessions.size()));
+  const Sim3d& S = aligned.S_reference_estimate;
+  for (const std::size_t i : group) outcome.sessions[i].T_map_truth = SE3d(S.rotation(), S.translation()).inverse();
+}
+
+/// Keyframes at the times that the truth states, the truth as reference.
+MatchedTrajectories matched_keyframes(const RunOutcome& outcome, std::size_t run) {
+  MatchedTrajectories matched;
+  for (const Keyframe& keyframe : keyframes_of(*outcome.mapping.map, session_of(outcome.mapping, run)))
+    if (const auto pose = pose_at(*outcome.mapping.sessions[run].truth, keyframe.time, truth_gap)) {
+      matched.reference.poses.push_back(*pose);
+      matched.estimate.poses.push_back(keyframe.T_map_body);
+    }
+  return matched;
+}
+
+void pool_inter_session_errors(const std::vector<std::size_t>& group, const RunOutcome& outcome,
+                               RelativePoseErrors& pooled) {
+  std::vector<MatchedTrajectories> matched;
+  for (const std::size_t i : group) matched.push_back(matched_keyframes(outcome, i));
+  const RelativePoseErrors errors = inter_session_errors(matched);
+  const auto append = [](const std::vector<double>& more, std::vector<double>& all) {
+    all.insert(all.end(), more.begin(), more.end());
+  };
+  append(errors.translation_errors, pooled.translation_errors);
+  append(errors.rotation_errors, pooled.rotation_errors);
+}
+
+void take_errors(RunOutcome& outcome) {
+  ErrorPool odometry, optimised;
+  for (std::size_t i = 0; i < outcome.sessions.size(); ++i) {
+    SessionRun& run = outcome.mapping.sessions[i];
+    SessionOutcome& session = outcome.sessions[i];
+    if (!run.truth) continue;
+    session.odometry_errors = errors_against(*run.truth, run.odometry);
+    session.optimised_errors = errors_against(*run.truth, session.trajectory);
+    if (session.odometry_errors) odometry.add(session.odometry_errors->ape, 1);
+    if (!session.optimised_errors)
+      run.notes.emplace_back("the truth shares fewer than three poses with the run: no errors are taken of it alone");
+  }
+  RelativePoseErrors between;
+  for (const auto& [frame, group] : sessions_by_frame(outcome.mapping)) {
+    take_joint_errors(group, outcome, optimised);
+    if (outcome.mapping.truths_share_frame) pool_inter_session_errors(group, outcome, between);
+  }
+  outcome.odometry_errors = odometry.joint();
+  if (outcome.odometry_errors) outcome.optimised_errors = optimised.joint();
+  if (between.translation_errors.empty()) return;
+  between.status = EvaluationStatus::evaluated;
+  between.translation = error_statistics(between.translation_errors).value_or(ErrorStatistics{});
+  between.rotation = error_statistics(between.rotation_errors).value_or(ErrorStatistics{});
+  outcome.inter_session_errors = std::move(between);
+}
+
+/// All scans of the sessions that lie in one frame.
+void write_map(const fs::path& path, const SlamMap& map, SessionId frame, double voxel_size) {
   // Folded now and then, so that memory holds the map and not all scans at once.
   constexpr std::size_t fold_at = 8'000'000;
   PointCloud<float> points;
   std::size_t folded = 0;
   for (const Keyframe& keyframe : map.keyframes) {
-    if (!keyframe.cloud) continue;
+    if (!keyframe.cloud || map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame != frame) continue;
     const PointCloud<float> placed = transformed(keyframe.cloud->positions, keyframe.T_map_body);
     points.positions.insert(points.positions.end(), placed.positions.begin(), placed.positions.end());
     if (points.size() > fold_at + 2 * folded) {
@@ -81,19 +160,19 @@ void write_map(const fs::path& path, const SlamMap& map, double voxel_size) {
 
 void write_graph(const fs::path& path, const SlamMap& map) {
   G2oFile graph;
-  const auto add_edge = [&](KeyframeId from, KeyframeId to, const SE3d& T_from_to, const Matrix6d& covariance) {
-    graph.spatial.edges.push_back({.from = from.value,
-                                   .to = to.value,
-                                   .measurement = T_from_to,
-                                   .information = NoiseModel<6>::from_covariance(covariance).information()});
+  const auto add_edge = [&](const auto& edge) {
+    if (edge.sqrt_information.isZero(0)) return;  // no factor
+    graph.spatial.edges.push_back({.from = edge.from.value,
+                                   .to = edge.to.value,
+                                   .measurement = edge.T_from_to,
+                                   .information = edge.sqrt_information.transpose() * edge.sqrt_information});
   };
   for (const Keyframe& keyframe : map.keyframes)
     graph.spatial.vertices.push_back({keyframe.id.value, keyframe.T_map_body});
   for (const Session& session : map.sessions)
-    if (session.keyframes > 0) graph.fixed.push_back(session.first_keyframe);
-  for (const OdometryMeasurement& step : map.odometry) add_edge(step.from, step.to, step.T_from_to, step.covariance);
-  for (const LoopClosure& closure : map.closures)
-    add_edge(closure.from, closure.to, closure.T_from_to, closure.covariance);
+    if (session.keyframes > 0 && session.frame == session.id) graph.fixed.push_back(session.first_keyframe);
+  for (const OdometryMeasurement& step : map.odometry) add_edge(step);
+  for (const LoopClosure& closure : map.closures) add_edge(closure);
   write_g2o(path, graph);
 }
 
@@ -109,7 +188,7 @@ void write_keyframes(const fs::path& path, const SlamMap& map) {
   AtomicFile file(path);
   file.write(
       std::string_view("id,session,time_ns,x,y,z,qx,qy,qz,qw,odom_x,odom_y,odom_z,odom_qx,odom_qy,odom_qz,"
-                       "odom_qw,points,ecef_x,ecef_y,ecef_z\n"));
+                       "odom_qw,points,ecef_x,ecef_y,ecef_z,frame\n"));
   for (const Keyframe& keyframe : map.keyframes) {
     std::string line = std::to_string(keyframe.id.value) + ',' + std::to_string(keyframe.session.value) + ',' +
                        std::to_string(keyframe.time.nanoseconds()) + ',' + pose_fields(keyframe.T_map_body) + ',' +
@@ -120,133 +199,99 @@ void write_keyframes(const fs::path& path, const SlamMap& map) {
       const Eigen::Vector3d& p = keyframe.gnss->position_ecef;
       std::snprintf(text, sizeof text, ",%.4f,%.4f,%.4f", p.x(), p.y(), p.z());
     }
-    file.write(line + text + '\n');
+    const SessionId frame = map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame;
+    file.write(line + text + ',' + std::to_string(frame.value) + '\n');
   }
   file.commit();
 }
 
 void write_closures(const fs::path& path, const SlamMap& map) {
   AtomicFile file(path);
-  file.write(std::string_view("from,to,kind,verdict,mean_squared_error_m2,inlier_ratio,x,y,z,qx,qy,qz,qw\n"));
+  file.write(
+      std::string_view("from,to,kind,verdict,mean_squared_error_m2,inlier_ratio,x,y,z,qx,qy,qz,qw,"
+                       "from_session,to_session,cause\n"));
+  const auto session = [&](KeyframeId id) {
+    return std::to_string(map.keyframes[static_cast<std::size_t>(id.value)].session.value);
+  };
   for (const auto* closures : {&map.closures, &map.refusals}) {
     for (const LoopClosure& closure : *closures) {
-      char text[128];
+      char text[160];
       std::snprintf(text, sizeof text, "%d,%d,%s,%s,%.6g,%.4f,", closure.from.value, closure.to.value,
                     support::name_of(closure.kind).c_str(), support::name_of(closure.verdict).c_str(),
                     closure.mean_squared_error, closure.inlier_ratio);
-      file.write(text + pose_fields(closure.T_from_to) + '\n');
+      file.write(text + pose_fields(closure.T_from_to) + ',' + session(closure.from) + ',' + session(closure.to) + ',' +
+                 std::to_string(closure.cause) + '\n');
     }
   }
   file.commit();
 }
 
-std::string metres(double value) {
-  char text[64];
-  std::snprintf(text, sizeof text, value < 10 ? "%.3f m" : "%.1f m", value);
-  return text;
+/// What tells the files of a run's sessions apart: nothing if there is one, else ".NAME", with what a file's name
+/// should not hold replaced, and a number where two are alike.
+std::vector<std::string> file_tags(const std::vector<SessionRun>& sessions) {
+  if (sessions.size() < 2) return std::vector<std::string>(sessions.size());
+  std::vector<std::string> tags;
+  for (const SessionRun& session : sessions) {
+    std::string name = session.name.empty() ? "session" : session.name;
+    for (char& c : name)
+      if (!(c >= '0' && c <= '9') && !(c >= 'A' && c <= 'Z') && !(c >= 'a' && c <= 'z') && c != '-' && c != '_')
+        c = '_';
+    std::string tag = "." + name;
+    for (int i = 2; std::ranges::find(tags, tag) != tags.end(); ++i) tag = "." + name + "-" + std::to_string(i);
+    tags.push_back(tag);
+  }
+  return tags;
 }
 
-/// The truth at the keyframes, brought into the map's frame by the alignment of the evaluation.
-void add_truth(const RunOutcome& outcome, support::ReportSession& session) {
-  if (!outcome.truth || !outcome.optimised_errors) return;
-  const SE3d T_map_truth = [&] {
-    const Sim3d& S = outcome.optimised_errors->ape.S_reference_estimate;
-    return SE3d(S.rotation(), S.translation()).inverse();
-  }();
-  std::vector<Eigen::Vector3d> positions;
-  for (const Keyframe& keyframe : outcome.mapping.map->keyframes) {
-    const auto pose = pose_at(*outcome.truth, keyframe.time, seconds(2.0));
-    if (!pose) return;  // the plots need one for each keyframe
-    positions.push_back(T_map_truth * pose->translation());
+/// The trajectories of all sessions one after the other, if they lie in one frame and no two overlap in time.
+std::optional<Trajectory> joint_trajectory(const RunOutcome& outcome) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < outcome.sessions.size(); ++i)
+    if (!outcome.sessions[i].trajectory.empty()) order.push_back(i);
+  std::ranges::sort(order, {}, [&](std::size_t i) { return outcome.sessions[i].trajectory.times.front(); });
+  Trajectory joint;
+  for (const std::size_t i : order) {
+    const Trajectory& next = outcome.sessions[i].trajectory;
+    if (session_of(outcome.mapping, i).frame != session_of(outcome.mapping, order.front()).frame) return std::nullopt;
+    if (!joint.empty() && next.times.front() <= joint.times.back()) return std::nullopt;
+    joint.times.insert(joint.times.end(), next.times.begin(), next.times.end());
+    joint.poses.insert(joint.poses.end(), next.poses.begin(), next.poses.end());
   }
-  session.truth = std::move(positions);
+  return joint;
 }
 
 }  // namespace
 
-RunOutcome conclude(MappingResult mapping, std::optional<Trajectory> truth, const std::string& dataset,
-                    const MapperOptions& options) {
+RunOutcome conclude(MappingResult mapping, const std::string& dataset, const MapperOptions& options) {
   RunOutcome outcome;
-  outcome.trajectory = corrected_trajectory(mapping.odometry, mapping.map->keyframes);
-  outcome.truth = std::move(truth);
-  if (outcome.truth) {
-    outcome.odometry_errors = errors_against(*outcome.truth, mapping.odometry);
-    outcome.optimised_errors = errors_against(*outcome.truth, outcome.trajectory);
-    if (!outcome.optimised_errors)
-      mapping.notes.emplace_back("the truth shares fewer than three poses with the run: no errors are taken");
-  }
-  support::RunSummary& summary = outcome.summary;
-  const SlamMap& map = *mapping.map;
-  summary.dataset = dataset;
-  summary.interrupted = mapping.interrupted;
-  summary.scans = mapping.scans;
-  summary.frames = to_index(mapping.health.size());
-  const auto count = [&](FrameStatus status) {
-    return to_index(std::ranges::count(mapping.health, status, &FrameHealth::status));
-  };
-  summary.lost_frames = count(FrameStatus::lost);
-  summary.degenerate_frames = count(FrameStatus::degenerate);
-  summary.keyframes = to_index(map.keyframes.size());
-  summary.sessions = to_index(map.sessions.size());
-  summary.direct_closures = to_index(std::ranges::count(map.closures, ClosureKind::direct, &LoopClosure::kind));
-  summary.chained_closures = to_index(std::ranges::count(map.closures, ClosureKind::chained, &LoopClosure::kind));
-  for (const LoopClosure& refusal : map.refusals) ++summary.refusals[support::name_of(refusal.verdict)];
-  if (!mapping.odometry.empty())
-    summary.data_seconds = to_seconds(mapping.odometry.times.back() - mapping.odometry.times.front());
-  summary.path_length = path_length(outcome.trajectory);
-  if (outcome.odometry_errors) add_errors("odometry", outcome.odometry_errors->ape, summary);
-  if (outcome.optimised_errors) add_errors("optimised", outcome.optimised_errors->ape, summary);
-  judge_goals(options.goals, outcome, summary);
-  summary.notes = mapping.notes;
   outcome.mapping = std::move(mapping);
+  for (std::size_t i = 0; i < outcome.mapping.sessions.size(); ++i) {
+    const auto keyframes = keyframes_of(*outcome.mapping.map, session_of(outcome.mapping, i));
+    outcome.sessions.emplace_back().trajectory = corrected_trajectory(outcome.mapping.sessions[i].odometry, keyframes);
+  }
+  take_errors(outcome);
+  summarise(outcome, dataset, options.goals);
   return outcome;
 }
 
 void write_results(const fs::path& folder, const RunOutcome& outcome, const MapperOptions& options) {
   const SlamMap& map = *outcome.mapping.map;
-  write_tum(folder / "trajectory.tum", outcome.trajectory);
-  write_kitti_poses(folder / "trajectory.kitti.txt", outcome.trajectory);
-  write_tum(folder / "odometry.tum", outcome.mapping.odometry);
+  const std::vector<std::string> tags = file_tags(outcome.mapping.sessions);
+  for (std::size_t i = 0; i < tags.size(); ++i) {
+    const Trajectory& trajectory = outcome.sessions[i].trajectory;
+    write_tum(folder / ("trajectory" + tags[i] + ".tum"), trajectory);
+    write_kitti_poses(folder / ("trajectory" + tags[i] + ".kitti.txt"), trajectory);
+    write_tum(folder / ("odometry" + tags[i] + ".tum"), outcome.mapping.sessions[i].odometry);
+  }
+  if (tags.size() > 1)
+    if (const auto joint = joint_trajectory(outcome)) write_tum(folder / "trajectory.tum", *joint);
   write_keyframes(folder / "keyframes.csv", map);
   write_closures(folder / "closures.csv", map);
   write_graph(folder / "graph.g2o", map);
-  write_map(folder / "map.ply", map, options.map_voxel);
-}
-
-void write_run_report(const fs::path& folder, const RunOutcome& outcome, double map_voxel) {
-  const support::RunSummary& summary = outcome.summary;
-  support::ReportData data = support::report_data(*outcome.mapping.map, map_voxel);
-  data.title = summary.dataset;
-  data.subtitle = std::to_string(summary.scans) + " scans, " + metres(summary.path_length) + ", " +
-                  std::to_string(summary.keyframes) + " keyframes" +
-                  (summary.interrupted ? "; interrupted before the data ended" : "");
-  for (support::ReportSession& session : data.sessions) add_truth(outcome, session);
-  data.figures = {{"Scans", std::to_string(summary.scans), std::to_string(summary.lost_frames) + " lost"},
-                  {"Path", metres(summary.path_length), std::to_string(summary.keyframes) + " keyframes"},
-                  {"Closures", std::to_string(summary.direct_closures), "loops closed"}};
-  if (outcome.optimised_errors)
-    data.figures.push_back({"Error", metres(outcome.optimised_errors->ape.translation.rmse),
-                            "odometry alone " + metres(outcome.odometry_errors->ape.translation.rmse)});
-  char speed[64];
-  std::snprintf(speed, sizeof speed, "%.1f x", summary.data_seconds / std::max(summary.wall_seconds, 1e-9));
-  data.figures.push_back({"Speed", speed, "times real time"});
-  data.warnings = summary.notes;
-  for (const support::GoalResult& goal : summary.goals) {
-    char text[128];
-    std::snprintf(text, sizeof text, "%.4g (bound %.4g), %s", goal.value, goal.bound, goal.met ? "met" : "missed");
-    data.summary.emplace_back("goal " + goal.name, text);
-  }
-  for (const auto& [name, value] : summary.errors) {
-    char text[64];
-    std::snprintf(text, sizeof text, "%.4g", value);
-    data.summary.emplace_back(name, text);
-  }
-  data.summary.emplace_back("peak memory", std::to_string(summary.peak_memory / 1'000'000) + " MB");
-  data.stages = summary.stages;
-  data.plots = {support::speed_plot(data.sessions), support::error_plot(data.sessions)};
-  std::erase_if(data.plots, [](const support::ReportPlot& plot) { return plot.series.empty(); });
-  support::write_report(folder / "report.html", data);
-  support::write_map_picture(folder / "map.png", data);
+  for (const Session& session : map.sessions)
+    if (session.frame == session.id)
+      write_map(folder / (session.id.value == 0 ? "map.ply" : "map." + std::to_string(session.id.value) + ".ply"), map,
+                session.frame, options.map_voxel);
 }
 
 }  // namespace chainslam::mapper

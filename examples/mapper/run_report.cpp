@@ -1,0 +1,151 @@
+#include <algorithm>
+#include <cstdio>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "chainslam/trajectory/interpolation.hpp"
+#include "results.hpp"
+#include "support/map_picture.hpp"
+#include "support/report.hpp"
+#include "support/report_data.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+std::string metres(double value) {
+  char text[64];
+  std::snprintf(text, sizeof text, value < 10 ? "%.3f m" : "%.1f m", value);
+  return text;
+}
+
+std::string milliseconds(double seconds) {
+  char text[64];
+  std::snprintf(text, sizeof text, seconds < 0.1 ? "%.1f ms" : "%.0f ms", 1e3 * seconds);
+  return text;
+}
+
+std::string counted(Index count, const std::string& thing) {
+  return std::to_string(count) + " " + thing + (count == 1 ? "" : "s");
+}
+
+/// The truth at the keyframes, brought into the map's frame by the alignment of the evaluation.
+void add_truth(const RunOutcome& outcome, std::size_t run, support::ReportSession& session) {
+  const std::optional<SE3d>& T_map_truth = outcome.sessions[run].T_map_truth;
+  if (!T_map_truth) return;
+  const SlamMap& map = *outcome.mapping.map;
+  const Session& of = map.sessions[static_cast<std::size_t>(outcome.mapping.sessions[run].id.value)];
+  std::vector<Eigen::Vector3d> positions;
+  for (Index i = of.first_keyframe; i < of.end_keyframe(); ++i) {
+    const Timestamp time = map.keyframes[static_cast<std::size_t>(i)].time;
+    const auto pose = pose_at(*outcome.mapping.sessions[run].truth, time, seconds(2.0));
+    if (!pose) return;  // the plots need one for each keyframe
+    positions.emplace_back(*T_map_truth * pose->translation() + session.offset);
+  }
+  session.truth = std::move(positions);
+}
+
+void complete_sessions(const RunOutcome& outcome, support::ReportData& data) {
+  for (support::ReportSession& session : data.sessions) session.loaded = true;
+  for (std::size_t i = 0; i < outcome.mapping.sessions.size(); ++i) {
+    support::ReportSession& session = data.sessions[static_cast<std::size_t>(outcome.mapping.sessions[i].id.value)];
+    session.loaded = false;
+    add_truth(outcome, i, session);
+  }
+}
+
+std::string subtitle(const support::RunSummary& summary) {
+  const Index loaded = to_index(std::ranges::count(summary.sessions, true, &support::SessionSummary::loaded));
+  std::string text;
+  if (summary.sessions.size() > 1) {
+    text = counted(to_index(summary.sessions.size()), "session");
+    if (loaded > 0) text += " (" + std::to_string(loaded) + " from saved maps)";
+    text += ", ";
+  }
+  text += counted(summary.scans, "scan") + ", " + metres(summary.path_length) + ", " +
+          counted(summary.keyframes, "keyframe");
+  return text + (summary.interrupted ? "; interrupted before the data ended" : "");
+}
+
+/// Sessions that no merge joined to the first one's frame.
+std::vector<std::string> unmerged(const support::RunSummary& summary) {
+  std::vector<std::string> names;
+  for (const support::SessionSummary& session : summary.sessions)
+    if (session.frame != summary.sessions.front().frame) names.push_back(session.name);
+  return names;
+}
+
+void add_figures(const RunOutcome& outcome, support::ReportData& data) {
+  const support::RunSummary& summary = outcome.summary;
+  data.figures = {{"Scans", std::to_string(summary.scans), std::to_string(summary.lost_frames) + " lost"},
+                  {"Path", metres(summary.path_length), counted(summary.keyframes, "keyframe")}};
+  if (summary.sessions.size() > 1)
+    data.figures.push_back({"Sessions joined",
+                            std::to_string(summary.sessions.size() - unmerged(summary).size()) + " of " +
+                                std::to_string(summary.sessions.size()),
+                            counted(summary.merges, "merge")});
+  data.figures.push_back({"Direct closures", std::to_string(summary.direct_closures), "places found again"});
+  if (summary.chained_closures > 0 || summary.sessions.size() > 1)
+    data.figures.push_back(
+        {"Chained closures", std::to_string(summary.chained_closures), counted(summary.components.count, "component")});
+  if (const auto& errors = outcome.optimised_errors)
+    data.figures.push_back(
+        {"Error", metres(errors->translation.rmse),
+         outcome.odometry_errors ? "odometry alone " + metres(outcome.odometry_errors->translation.rmse) : ""});
+  if (const auto& errors = outcome.inter_session_errors)
+    data.figures.push_back(
+        {"Error between sessions", metres(errors->translation.rmse), counted(errors->translation.count, "pair")});
+  if (summary.back_end.keyframes > 0)
+    data.figures.push_back({"Back end per keyframe", milliseconds(summary.back_end.seconds.p50),
+                            "99 % within " + milliseconds(summary.back_end.seconds.p99)});
+  char speed[64];
+  std::snprintf(speed, sizeof speed, "%.1f x", summary.data_seconds / std::max(summary.wall_seconds, 1e-9));
+  data.figures.push_back({"Speed", speed, "times real time"});
+}
+
+void add_warnings(const support::RunSummary& summary, support::ReportData& data) {
+  for (const std::string& name : unmerged(summary))
+    data.warnings.push_back(name + " was not joined with " + summary.sessions.front().name +
+                            ": nothing says where it lies, and it is drawn beside");
+  data.warnings.insert(data.warnings.end(), summary.notes.begin(), summary.notes.end());
+}
+
+void add_rows(const support::RunSummary& summary, support::ReportData& data) {
+  const auto number = [](double value) {
+    char text[64];
+    std::snprintf(text, sizeof text, "%.4g", value);
+    return std::string(text);
+  };
+  for (const support::GoalResult& goal : summary.goals)
+    data.summary.emplace_back("goal " + goal.name, number(goal.value) + " (bound " + number(goal.bound) + "), " +
+                                                       (goal.met ? "met" : "missed"));
+  for (const auto& [name, value] : summary.errors) data.summary.emplace_back(name, number(value));
+  const support::Spread& alignments = summary.back_end.closure_alignments;
+  if (summary.direct_closures > 0)
+    data.summary.emplace_back("registrations per direct closure, median (largest)",
+                              number(alignments.p50) + " (" + number(alignments.max) + ")");
+  data.summary.emplace_back("peak memory", std::to_string(summary.peak_memory / 1'000'000) + " MB");
+}
+
+}  // namespace
+
+void write_run_report(const std::filesystem::path& folder, const RunOutcome& outcome, double map_voxel) {
+  const support::RunSummary& summary = outcome.summary;
+  support::ReportData data = support::report_data(*outcome.mapping.map, map_voxel);
+  data.title = summary.dataset;
+  data.subtitle = subtitle(summary);
+  complete_sessions(outcome, data);
+  add_figures(outcome, data);
+  add_warnings(summary, data);
+  add_rows(summary, data);
+  data.stages = summary.stages;
+  data.plots = support::error_plots(data.sessions);
+  data.plots.insert(data.plots.begin(), support::speed_plot(data.sessions));
+  data.plots.push_back(support::back_end_plot(outcome.mapping.figures.keyframe_seconds));
+  std::erase_if(data.plots, [](const support::ReportPlot& plot) { return plot.series.empty(); });
+  support::write_report(folder / "report.html", data);
+  support::write_map_picture(folder / "map.png", data);
+}
+
+}  // namespace chainslam::mapper
