@@ -53,7 +53,7 @@ SO3d mounting(const std::vector<SE3d>& odometry, const std::vector<SE3d>& truth)
     from.push_back((odometry[i].inverse() * odometry[i + steps]).translation());
     to.push_back((truth[i].inverse() * truth[i + steps]).translation());
   }
-  return umeyama(from, to).rotation();
+  return umeyama(from, to, false).value().rotation();
 }
 
 Drive read_drive(const std::filesystem::path& folder, double keyframe_distance) {
@@ -85,7 +85,8 @@ class SampledRegistration {
       : truth_(std::move(truth)), reach_(reach), min_travel_(min_travel) {}
 
   template <Executor E = Serial>
-  std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index, const E& executor = {}) {
+  std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                 const E& executor = {}) {
     const Keyframe& newest = keyframes.back();
     if (newest.id.value > 0)
       travelled_ += (keyframes[keyframes.size() - 2].T_odom_body.inverse() * newest.T_odom_body).translation().norm();
@@ -105,7 +106,9 @@ class SampledRegistration {
     return tried;
   }
 
-  bool eligible(const Keyframe& candidate, const Keyframe& query) const { return candidates_.eligible(candidate, query); }
+  bool eligible(const Keyframe& candidate, const Keyframe& query) const {
+    return candidates_.eligible(candidate, query);
+  }
 
   template <Executor E = Serial>
   LoopClosure align(std::span<const Keyframe>, KeyframeId from, KeyframeId to, const SE3d&, const E& = {}) {
@@ -156,24 +159,27 @@ GnssFix fix_at(const SE3d& truth, const Eigen::Vector3d& bias, Rng& rng) {
   return {.position_ecef = {earth_radius - p.z(), p.y(), p.x()}, .quality = GnssQuality::three_dimensional};
 }
 
+/// The third drive's odometry once fails by tens of metres: closures that put it right must be heard.
+constexpr Cauchy every_closure_is_right{.width = 20.0};
+
 template <class Chainer>
-std::shared_ptr<const SlamMap> mapped(const std::vector<Drive>& drives, Chainer chainer) {
+std::shared_ptr<const SlamMap> mapped(const std::vector<Drive>& drives,
+                                      Chainer chainer) {  // by value: parts belong to one back end
   std::vector<SE3d> truth;
   for (const Drive& drive : drives) truth.insert(truth.end(), drive.truth.begin(), drive.truth.end());
   BackEndOptions options;
   options.recheck_travel = 16.0;
   options.graph.odometry_noise = {
       .translation = 0.05, .translation_per_metre = 0.02, .rotation = 0.005, .rotation_per_metre = 0.001};
-  BackEnd<SampledRegistration, Chainer, SampledMerger> back_end(options, SampledRegistration(truth, 12.0, 16.0), chainer,
-                                                                SampledMerger(), Cauchy{.width = 4.0});
+  BackEnd<SampledRegistration, Chainer, SampledMerger> back_end(
+      options, SampledRegistration(truth, 12.0, 16.0), std::move(chainer), SampledMerger(), every_closure_is_right);
   Rng rng(1);
   for (const Drive& drive : drives) {
     const Eigen::Vector3d bias(rng.normal(0, 1), rng.normal(0, 1), rng.normal(0, 2));
     back_end.begin_session("drive");
     for (std::size_t i = 0; i < drive.times.size(); ++i)
-      back_end.add(Keyframe{.time = drive.times[i],
-                            .T_odom_body = drive.odometry[i],
-                            .gnss = fix_at(drive.truth[i], bias, rng)});
+      back_end.add(Keyframe{
+          .time = drive.times[i], .T_odom_body = drive.odometry[i], .gnss = fix_at(drive.truth[i], bias, rng)});
   }
   return back_end.finish();
 }
@@ -208,7 +214,9 @@ TEST_SUITE("slam/nclt_sessions") {
     const std::vector<Drive> drives = read_drives(*folder);
     double squares = 0, poses = 0;
     for (const Drive& drive : drives) {
-      const double rmse = ape(Trajectory{.times = {}, .poses = drive.truth}, Trajectory{.times = {}, .poses = drive.odometry}).translation.rmse;
+      const double rmse =
+          ape(Trajectory{.times = {}, .poses = drive.truth}, Trajectory{.times = {}, .poses = drive.odometry})
+              .translation.rmse;
       squares += rmse * rmse * static_cast<double>(drive.truth.size());
       poses += static_cast<double>(drive.truth.size());
     }
