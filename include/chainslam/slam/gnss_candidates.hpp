@@ -8,6 +8,7 @@
 #include <limits>
 #include <vector>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/search/kd_tree.hpp"
@@ -69,8 +70,9 @@ class GnssCandidates {
 
   [[nodiscard]] bool usable(const Keyframe& keyframe) const {
     if (!keyframe.gnss || keyframe.gnss->quality == GnssQuality::none) return false;
-    const double variance = keyframe.gnss->covariance_ecef.diagonal().maxCoeff();
-    return keyframe.gnss->position_ecef.allFinite() && variance <= options_.max_sigma * options_.max_sigma;
+    const Eigen::Vector3d variances = keyframe.gnss->covariance_ecef.diagonal();
+    return is_finite(keyframe.gnss->position_ecef) && is_finite(variances) &&
+           variances.maxCoeff() <= options_.max_sigma * options_.max_sigma;
   }
 
   /// Earlier sessions get no new keyframes, so their fixes are put into a tree once for each session that asks.

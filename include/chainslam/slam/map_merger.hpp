@@ -46,7 +46,8 @@ class MapMerger {
                 "FeatureRegistration");
 
  public:
-  explicit MapMerger(const MergeOptions& options = {}, Candidates candidates = {}, Registration registration = {})
+  explicit MapMerger(const MergeOptions& options = {}, Candidates candidates = Candidates{},
+                     Registration registration = Registration{})
       : options_(options), candidates_(std::move(candidates)), registration_(std::move(registration)) {}
 
   /// Tries to find `query`, of the current session, in earlier sessions of other frames.
@@ -149,21 +150,25 @@ class MapMerger {
     return same_frame ? ClosureVerdict::implausible : ClosureVerdict::accepted;
   }
 
-  /// Moves hypotheses that agree with the newest to `tried` if they are enough, and forgets the others.
+  /// If enough hypotheses agree with the newest, moves all to `tried`: the others as refusals, then those that agree.
   [[nodiscard]] bool confirm(const SlamMap& map, std::vector<LoopClosure>& tried) {
     const Hypothesis newest = hypotheses_.back();
-    std::vector<const Hypothesis*> agreeing;
+    std::vector<LoopClosure> agreeing, others;
     double last = -std::numeric_limits<double>::infinity();
-    for (const Hypothesis& other : hypotheses_) {
-      if (&other != &hypotheses_.back() &&
-          (other.travelled - last < options_.apart || newest.travelled - other.travelled < options_.apart ||
-           !agree(map, other, newest)))
-        continue;
-      agreeing.push_back(&other);
-      last = other.travelled;
+    for (const Hypothesis& one : hypotheses_) {
+      const bool is_newest = &one == &hypotheses_.back();
+      const bool apart = one.travelled - last >= options_.apart && newest.travelled - one.travelled >= options_.apart;
+      if (is_newest || (apart && agree(map, one, newest))) {
+        agreeing.push_back(one.closure);
+        last = one.travelled;
+      } else {
+        others.push_back(one.closure);
+        others.back().verdict = ClosureVerdict::unconfirmed;
+      }
     }
     if (to_index(agreeing.size()) < options_.confirmations) return false;
-    for (const Hypothesis* one : agreeing) tried.push_back(one->closure);
+    tried.insert(tried.end(), others.begin(), others.end());
+    tried.insert(tried.end(), agreeing.begin(), agreeing.end());
     hypotheses_.clear();
     return true;
   }

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <exception>
+#include <stdexcept>
 #include <stop_token>
 #include <string>
 #include <thread>
@@ -32,7 +33,7 @@ struct IgnoreSteps {
 template <class BackEnd, Executor E = Serial, class AfterEach = IgnoreSteps>
 class Pipeline {
  public:
-  /// @param back_end  must outlive the pipeline; belongs to its thread until `finish` returns.
+  /// @param back_end  must outlive the pipeline, as must `executor`; belongs to its thread until `finish` returns.
   explicit Pipeline(BackEnd& back_end, const E& executor, AfterEach after_each = {}, std::size_t capacity = 64)
       : items_(capacity), thread_([this, &back_end, &executor, after_each = std::move(after_each)]() mutable {
           run(back_end, executor, after_each);
@@ -47,7 +48,8 @@ class Pipeline {
   }
 
   /// @name The back end's calls of the same names, worked off later.
-  /// @throws what a call before has thrown in the back end, which then has stopped.
+  /// @throws what a call before has thrown in the back end, which then has stopped; std::invalid_argument after that,
+  /// and after `finish`.
   /// @{
   void begin_session(std::string name) { push(BeginSession{std::move(name)}); }
   void add(Keyframe keyframe) { push(std::move(keyframe)); }
@@ -71,7 +73,9 @@ class Pipeline {
   using Item = std::variant<BeginSession, Keyframe, GnssFix>;
 
   void push(Item item) {
-    if (!items_.push(std::move(item))) finish();
+    if (items_.push(std::move(item))) return;
+    finish();
+    throw std::invalid_argument("Pipeline: nothing can be added once it has finished");
   }
 
   void run(BackEnd& back_end, const E& executor, AfterEach& after_each) {
