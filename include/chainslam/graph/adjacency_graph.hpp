@@ -1,0 +1,188 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cassert>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <stdexcept>
+#include <type_traits>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/graph/concepts.hpp"
+
+namespace chainslam {
+
+/// An edge about which nothing is known but its ends; takes no room.
+struct NoLabel {
+  friend bool operator==(NoLabel, NoLabel) = default;
+};
+
+/// One direction of an edge, as seen from the node that it leaves.
+template <class Edge = NoLabel>
+struct Arc {
+  Index node = -1;  ///< where it leads
+  [[no_unique_address]] Edge edge{};
+};
+
+/// An undirected multigraph that grows: nodes 0 .. n-1, edges with a label, both directions of each stored.
+///
+/// Adding a node or an edge is O(1) amortised. A node's arcs lie side by side, in the order in which they were added,
+/// in a slab of one array for all; a full slab moves to one twice as long, and what it leaves is used again. A loop
+/// (a, a) is two arcs of a, so that degrees sum to twice the number of edges; repeated edges are kept.
+/// Const calls may run on several threads, but not during a change.
+/// @tparam Edge  what each edge carries, given back with both directions; small and trivially copyable: such as the
+///               position of a closure in a list.
+template <class Edge = NoLabel>
+class AdjacencyGraph {
+  static_assert(std::is_trivially_copyable_v<Edge> && std::is_default_constructible_v<Edge>,
+                "AdjacencyGraph: Edge needs to be trivially copyable and default constructible: store a position in a "
+                "list of your own in place of the thing itself");
+
+ public:
+  using Arc = chainslam::Arc<Edge>;
+
+  explicit AdjacencyGraph(Index nodes = 0) { resize(nodes); }
+
+  [[nodiscard]] Index node_count() const { return static_cast<Index>(nodes_.size()); }
+  [[nodiscard]] Index edge_count() const { return edges_; }
+  /// Bytes held, free room included.
+  [[nodiscard]] std::size_t memory() const {
+    return nodes_.capacity() * sizeof(Node) + arcs_.capacity() * sizeof(Arc) + sizeof(*this);
+  }
+
+  /// Adds a node without edges. @returns its number.
+  Index add_node() {
+    const Index added = to_index(nodes_.size() + 1, "AdjacencyGraph: nodes") - 1;
+    nodes_.emplace_back();
+    return added;
+  }
+
+  /// Adds nodes without edges until there are `nodes` of them.
+  /// @throws std::invalid_argument if there are more already: nothing is ever taken out.
+  void resize(Index nodes) {
+    if (nodes < node_count()) throw std::invalid_argument("AdjacencyGraph: resize cannot take nodes out");
+    nodes_.resize(static_cast<std::size_t>(nodes));
+  }
+
+  /// Makes room for so many nodes and about so many edges in all, so that the arrays need not move.
+  /// @throws std::invalid_argument if a number is negative.
+  void reserve(Index nodes, Index edges) {
+    if (nodes < 0 || edges < 0) throw std::invalid_argument("AdjacencyGraph: reserve needs numbers of 0 or more");
+    nodes_.reserve(static_cast<std::size_t>(nodes));
+    arcs_.reserve(4 * static_cast<std::size_t>(edges));
+  }
+
+  /// Connects two nodes.
+  /// @throws std::invalid_argument if one of them is not there, or if the arcs outgrow `Index`; nothing has changed
+  /// then.
+  void add_edge(Index a, Index b, const Edge& edge = {}) {
+    if (!contains(a) || !contains(b))
+      throw std::invalid_argument("AdjacencyGraph: an edge to a node that is not there");
+    make_room(a, b);
+    append(a, Arc{b, edge});
+    append(b, Arc{a, edge});
+    ++edges_;
+  }
+
+  [[nodiscard]] bool contains(Index node) const { return node >= 0 && node < node_count(); }
+
+  /// The arcs that leave a node, in the order in which they were added; valid until the next change.
+  [[nodiscard]] std::span<const Arc> neighbors(Index node) const {
+    const Node& of = at(node);
+    return {arcs_.data() + of.begin, of.degree};
+  }
+
+  [[nodiscard]] Index degree(Index node) const { return static_cast<Index>(at(node).degree); }
+
+  /// Whether an edge joins the two; looks through the arcs of the one that has fewer.
+  [[nodiscard]] bool connected(Index a, Index b) const {
+    if (degree(b) < degree(a)) std::swap(a, b);
+    return std::ranges::any_of(neighbors(a), [b](const Arc& arc) { return arc.node == b; });
+  }
+
+  /// Tells the processor that a node's place in the table, or its arcs, will soon be needed.
+  [[gnu::always_inline]] void prefetch_node(Index node) const { __builtin_prefetch(nodes_.data() + node); }
+  [[gnu::always_inline]] void prefetch_arcs(Index node) const { __builtin_prefetch(arcs_.data() + at(node).begin); }
+
+ private:
+  /// A node's slab. Its length follows from the degree, see `capacity`.
+  struct Node {
+    std::uint32_t begin = 0;
+    std::uint32_t degree = 0;
+  };
+  static constexpr std::uint32_t smallest = 4;  ///< arcs in a first slab
+  static constexpr Index none = -1;
+
+  static std::uint32_t capacity(std::uint32_t degree) {
+    return degree == 0 ? 0 : std::max(smallest, std::bit_ceil(degree));
+  }
+  static std::size_t size_class(std::uint32_t capacity) { return static_cast<std::size_t>(std::countr_zero(capacity)); }
+
+  [[nodiscard]] const Node& at(Index node) const {
+    assert(contains(node));
+    return nodes_[static_cast<std::size_t>(node)];
+  }
+
+  /// How many arcs longer the array may get by one more arc of a node with this degree.
+  static std::uint32_t growth(std::uint32_t degree) { return degree == capacity(degree) ? capacity(degree + 1) : 0; }
+
+  /// Lets the array of arcs grow before anything else is changed, so that nothing can go wrong half-way.
+  void make_room(Index a, Index b) {
+    const std::size_t more = std::size_t{growth(at(a).degree)} + growth(at(b).degree + (a == b ? 1 : 0));
+    if (arcs_.size() + more <= arcs_.capacity()) return;
+    static_cast<void>(to_index(arcs_.size() + more, "AdjacencyGraph: arcs"));
+    arcs_.reserve(std::max(arcs_.size() + more, 2 * arcs_.capacity()));
+  }
+
+  void append(Index node, const Arc& arc) {
+    Node& of = nodes_[static_cast<std::size_t>(node)];
+    if (of.degree == capacity(of.degree)) move_to_longer_slab(of);
+    arcs_[of.begin + of.degree] = arc;
+    ++of.degree;
+  }
+
+  void move_to_longer_slab(Node& node) {
+    const std::uint32_t old_capacity = node.degree;
+    const std::uint32_t begin = take_slab(capacity(old_capacity + 1));
+    std::copy_n(arcs_.begin() + node.begin, old_capacity, arcs_.begin() + begin);
+    if (old_capacity > 0) give_back(node.begin, old_capacity);
+    node.begin = begin;
+  }
+
+  /// Free slabs of one length form a list through the `node` of their first arcs.
+  [[nodiscard]] std::uint32_t take_slab(std::uint32_t length) {
+    Index& head = free_slabs_[size_class(length)];
+    if (head == none) {
+      const auto begin = static_cast<std::uint32_t>(arcs_.size());
+      arcs_.resize(arcs_.size() + length);
+      return begin;
+    }
+    const auto begin = static_cast<std::uint32_t>(head);
+    head = arcs_[begin].node;
+    return begin;
+  }
+
+  void give_back(std::uint32_t begin, std::uint32_t length) {
+    Index& head = free_slabs_[size_class(length)];
+    arcs_[begin].node = head;
+    head = static_cast<Index>(begin);
+  }
+
+  static constexpr std::array<Index, 32> no_slabs() {
+    std::array<Index, 32> heads{};
+    heads.fill(none);
+    return heads;
+  }
+
+  std::vector<Node> nodes_;
+  std::vector<Arc> arcs_;                          ///< the slabs, those in use and the free ones
+  std::array<Index, 32> free_slabs_ = no_slabs();  ///< for each length 2^k the first free one
+  Index edges_ = 0;
+};
+static_assert(IncidenceGraph<AdjacencyGraph<>>);
+
+}  // namespace chainslam
