@@ -36,12 +36,8 @@ struct MatchedPoints {
 /// A pose and what the matches say of it.
 struct Hypothesis {
   SE3d T_target_source;
-  Index consensus = 0;       ///< matches brought together
-  double squared_error = 0;  ///< their sum, m^2
-
-  [[nodiscard]] bool better_than(const Hypothesis& other) const {
-    return consensus != other.consensus ? consensus > other.consensus : squared_error < other.squared_error;
-  }
+  Index consensus = 0;  ///< matches brought together
+  double gain = 0;      ///< by how much their squared distances fall short of the largest allowed, summed, m^2
 };
 
 }  // namespace detail
@@ -50,15 +46,17 @@ struct Hypothesis {
 /// (Fischler and Bolles 1981) over triples of matches.
 ///
 /// A triple whose two triangles differ in an edge is dropped before a motion is fitted to it, and the motion is dropped
-/// if it does not bring the triple itself together. The number of hypotheses follows from the best consensus so far.
-/// The best one is fitted again to the matches that agree with it.
+/// if it does not bring the triple itself together. The best is the one with the least sum of squared distances, each
+/// cut off at the largest allowed (Torr and Zisserman 2000, MSAC): fitting it again to the matches that agree, as is
+/// done with each triple that beats those before it (Chum, Matas and Kittler 2003), cannot make it worse. The number of
+/// hypotheses follows from its consensus.
 struct Ransac {
   double max_distance = 1.0;       ///< metres, of a match that agrees; of an inlier
   double edge_length_ratio = 0.9;  ///< least ratio of the shorter to the longer edge
   Index max_iterations = 10'000;   ///< hypotheses
   double confidence = 0.999;       ///< that a triple of right matches is among the hypotheses, for stopping early
-  Index min_consensus = 6;         ///< matches that must agree; wrong ones do so in threes always, in fours by chance
-  Index refits = 10;               ///< times the best motion may be fitted again while it gets better; 0: not at all
+  Index min_consensus = 10;  ///< matches that must agree; three always do, and of other places eight did by chance
+  Index refits = 10;         ///< times a new best motion is fitted again, at most, while it gets better; 0: not at all
   std::uint64_t seed = 0;
 
   /// @param source    points in the source's frame, metres.
@@ -76,7 +74,7 @@ struct Ransac {
     result.matches = points.size();
     result.status = GlobalAlignStatus::too_few_matches;
     if (points.size() < sample_size) return result;
-    const detail::Hypothesis best = refit(points, search(points, result.iterations, executor));
+    const detail::Hypothesis best = search(points, result.iterations, executor);
     result.status = GlobalAlignStatus::no_consensus;
     if (best.consensus < std::max(min_consensus, sample_size)) return result;
     result.status = GlobalAlignStatus::found;
@@ -127,6 +125,7 @@ struct Ransac {
     constexpr Index grain = 32, largest_batch = 2048;
     const Rng rng(seed);
     detail::Hypothesis best;
+    double most_by_triple = 0;  // triples compete as they are: one fitted again would keep better ones out
     std::vector<detail::Hypothesis> batch;
     Index enough = max_iterations;
     for (Index size = 2 * grain; iterations < enough; size = std::min(2 * size, largest_batch)) {
@@ -136,8 +135,10 @@ struct Ransac {
           batch[static_cast<std::size_t>(i)] = hypothesis(points, rng.fork(static_cast<std::uint64_t>(iterations + i)));
       });
       for (std::size_t i = 0; i < batch.size() && iterations < enough; ++i, ++iterations) {
-        if (!batch[i].better_than(best)) continue;
-        best = batch[i];
+        if (!(batch[i].gain > most_by_triple)) continue;
+        most_by_triple = batch[i].gain;
+        const detail::Hypothesis refitted = refit(points, batch[i]);
+        if (refitted.gain > best.gain) best = refitted;
         enough = std::min(enough, needed(best.consensus, points.size()));
       }
     }
@@ -189,7 +190,7 @@ struct Ransac {
       const double squared = (R * points.source[i] + t - points.target[i]).squaredNorm();
       if (squared > max_distance * max_distance) continue;
       ++scored.consensus;
-      scored.squared_error += squared;
+      scored.gain += max_distance * max_distance - squared;
     }
     return scored;
   }
@@ -206,7 +207,7 @@ struct Ransac {
       const std::optional<Sim3d> fit = umeyama(agreeing.source, agreeing.target, false);
       if (!fit) break;
       const detail::Hypothesis next = score(points, SE3d(fit->rotation(), fit->translation()));
-      if (!next.better_than(best)) break;
+      if (!(next.gain > best.gain)) break;
       best = next;
     }
     return best;
