@@ -79,6 +79,47 @@ TEST_SUITE("registration/icp") {
     });
   }
 
+  TEST_CASE("to points, too, the pose maps source to target, not target to source") {
+    Rng rng(15);
+    const SE3d truth = asymmetric_pose();
+    const PointCloud<float> source = seen_from(yard_target().cloud(), truth);
+    const KdTree<float> target(yard_target().cloud());
+    const AlignResult result = PointToPointIcp{}.align(source, target, truth * random_motion(rng, 0.1, 0.01));
+    CHECK(result.status == AlignStatus::converged);
+    for (std::size_t i = 0; i < source.size(); ++i)
+      REQUIRE((result.T_target_source * position(source, i) - position(yard_target().cloud(), i)).norm() < 1e-4);
+    CHECK(translation_error(truth.inverse(), result.T_target_source) > 1.0);
+  }
+
+  TEST_CASE("inliers and mean squared error are those that comparing all with all gives") {
+    for_all(5, [](Rng& rng, int) {
+      const SE3d truth = random_motion(rng, 2.0, 1.0);
+      const PointCloud<float> target = sample(rng, yard(), 1500);
+      PointCloud<float> seen = sample(rng, yard(), 700, 0.1);
+      for (std::size_t i = 0; i < seen.size(); i += 4) seen.positions[i].z() += 3.0F;  // no partner for most of these
+      const PointCloud<float> source = seen_from(seen, truth);
+      for (const AlignResult& result :
+           {PointToPlaneIcp{.max_distance = 0.5}.align(source, IndexedCloud<>(target), truth),
+            PointToPointIcp{.max_distance = 0.5}.align(source, KdTree<float>(target), truth)}) {
+        Index inliers = 0;
+        double squared = 0;
+        for (std::size_t i = 0; i < source.size(); ++i) {
+          double nearest = std::numeric_limits<double>::infinity();
+          for (std::size_t j = 0; j < target.size(); ++j)
+            nearest =
+                std::min(nearest, (result.T_target_source * position(source, i) - position(target, j)).squaredNorm());
+          if (nearest > 0.25) continue;
+          ++inliers;
+          squared += nearest;
+        }
+        CHECK(inliers < 600);
+        CHECK(result.inliers == inliers);
+        CHECK(result.inlier_ratio == doctest::Approx(inliers / 700.0));
+        CHECK(result.mean_squared_error == doctest::Approx(squared / inliers).epsilon(1e-5));
+      }
+    });
+  }
+
   TEST_CASE("figures hold at the pose returned: aligning again from it without a step gives the same") {
     Rng rng(3);
     const SE3d truth = asymmetric_pose();
