@@ -63,7 +63,7 @@ class PositionError {
   Eigen::Vector3d wander_;
 };
 
-/// Times without a fix: exponential gaps and lengths.
+/// Times without a fix.
 class Outages {
  public:
   Outages(const GnssOptions& options, Rng rng) : options_(options), rng_(rng) { draw_next(0.0); }
@@ -75,8 +75,8 @@ class Outages {
 
  private:
   void draw_next(double after) {
-    start_ = after - options_.time_between_outages * std::log(1.0 - rng_.uniform());
-    end_ = start_ - options_.outage_duration * std::log(1.0 - rng_.uniform());
+    start_ = after + options_.time_between_outages * rng_.uniform(0.5, 1.5);
+    end_ = start_ + options_.outage_duration * rng_.uniform(0.5, 1.5);
   }
 
   GnssOptions options_;

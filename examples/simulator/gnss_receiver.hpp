@@ -19,8 +19,8 @@ struct GnssOptions {
   double wander_time = 60.0;           ///< its correlation time, seconds
   double noise = 1.0;                  ///< white, horizontal, metres
   double vertical = 2.0;               ///< vertical errors are this many times the horizontal ones
-  double time_between_outages = 40.0;  ///< mean, seconds
-  double outage_duration = 6.0;        ///< mean, seconds
+  double time_between_outages = 30.0;  ///< mean, seconds; 0.5 to 1.5 times that, and before the first as well
+  double outage_duration = 6.0;        ///< mean, seconds; 0.5 to 1.5 times that
 };
 
 /// A line of the receiver's log.

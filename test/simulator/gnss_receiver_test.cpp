@@ -116,23 +116,23 @@ TEST_SUITE("simulator/gnss_receiver") {
     CHECK(longest < 3.01);
   }
 
-  TEST_CASE("outages happen and say so, but not before the first fix") {
+  TEST_CASE("outages happen and say so, but not before there were fixes") {
     const Drive drive = small_drive();
     std::size_t lost = 0;
     std::size_t all = 0;
     for (std::uint64_t session = 0; session < 100; ++session)
-      for (bool first = true; const GnssReading& reading : record_gnss(drive, {}, Timestamp(), Rng(session))) {
+      for (const GnssReading& reading : record_gnss(drive, {}, Timestamp(), Rng(session))) {
         ++all;
         const bool none = reading.mode == 0;
-        CHECK_FALSE((none && first));
-        first = false;
+        CHECK_FALSE((none && reading.time.to_seconds() < 15.0));
         lost += none ? 1 : 0;
         CHECK(none == (reading.fix.quality == GnssQuality::none));
         CHECK(none == std::isnan(reading.altitude));
         CHECK(std::isfinite(reading.latitude));
       }
-    CHECK(static_cast<double>(lost) / static_cast<double>(all) > 0.05);
-    CHECK(static_cast<double>(lost) / static_cast<double>(all) < 0.2);
+    // The drive's 28 s see the beginning of an outage in four cases of ten, and most of it.
+    CHECK(static_cast<double>(lost) / static_cast<double>(all) > 0.03);
+    CHECK(static_cast<double>(lost) / static_cast<double>(all) < 0.09);
   }
 }
 

@@ -109,6 +109,9 @@ TEST_SUITE("simulator/sessions") {
         CHECK(session.drive().length() < 620.0);
         CHECK(revisited(drives.back()) > 0.05);
         CHECK(session.gnss().front().mode == 3);
+        const auto is_lost = [](const GnssReading& reading) { return reading.mode == 0; };
+        CHECK(std::ranges::any_of(session.gnss(), is_lost));
+        CHECK(std::ranges::count_if(session.gnss(), is_lost) < std::ssize(session.gnss()) * 3 / 10);
       }
       for (const auto& [a, b] : {std::pair(0, 1), std::pair(0, 2), std::pair(1, 2)}) {
         const auto start = [&](int i) { return drives[static_cast<std::size_t>(i)].front().position; };
