@@ -82,6 +82,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "chainslam/io/detail/map_decoder.hpp"
 #include "chainslam/io/detail/map_file_reader.hpp"
@@ -182,8 +183,12 @@ inline std::uint64_t memory_of(const MapFileReader& file, std::size_t commit, bo
   const auto refuse = [&](const std::string& what) {
     if (!options.recover) file.fail("", what, "`chainslam recover` saves what is whole of it in a new file");
   };
+  std::vector<std::string> problems;
   const std::optional<std::string> unfinished = detail::unfinished(file);
-  if (unfinished) refuse(*unfinished);
+  if (unfinished) {
+    refuse(*unfinished);
+    problems.push_back(*unfinished);
+  }
   std::optional<std::size_t> commit = detail::last_commit_before(file, file.chunks().size());
   for (;;) {
     if (!commit) file.fail("", "nothing that was committed", "there is nothing to save in it: make the map again");
@@ -197,13 +202,14 @@ inline std::uint64_t memory_of(const MapFileReader& file, std::size_t commit, bo
     const std::optional<std::size_t> damaged = decoder.run();
     if (damaged) {
       refuse(file.place(*damaged) + ": damaged");
+      problems.push_back(file.place(*damaged) + ": damaged, and with it all from the last commit before it on");
       commit = detail::last_commit_before(file, *damaged);
       continue;
     }
     LoadedMap loaded = decoder.take();
     MapFileReport& report = loaded.report;
     if (!report.problems.empty()) refuse(report.problems.front());
-    if (unfinished) report.problems.push_back(*unfinished);
+    report.problems.insert(report.problems.begin(), problems.begin(), problems.end());
     const bool to_the_end = !unfinished && *commit + 3 == file.chunks().size();
     report.complete = to_the_end && report.problems.empty();
     report.format_major = file.header().major;

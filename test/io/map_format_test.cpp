@@ -1,0 +1,389 @@
+#include <doctest/doctest.h>
+
+#include <limits>
+
+#include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/factor_graph/factor_graph.hpp"
+#include "chainslam/io/map_archive.hpp"
+#include "io/maps.hpp"
+#include "support/files.hpp"
+
+namespace chainslam::test {
+namespace {
+
+using chainslam::detail::ChunkHeader;
+using chainslam::detail::ChunkType;
+using Bytes = std::vector<std::byte>;
+
+/// One chunk, its payload as it is stored.
+struct Chunk {
+  ChunkHeader header;
+  Bytes payload;
+
+  [[nodiscard]] bool is(ChunkType type) const { return header.is(type); }
+};
+
+/// Takes a file apart, lets `edit` change its chunks, and puts it together again with checksums, sequence, index and
+/// end as they should be: what a program would write that does not keep to the rules.
+template <class Edit>
+void rewrite(const std::filesystem::path& from, const std::filesystem::path& to, Edit&& edit) {
+  const std::string text = read_bytes(from);
+  std::vector<Chunk> chunks;
+  {
+    const chainslam::detail::MapFileReader file(from);
+    for (std::size_t i = 0; i < file.chunks().size(); ++i)
+      chunks.push_back({file.chunks()[i].header, *file.stored_payload(i)});
+  }
+  edit(chunks);
+  Bytes out;
+  for (const char c : text.substr(0, 64)) out.push_back(static_cast<std::byte>(c));
+  Bytes index;
+  std::uint64_t index_offset = 0;
+  for (std::size_t i = 0; i < chunks.size(); ++i) {
+    Chunk& chunk = chunks[i];
+    if (chunk.is(ChunkType::index)) {
+      index_offset = out.size();
+      chunk.payload = index;
+      chunk.header.count = static_cast<std::uint32_t>(i);
+    }
+    if (chunk.is(ChunkType::end)) {
+      chunk.payload.clear();
+      append_bytes(chunk.payload, index_offset);
+      append_bytes(chunk.payload, std::uint64_t{out.size() + 128});
+    }
+    append_bytes(index, std::uint64_t{out.size()});
+    append_bytes(index, chunk.header.type);
+    append_bytes(index, chunk.header.version);
+    append_bytes(index, chunk.header.count);
+    chunk.header.sequence = i;
+    if (chunk.header.codec == RawCodec::id && chunk.header.raw_bytes <= (1U << 28))
+      chunk.header.raw_bytes = chunk.payload.size();
+    chainslam::detail::append_chunk(out, chunk.header, chunk.payload);
+  }
+  write_bytes(to, std::string_view(reinterpret_cast<const char*>(out.data()), out.size()));
+}
+
+/// What loading says of a map whose first chunk of `type` was changed.
+template <class Change>
+std::string after_change(ChunkType type, Change&& change, bool recover = true) {
+  const TemporaryFolder folder;
+  save_map(folder / "a", random_map(4, 12));
+  rewrite(folder / "a", folder / "b", [&](std::vector<Chunk>& chunks) {
+    for (Chunk& chunk : chunks)
+      if (chunk.is(type)) return change(chunk);
+    FAIL("no such chunk");
+  });
+  return io_error([&] { return load_map(folder / "b", {.recover = recover}); });
+}
+
+/// Overwrites a number in a payload.
+template <class T>
+auto put(std::size_t offset, T value) {
+  return [offset, value](Chunk& chunk) {
+    Bytes bytes;
+    append_bytes(bytes, value);
+    REQUIRE(offset + bytes.size() <= chunk.payload.size());
+    std::copy(bytes.begin(), bytes.end(), chunk.payload.begin() + static_cast<std::ptrdiff_t>(offset));
+  };
+}
+
+/// Changes the file's own header and its checksum.
+std::string with_header(const std::filesystem::path& path, std::size_t offset, char value) {
+  std::string text = read_bytes(path);
+  text[offset] = value;
+  const auto hash = chainslam::detail::hash_of(std::as_bytes(std::span(text).first(56)));
+  return text.substr(0, 56) + little(hash) + text.substr(64);
+}
+
+/// The map of test/io/golden: numbers that every machine writes the same way.
+SlamMap golden_map() {
+  SlamMap map;
+  const auto pose = [](double x) {
+    return SE3d(SO3d::from_quaternion(SO3d::Quaternion(0.6, 0, 0, 0.8)), {x, -x, 0.25});
+  };
+  const auto root = [](double value) {
+    SqrtInformation<6> matrix = SqrtInformation<6>::Zero();
+    for (Eigen::Index i = 0; i < 6; ++i) matrix(i, i) = value + static_cast<double>(i);
+    matrix(0, 5) = -0.5;
+    return matrix;
+  };
+  map.sessions.push_back({SessionId{0}, "morning", 0, 3, SessionId{0}, pose(0), root(1000)});
+  map.sessions.push_back({SessionId{1}, "", 3, 2, SessionId{0}, pose(9), root(0.1)});
+  for (Index i = 0; i < 5; ++i) {
+    Keyframe keyframe;
+    keyframe.id = KeyframeId{i};
+    keyframe.session = SessionId{i < 3 ? 0 : 1};
+    keyframe.time = Timestamp::from_nanoseconds(1'000'000'000'000'000'000 + 500'000'000LL * i);
+    keyframe.T_odom_body = pose(i);
+    keyframe.T_map_body = pose(i + 0.125);
+    PointCloud<float> cloud;
+    for (int k = 0; k < 40; ++k)
+      cloud.positions.emplace_back(0.75F * static_cast<float>(k * k % 97), -0.5F * static_cast<float>(k),
+                                   0.25F * static_cast<float>(i + k % 5));
+    if (i == 2) {
+      cloud.normals.assign(cloud.size(), {0, 0, 1});
+      cloud.time_offsets.assign(cloud.size(), 0.0625F);
+      cloud.intensities.assign(cloud.size(), 17);
+      cloud.positions[0] = {1.0F / 3, 0, 0};  // on no grid
+    }
+    if (i != 4) keyframe.cloud = std::make_shared<const PointCloud<float>>(i == 2 ? cloud : quantized(cloud));
+    map.keyframes.push_back(std::move(keyframe));
+  }
+  map.keyframes[1].gnss =
+      GnssFix{map.keyframes[1].time, {4e6, 9e5, 4.8e6}, Eigen::Matrix3d::Identity() * 2.25, GnssQuality::differential};
+  for (const Index i : {1, 2, 4}) map.odometry.push_back({KeyframeId{i - 1}, KeyframeId{i}, pose(1), root(20)});
+  LoopClosure closure;
+  closure.from = KeyframeId{0};
+  closure.to = KeyframeId{3};
+  closure.T_from_to = pose(3);
+  closure.sqrt_information = root(50);
+  closure.kind = ClosureKind::merge;
+  closure.mean_squared_error = 0.0625;
+  closure.inlier_ratio = 0.875;
+  map.closures.push_back(closure);
+  closure.to = KeyframeId{4};
+  closure.kind = ClosureKind::direct;
+  closure.cause = 0;
+  map.closures.push_back(closure);
+  closure.verdict = ClosureVerdict::unconfirmed;
+  closure.sqrt_information.setZero();
+  map.refusals.push_back(closure);
+  return map;
+}
+
+MapArchiveOptions golden_options() {
+  return {.parameters = "# golden\nstep = 0.01\n",
+          .unknown = {{0x0123, 1, 0, 2, 3, {std::byte{1}, std::byte{2}, std::byte{3}}}}};
+}
+
+/// Optimised poses of the graph that a map's records describe.
+std::vector<SE3d> optimum(const SlamMap& map) {
+  PoseGraph graph;
+  for (const Keyframe& keyframe : map.keyframes) graph.add_value(keyframe.T_map_body);
+  graph.set_fixed(0);
+  const auto add = [&](KeyframeId from, KeyframeId to, const SE3d& T_from_to, const SqrtInformation<6>& root) {
+    graph.add_between(from.value, to.value, T_from_to, NoiseModel<6>::from_information(root.transpose() * root));
+  };
+  for (const OdometryMeasurement& step : map.odometry) add(step.from, step.to, step.T_from_to, step.sqrt_information);
+  for (const LoopClosure& closure : map.closures)
+    add(closure.from, closure.to, closure.T_from_to, closure.sqrt_information);
+  REQUIRE(optimise(graph, LevenbergMarquardt{.max_iterations = 100}).ok());
+  std::vector<SE3d> poses;
+  for (const Keyframe& keyframe : map.keyframes) poses.push_back(graph[keyframe.id.value]);
+  return poses;
+}
+
+/// A drive around a ring of 40 keyframes, whose odometry drifts, with closures between its laps.
+SlamMap ring() {
+  constexpr Index count = 40;
+  Rng rng(1);
+  SlamMap map;
+  map.sessions.push_back(
+      {SessionId{0}, "ring", 0, count, SessionId{0}, SE3d(), SqrtInformation<6>(1e4 * Matrix6d::Identity())});
+  const auto truth = [](Index i) {
+    Vector6d step;
+    step << 1, 0, 0, 0, 0, 0.314;
+    return SE3d::exp(step * static_cast<double>(i));
+  };
+  const auto noisy = [&](const SE3d& T, double sigma) {
+    Vector6d noise;
+    for (Eigen::Index i = 0; i < 6; ++i) noise[i] = rng.normal(0, sigma);
+    return T.retract(noise);
+  };
+  for (Index i = 0; i < count; ++i) {
+    Keyframe keyframe;
+    keyframe.id = KeyframeId{i};
+    keyframe.session = SessionId{0};
+    keyframe.time = Timestamp::from_nanoseconds(1'000'000'000LL * i);
+    if (i > 0) {
+      const SE3d step = noisy(truth(i - 1).inverse() * truth(i), 0.01);
+      keyframe.T_odom_body = map.keyframes.back().T_odom_body * step;
+      map.odometry.push_back({KeyframeId{i - 1}, KeyframeId{i}, step, random_root(rng)});
+    }
+    keyframe.T_map_body = keyframe.T_odom_body;
+    map.keyframes.push_back(keyframe);
+  }
+  for (Index i = 20; i < count; i += 3) {
+    LoopClosure closure;
+    closure.from = KeyframeId{i - 20};
+    closure.to = KeyframeId{i};
+    closure.T_from_to = noisy(truth(i - 20).inverse() * truth(i), 0.002);
+    closure.sqrt_information = random_root(rng);
+    map.closures.push_back(closure);
+  }
+  return map;
+}
+
+}  // namespace
+
+TEST_SUITE("io/map_format") {
+  TEST_CASE("write the golden file of the format, once for each version of it" * doctest::skip()) {
+    const std::string name = "map_" + std::to_string(chainslam::detail::map_major) + '_' +
+                             std::to_string(chainslam::detail::map_minor) + ".cslam";
+    save_map(CHAINSLAM_SOURCE_DIR "/test/io/golden/" + name, golden_map(), golden_options());
+  }
+
+  TEST_CASE("the golden file of format 1.0 says what it said when it was made") {
+    const LoadedMap loaded = load_map(CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_0.cslam");
+    CHECK(loaded.report.complete);
+    CHECK(loaded.report.format_major == 1);
+    CHECK(loaded.report.format_minor == 0);
+    CHECK(loaded.parameters == golden_options().parameters);
+    CHECK(loaded.unknown == golden_options().unknown);
+    CHECK(same_map(loaded.map, golden_map()));
+  }
+
+  TEST_CASE("a map that was saved and loaded has the same optimum") {
+    const TemporaryFolder folder;
+    const SlamMap map = ring();
+    save_map(folder / "a", map);
+    const std::vector<SE3d> before = optimum(map), after = optimum(load_map(folder / "a").map);
+    double moved = 0;
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      CHECK(before[i].local(after[i]).norm() < 1e-9);
+      moved = std::max(moved, before[i].local(map.keyframes[i].T_map_body).norm());
+    }
+    CHECK(moved > 0.01);  // there was something to optimise
+  }
+
+  TEST_CASE("unknown chunks are kept, unless the map would be wrong without them") {
+    const TemporaryFolder folder;
+    const std::vector<UnknownChunk> unknown = {{0x0123, 7, 42, 5, 1 << 20, Bytes(100, std::byte{9})},
+                                               {0x7fff, 1, 0, 0, 0, {}}};
+    save_map(folder / "a", random_map(4, 5), {.unknown = unknown});
+    const LoadedMap loaded = load_map(folder / "a");
+    CHECK(loaded.unknown == unknown);
+    CHECK(loaded.report.unknown_chunks == 2);
+    CHECK(loaded.report.complete);
+    save_map(folder / "b", loaded);
+    CHECK(read_bytes(folder / "a") == read_bytes(folder / "b"));
+    rewrite(folder / "a", folder / "c", [](std::vector<Chunk>& chunks) {
+      for (Chunk& chunk : chunks)
+        if (chunk.header.type == 0x0123) chunk.header.type = 0x8123;
+    });
+    const std::string error = io_error([&] { return load_map(folder / "c", {.recover = true}); });
+    CHECK(says(error, "without which the map would be wrong"));
+    CHECK(says(error, "newer version"));
+    CHECK_THROWS_AS(save_map(folder / "d", SlamMap{}, {.unknown = {{0x8123, 1, 0, 0, 0, {}}}}), std::invalid_argument);
+  }
+
+  TEST_CASE("a higher minor is read, a higher major and unknown flags name what is needed") {
+    const TemporaryFolder folder;
+    const SlamMap map = random_map(4, 5);
+    save_map(folder / "a", map);
+    write_bytes(folder / "minor", with_header(folder / "a", 10, 3));
+    const LoadedMap loaded = load_map(folder / "minor");
+    CHECK(loaded.report.format_minor == 3);
+    CHECK(same_map(loaded.map, map));
+    write_bytes(folder / "major", with_header(folder / "a", 8, 2));
+    CHECK(says(io_error([&] { return load_map(folder / "major", {.recover = true}); }), "format 2.0"));
+    write_bytes(folder / "flags", with_header(folder / "a", 24, 1));
+    CHECK(says(io_error([&] { return load_map(folder / "flags", {.recover = true}); }), "flags 1"));
+  }
+
+  TEST_CASE("records that grew at their end are read, and it is said that they did") {
+    const TemporaryFolder folder;
+    const SlamMap map = random_map(4, 12);
+    save_map(folder / "a", map);
+    rewrite(folder / "a", folder / "b", [](std::vector<Chunk>& chunks) {
+      for (Chunk& chunk : chunks) {
+        if (chunk.is(ChunkType::session)) chunk.payload.resize(chunk.payload.size() + 24);
+        if (!chunk.is(ChunkType::odometry)) continue;
+        Bytes grown(chunk.payload.begin(), chunk.payload.begin() + 16);
+        const Bytes size = {std::byte{360 & 255}, std::byte{360 >> 8}};
+        std::copy(size.begin(), size.end(), grown.begin() + 4);
+        for (std::size_t i = 0; i < chunk.header.count; ++i) {
+          const auto record = chunk.payload.begin() + 16 + static_cast<std::ptrdiff_t>(352 * i);
+          grown.insert(grown.end(), record, record + 352);
+          grown.resize(grown.size() + 8, std::byte{77});
+        }
+        chunk.payload = grown;
+      }
+    });
+    const LoadedMap loaded = load_map(folder / "b");
+    CHECK(loaded.report.complete);
+    CHECK(loaded.report.newer_fields);
+    CHECK(same_map(loaded.map, map));
+  }
+
+  TEST_CASE("what breaks the rules under right checksums is refused by chunk, record and field") {
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    CHECK(says(after_change(ChunkType::keyframes, put(16 + 72 * 2 + 16, nan)), "record 2, T_odom_body"));
+    CHECK(says(after_change(ChunkType::keyframes, put(16 + 72 * 2 + 16 + 48, 3.0)), "a quaternion of length"));
+    CHECK(says(after_change(ChunkType::keyframes, put(16 + 72 * 2, std::int64_t{0})), "record 2, time"));
+    CHECK(says(after_change(ChunkType::keyframes, put(16 + 72 * 2 + 8, 1)), "record 2, session"));
+    CHECK(says(after_change(ChunkType::keyframes, put(0, 1)), "record 0, number"));
+    CHECK(says(after_change(ChunkType::keyframes, put(4, 71)), "record size"));
+    CHECK(says(after_change(ChunkType::keyframes, put(4, -1)), "record size"));
+    CHECK(says(after_change(ChunkType::keyframes, [](Chunk& chunk) { chunk.payload.resize(7); }), "payload"));
+    CHECK(says(after_change(ChunkType::session, put(12, 100'000)), "name"));
+    CHECK(says(after_change(ChunkType::session, put(8, 5)), "session 0, frame"));
+    CHECK(says(after_change(ChunkType::odometry, put(16 + 4, 12)), "record 0, to"));
+    CHECK(says(after_change(ChunkType::odometry, put(16 + 4, 12)), "12, where there are 12 keyframes"));
+    CHECK(says(after_change(ChunkType::closures, put(16 + 8, std::uint16_t{3})), "record 0, kind"));
+    CHECK(says(after_change(ChunkType::closures, put(16 + 10, std::uint16_t{8})), "record 0, verdict"));
+    CHECK(says(after_change(ChunkType::closures, put(16 + 12, 5)), "cause"));
+    CHECK(says(after_change(ChunkType::gnss, put(16 + 4, 6)), "quality"));
+    CHECK(says(after_change(ChunkType::gnss, put(16 + 40, -1.0)), "positive semi-definite"));
+    CHECK(says(after_change(ChunkType::poses, put(0, 1)), "record 11, keyframe"));
+    CHECK(says(after_change(ChunkType::poses, put(0, std::numeric_limits<Index>::max())), "first record"));
+    CHECK(says(after_change(ChunkType::commit, put(4, 13)), "keyframes"));
+    CHECK(says(after_change(ChunkType::keyframes, [](Chunk& chunk) { chunk.header.raw_bytes = 1ULL << 60; }),
+               "raw bytes"));
+    CHECK(says(after_change(ChunkType::keyframes, [](Chunk& chunk) { chunk.header.codec = 1; }), "codec"));
+  }
+
+  TEST_CASE("scans that lie about their size take no memory for it") {
+    const auto as_raw = [](Chunk& chunk) {
+      if (chunk.header.codec == RawCodec::id) return;
+      Bytes raw(chunk.header.raw_bytes);
+      REQUIRE(ZstdCodec{}.decompress(chunk.payload, raw));
+      chunk.payload = raw;
+      chunk.header.codec = RawCodec::id;
+    };
+    const auto changed = [&](auto change) {
+      return after_change(ChunkType::scan, [&](Chunk& chunk) {
+        as_raw(chunk);
+        change(chunk);
+      });
+    };
+    CHECK(changed([](Chunk&) {}).empty());
+    CHECK(says(changed(put(8, 0xffff'ffffU)), "points"));
+    CHECK(says(changed(put(0, 5)), "has it already"));
+    CHECK(says(changed(put(0, 99)), "keyframe"));
+    CHECK(says(changed(put(4, 2)), "encoding"));
+    CHECK(says(changed(put(12, 8)), "encoding"));
+    CHECK(says(changed(put(16, 0.0)), "step"));
+    CHECK(says(changed([](Chunk& chunk) { chunk.header.version = 2; }), "version"));
+    CHECK(says(changed([](Chunk& chunk) { chunk.payload.resize(31); }), "payload"));
+    CHECK(says(changed([](Chunk& chunk) {
+                 chunk.payload = ZstdCodec{}.compress(Bytes(1 << 20));
+                 chunk.header.codec = ZstdCodec::id;
+                 chunk.header.raw_bytes = 1 << 20;
+               }),
+               "raw bytes"));
+    CHECK(says(changed([](Chunk& chunk) {
+                 chunk.payload = ZstdCodec{}.compress(chunk.payload);
+                 chunk.header.codec = ZstdCodec::id;
+                 chunk.header.raw_bytes += 1;
+               }),
+               "does not unpack"));
+  }
+
+  TEST_CASE("an index of another file is refused") {
+    const TemporaryFolder folder;
+    save_map(folder / "a", random_map(4, 5));
+    std::string text = read_bytes(folder / "a");
+    const chainslam::detail::MapFileReader file(folder / "a");
+    const auto& index = file.chunks()[file.chunks().size() - 2];
+    Bytes payload = *file.stored_payload(file.chunks().size() - 2);
+    payload[0] = std::byte{1};
+    Bytes chunk;
+    chainslam::detail::append_chunk(chunk, index.header, payload);
+    text.replace(index.offset, chunk.size(), reinterpret_cast<const char*>(chunk.data()), chunk.size());
+    write_bytes(folder / "b", text);
+    CHECK(says(io_error([&] { return load_map(folder / "b"); }), "an index that is not of this file"));
+  }
+}
+
+}  // namespace chainslam::test
