@@ -55,6 +55,7 @@ class ConnectedComponents {
 
   /// Takes an edge. @returns whether it joined two components that were apart.
   bool connect(Index a, Index b) {
+    if (parent(a) >= 0 && parent(a) == parent(b)) return false;  // most edges, once trees are low
     Index larger = halve_path(a);
     Index smaller = halve_path(b);
     if (larger == smaller) return false;
