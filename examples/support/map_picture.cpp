@@ -304,20 +304,22 @@ double scale_bar_length(double width) {
   return length;
 }
 
+// Okabe and Ito 2008, whose colours stay apart for the colour-blind: the sessions take those that read on dark and
+// light alike, then darker ones of Brewer's; closures take the other three.
 std::uint32_t session_color(std::size_t session) {
-  constexpr std::array<std::uint32_t, 8> colors{0x3b82f6, 0xf59e0b, 0x14b8a6, 0xa16207,
-                                                0x64748b, 0x84cc16, 0x0369a1, 0xdc2626};
+  constexpr std::array<std::uint32_t, 8> colors{0x56b4e9, 0xe69f00, 0x009e73, 0x0072b2,
+                                                0x999999, 0xa6761d, 0x7570b3, 0x66a61e};
   return colors[session % colors.size()];
 }
 
 std::uint32_t closure_color(ClosureKind kind) {
   switch (kind) {
     case ClosureKind::direct:
-      return 0x22c55e;
+      return 0xd55e00;
     case ClosureKind::chained:
-      return 0xe879f9;
+      return 0xcc79a7;
     case ClosureKind::merge:
-      return 0xfb7185;
+      return 0xf0e442;
   }
   return 0;
 }
@@ -335,7 +337,7 @@ void write_map_picture(const std::filesystem::path& path, const ReportData& data
   for (const ReportSession& session : data.sessions)
     painter.path(session.truth, options.dark ? 0xffffff : 0x000000, 0.5F * line, 0.7F);
   for (const ClosureKind kind : {ClosureKind::chained, ClosureKind::direct, ClosureKind::merge})
-    painter.closures(data, kind, 0.6F * line);
+    painter.closures(data, kind, kind == ClosureKind::merge ? 2.0F * line : 0.6F * line);
   for (std::size_t i = 0; i < data.sessions.size(); ++i)
     painter.path(data.sessions[i].optimised, session_color(i), line, 0.95F);
   painter.scale_bar(color_of(options.dark ? 0xe2e8f0 : 0x1e293b), std::max<Index>(1, options.largest_side / 500));

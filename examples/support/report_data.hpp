@@ -71,12 +71,20 @@ struct ReportPlot {
   std::vector<ReportSeries> series{};
 };
 
+/// A table of the caller's own; the first column names the row.
+struct ReportTable {
+  std::string title{};
+  std::vector<std::string> heads{};
+  std::vector<std::vector<std::string>> rows{};
+};
+
 /// All that a report shows. What is empty is left out of it.
 struct ReportData {
   std::string title{};     ///< what was mapped
   std::string subtitle{};  ///< a sentence below it
   std::vector<ReportFigure> figures{};
   std::vector<std::pair<std::string, std::string>> summary{};  ///< rows of a table: what, and how much
+  std::vector<ReportTable> tables{};
   std::vector<std::string> warnings{};
   std::vector<ReportSession> sessions{};
   std::vector<ReportClosure> closures{};

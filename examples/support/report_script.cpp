@@ -68,6 +68,15 @@ for (const svg of document.querySelectorAll('svg.plot')) {
   });
 }
 
+// ---- layers of the plan ----
+
+for (const box of document.querySelectorAll('input[data-switch]')) {
+  const shapes = box.closest('.above').querySelectorAll('[data-shape="' + box.dataset.switch + '"]');
+  const apply = () => shapes.forEach(shape => shape.classList.toggle('off', !box.checked));
+  box.addEventListener('change', apply);
+  apply();
+}
+
 // ---- 3-D view ----
 
 const canvas = element('view');
@@ -139,17 +148,27 @@ function addTo(layer, object) {
   layers[layer].add(object);
 }
 
+const hidden = new Set();  // sessions
 if (meta.point_count > 0) {
-  const geometry = new THREE.BufferGeometry();
   const positions = scaled(decode('points', Uint16Array), meta.point_low, meta.point_step);
-  geometry.setAttribute('position', new THREE.BufferAttribute(positions, 3));
   const sessions = decode('point-sessions', Uint8Array);
-  const hues = new Uint8Array(positions.length);
-  const colors = meta.session_colors.map(color => [color >> 16 & 255, color >> 8 & 255, color & 255]);
-  for (let i = 0; 3 * i < positions.length; ++i)
-    for (let j = 0; j < 3; ++j) hues[3 * i + j] = colors[(sessions.length ? sessions[i] : 0) % colors.length][j];
-  geometry.setAttribute('hue', new THREE.BufferAttribute(hues, 3, true));
-  addTo('points', new THREE.Points(geometry, pointMaterial));
+  const bySession = new Map();
+  for (let i = 0; 3 * i < positions.length; ++i) {
+    const session = sessions.length ? sessions[i] : 0;
+    if (!bySession.has(session)) bySession.set(session, []);
+    bySession.get(session).push(positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]);
+  }
+  for (const [session, list] of bySession) {
+    const geometry = new THREE.BufferGeometry();
+    const color = meta.session_colors[session % meta.session_colors.length];
+    const hues = new Uint8Array(list.length);
+    for (let i = 0; i < list.length; ++i) hues[i] = color >> (16 - 8 * (i % 3)) & 255;
+    geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(list), 3));
+    geometry.setAttribute('hue', new THREE.BufferAttribute(hues, 3, true));
+    const points = new THREE.Points(geometry, pointMaterial);
+    points.userData.session = session;
+    addTo('points', points);
+  }
 }
 
 // Lines as wide as they should be on any machine: each is a strip of two triangles that the shader widens on the screen.
@@ -212,7 +231,9 @@ for (const path of meta.paths) {
     for (let j = 0; j < 6; ++j) pairs.push(positions[3 * i + j]);
   const width = {optimised: 3, odometry: 1.4, truth: 1.2}[path.kind];
   const color = path.kind === 'truth' ? 0xffffff : meta.session_colors[path.session % meta.session_colors.length];
-  addTo(path.kind, lines(new Float32Array(pairs), color, width, {optimised: 6, odometry: 2, truth: 1}[path.kind]));
+  const mesh = lines(new Float32Array(pairs), color, width, {optimised: 6, odometry: 2, truth: 1}[path.kind]);
+  mesh.userData.session = path.session;
+  addTo(path.kind, mesh);
   if (path.kind === 'optimised')
     for (let i = 0; i < path.count; ++i)
       keyframes.push({
@@ -223,11 +244,16 @@ for (const path of meta.paths) {
 
 const closures = decode('closures', Int32Array);
 for (const [kind, name] of meta.closure_kinds.entries()) {
+  const dashes = name === 'chained' ? 4 : 1, width = {direct: 1.8, chained: 1.5, merge: 5}[name];
   const pairs = [];
-  for (let i = 0; i < closures.length; i += 3)
-    if (closures[i + 2] === kind)
-      pairs.push(...keyframes[closures[i]].position.toArray(), ...keyframes[closures[i + 1]].position.toArray());
-  if (pairs.length) addTo(name, lines(new Float32Array(pairs), meta.closure_colors[kind], 1.6, 4));
+  for (let i = 0; i < closures.length; i += 3) {
+    if (closures[i + 2] !== kind) continue;
+    const from = keyframes[closures[i]].position, to = keyframes[closures[i + 1]].position;
+    for (let dash = 0; dash < dashes; ++dash)
+      for (const share of [2 * dash, 2 * dash + 1])
+        pairs.push(...from.clone().lerp(to, share / (2 * dashes - 1)).toArray());
+  }
+  if (pairs.length) addTo(name, lines(new Float32Array(pairs), meta.closure_colors[kind], width, name === 'merge' ? 8 : 4));
 }
 
 // Eye-dome lighting (Boucheny 2009): what is farther than its neighbours on the screen is darker.
@@ -380,6 +406,7 @@ function keyframeAt(event) {
   const box = canvas.getBoundingClientRect();
   let best = null, bestDistance = 12;
   for (const keyframe of keyframes) {
+    if (hidden.has(keyframe.session)) continue;
     seen.copy(keyframe.position).project(camera);
     if (seen.z > 1) continue;
     const x = box.left + (seen.x + 1) / 2 * box.width, y = box.top + (1 - seen.y) / 2 * box.height;
@@ -395,7 +422,7 @@ function tell(event) {
     return;
   }
   const time = keyframe.time === null ? '' : '\n' + keyframe.time.toFixed(1) + ' s';
-  const p = keyframe.position.toArray().map((value, i) => (value + meta.origin[i]).toFixed(1));
+  const p = keyframe.position.toArray().map((value, i) => (value + meta.origin[i] - meta.session_offsets[keyframe.session][i]).toFixed(1));
   showTip(tip, viewer, event, meta.session_names[keyframe.session] + '\nkeyframe ' + keyframe.number + time + '\n' + p.join(', ') + ' m');
 }
 canvas.addEventListener('dblclick', event => {
@@ -415,10 +442,25 @@ for (const box of document.querySelectorAll('input[data-layer]')) {
   box.addEventListener('change', apply);
   apply();
 }
-element('color-mode').addEventListener('change', event => {
-  pointMaterial.uniforms.mode.value = Number(event.target.value);
+for (const box of document.querySelectorAll('input[data-session]')) {
+  const session = Number(box.dataset.session);
+  const apply = () => {
+    if (box.checked) hidden.delete(session); else hidden.add(session);
+    for (const name in layers)
+      for (const object of layers[name].children)
+        if (object.userData.session === session) object.visible = box.checked;
+    requestDraw();
+  };
+  box.addEventListener('change', apply);
+  apply();
+}
+const colorMode = element('color-mode');
+const applyColorMode = () => {
+  pointMaterial.uniforms.mode.value = Number(colorMode.value);
   requestDraw();
-});
+};
+colorMode.addEventListener('change', applyColorMode);
+applyColorMode();
 element('point-size').addEventListener('input', requestDraw);
 const views = {
   'view-above': () => look(-Math.PI / 2, Math.PI / 2 - 1e-3),

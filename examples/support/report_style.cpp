@@ -66,15 +66,30 @@ input[type=range] { width: 90px; }
 .above image { opacity: 0.95; }
 @media (prefers-color-scheme: dark) { .above image { filter: invert(1); opacity: 0.8; } }
 .above .path { fill: none; stroke: var(--c); stroke-width: 2; stroke-linejoin: round; vector-effect: non-scaling-stroke; }
+.above .off { display: none; }
 .above .odometry { stroke-dasharray: 5 4; stroke-width: 1.2; opacity: 0.75; }
-.above .truth { stroke: var(--ink); stroke-width: 1; }
+.above .truth { stroke: var(--ink); stroke-width: 1; opacity: 0.8; }
+.above .component { fill: none; stroke: var(--c); stroke-width: 13; stroke-linecap: round; stroke-linejoin: round; vector-effect: non-scaling-stroke; opacity: 0.75; }
+.above .number { font-weight: 650; paint-order: stroke; stroke: var(--panel); stroke-width: 4px; }
 .above .closures { fill: none; stroke: var(--c); stroke-width: 1.3; vector-effect: non-scaling-stroke; opacity: 0.85; }
+.above .chained { stroke-dasharray: 3 2.5; }
+.above .merge { stroke-width: 3; stroke-linecap: round; opacity: 1; }
+.above .casing { fill: none; stroke: #111827; stroke-width: 6; stroke-linecap: round; vector-effect: non-scaling-stroke; }
+.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 16px; margin-top: 12px; }
+.pair figure { margin: 0; display: flex; flex-direction: column; }
+.pair .path { stroke-width: 1.6; }
+.pair svg { flex: 1; }
+figcaption { padding: 8px 14px; border-top: 1px solid var(--rule); font-size: 13px; color: var(--quiet); }
 .above .bar { stroke: var(--ink); stroke-width: 1.5; vector-effect: non-scaling-stroke; fill: none; }
 .above text { fill: var(--ink); font-size: 15px; }
 .legend { display: flex; flex-wrap: wrap; gap: 4px 20px; padding: 10px 14px; border-top: 1px solid var(--rule); font-size: 13px; }
-.legend span { display: inline-flex; align-items: center; gap: 7px; overflow-wrap: anywhere; }
+.legend span, .legend label { display: inline-flex; align-items: center; gap: 7px; overflow-wrap: anywhere; }
 .swatch { display: inline-block; width: 16px; height: 0; border-top: 3px solid var(--c, currentColor); border-radius: 2px; flex: none; }
 .swatch.odometry { width: 22px; border-top: 2px dashed var(--c, currentColor); border-radius: 0; }
+.swatch.chained { width: 18px; border-top-style: dashed; border-radius: 0; }
+.swatch.merge { height: 5px; border: 1px solid #111827; background: var(--c); }
+.swatch.component { height: 10px; border: 0; background: var(--c); border-radius: 5px; }
+.controls .sessions { display: flex; flex-wrap: wrap; gap: 6px 18px; flex-basis: 100%; }
 .swatch.truth { border-top-color: var(--ink); border-top-width: 1.5px; }
 .viewer + .controls .swatch.truth { border-top-color: currentColor; }
 
@@ -102,7 +117,7 @@ footer { margin-top: 48px; color: var(--quiet); font-size: 13px; }
   :root { --page: #ffffff; --panel: #ffffff; --ink: #000000; --quiet: #444444; --rule: #cccccc; --points: #334155; --grid: #e0e0e0; }
   .above image { filter: none; }
   main { max-width: none; padding: 0; }
-  .interactive { display: none; }
+  .interactive, .legend input { display: none; }
   .panel, .figure, tr { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
   section { margin-top: 28px; }

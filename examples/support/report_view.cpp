@@ -163,10 +163,13 @@ class ViewData {
     std::vector<float> positions;
     meta_["paths"] = Json::array();
     meta_["session_names"] = Json::array();
+    meta_["session_offsets"] = Json::array();
     meta_["session_colors"] = Json::array();
     for (std::size_t i = 0; i < 8; ++i) meta_["session_colors"].push_back(session_color(i));
     for (std::size_t s = 0; s < data.sessions.size(); ++s) {
+      const Eigen::Vector3d& offset = data.sessions[s].offset;
       meta_["session_names"].push_back(data.sessions[s].name);
+      meta_["session_offsets"].push_back({offset.x(), offset.y(), offset.z()});
       for (std::size_t kind = 0; kind < path_kinds.size(); ++kind) {
         const auto& path = path_of(data.sessions[s], kind);
         if (path.empty()) continue;

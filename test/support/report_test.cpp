@@ -98,7 +98,12 @@ ReportData square_town() {
   data.closures = {{.from = 0, .to = 40, .kind = ClosureKind::merge, .score = 0.01},
                    {.from = 3, .to = 43, .kind = ClosureKind::direct, .score = 0.04},
                    {.from = 5, .to = 43, .kind = ClosureKind::chained, .score = 0.09}};
-  data.refusals = {{.reason = "high residual", .count = 7}};
+  data.refusals = {{.reason = "high residual", .count = 7},
+                   {.reason = "high residual", .count = 5, .kind = ClosureKind::chained},
+                   {.reason = "low fitness", .count = 2, .kind = ClosureKind::merge}};
+  data.components = {{.keyframes = {3, 5, 43}, .sessions = {0, 1}, .closures = 2},
+                     {.keyframes = {0, 40}, .sessions = {0, 1}, .closures = 1}};
+  data.tables = {{.title = "Errors <i>", .heads = {"", "RMS"}, .rows = {{"all", "0.1 m"}}}};
   data.figures = {{.label = "Keyframes", .value = "80", .note = ""}};
   data.summary = {{"Preset", "best"}};
   data.warnings = {"gap of 2 s <b>here</b>"};
@@ -218,16 +223,35 @@ TEST_SUITE("support/report") {
     const Folder folder;
     const std::string html = report_html(square_town(), {.three_js = folder.three_js()});
     CHECK(html.starts_with("<!DOCTYPE html>"));
-    for (const std::string part :
-         {"<title>Mapping report: Square &lt;script&gt;", "<h2>Map in 3-D</h2>", "<h2>Map from above</h2>",
-          "<h2>Over time</h2>", "Speed between keyframes", "Distance from the truth", "Closures accepted",
-          "high residual", "Candidates refused", "Time by stage", "50.00 ms", "1.50 s", "0.300 m",
-          "two &quot;drives&quot; &amp; a town", "gap of 2 s &lt;b&gt;here", "data:image/png;base64,"}) {
+    for (const std::string part : {"<title>Mapping report: Square &lt;script&gt;",
+                                   "<h2>Map in 3-D</h2>",
+                                   "<h2>Map from above</h2>",
+                                   "<h2>Over time</h2>",
+                                   "Speed between keyframes",
+                                   "Distance from the truth",
+                                   "Closures accepted",
+                                   "high residual",
+                                   "Candidates refused",
+                                   "<td class=\"n\">12</td>",
+                                   "Components of the adjacency graph",
+                                   "Before and after",
+                                   "Errors &lt;i&gt;",
+                                   "odometry, laid by the merge",
+                                   "Time by stage",
+                                   "50.00 ms",
+                                   "1.50 s",
+                                   "0.300 m",
+                                   "two &quot;drives&quot; &amp; a town",
+                                   "gap of 2 s &lt;b&gt;here",
+                                   "data:image/png;base64,"}) {
       CAPTURE(part);
       CHECK(html.find(part) != std::string::npos);
     }
     CHECK(count(html, "<svg class=\"plot\"") == 4);  // speed, errors of both and of each
-    CHECK(count(html, "class=\"closures ") == 3);
+    CHECK(count(html, "class=\"closures ") == 6);    // in the plan, and in that after the closures
+    CHECK(count(html, "data-switch=\"") == 6);       // odometry, truth, three kinds, components
+    CHECK(count(html, "data-session=\"") == 2);
+    CHECK(count(html, "class=\"component k") == 2);
     const std::string paths = between(html, "id=\"paths\">", "</script>");
     CHECK(paths.size() == (6 * 40 * 3 * sizeof(float) + 2) / 3 * 4);
     const std::string closures = between(html, "id=\"closures\">", "</script>");
@@ -321,6 +345,16 @@ TEST_SUITE("support/report") {
     CHECK_THROWS_AS(static_cast<void>(report_html(data, options)), std::invalid_argument);
     data = square_town();
     data.closures[0].to = 80;
+    CHECK_THROWS_AS(static_cast<void>(report_html(data, options)), std::invalid_argument);
+    data = square_town();
+    data.components[1].keyframes.push_back(80);
+    CHECK_THROWS_AS(static_cast<void>(report_html(data, options)), std::invalid_argument);
+    data = square_town();
+    data.components[0].sessions.clear();
+    data.components[0].keyframes.clear();
+    CHECK_THROWS_AS(static_cast<void>(report_html(data, options)), std::invalid_argument);
+    data = square_town();
+    data.sessions[1].frame = 2;
     CHECK_THROWS_AS(static_cast<void>(report_html(data, options)), std::invalid_argument);
     data = square_town();
     data.point_sessions.pop_back();
