@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <cstdio>
+#include <numbers>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "chainslam/trajectory/interpolation.hpp"
@@ -120,12 +122,48 @@ void add_rows(const support::RunSummary& summary, support::ReportData& data) {
   for (const support::GoalResult& goal : summary.goals)
     data.summary.emplace_back("goal " + goal.name, number(goal.value) + " (bound " + number(goal.bound) + "), " +
                                                        (goal.met ? "met" : "missed"));
-  for (const auto& [name, value] : summary.errors) data.summary.emplace_back(name, number(value));
   const support::Spread& alignments = summary.back_end.closure_alignments;
   if (summary.direct_closures > 0)
     data.summary.emplace_back("registrations per direct closure, median (largest)",
                               number(alignments.p50) + " (" + number(alignments.max) + ")");
   data.summary.emplace_back("peak memory", std::to_string(summary.peak_memory / 1'000'000) + " MB");
+}
+
+/// Errors of each session, of all together and between them.
+void add_error_table(const RunOutcome& outcome, support::ReportData& data) {
+  constexpr double degrees = 180 / std::numbers::pi;
+  support::ReportTable table{.title = "Errors against the truth, RMS",
+                             .heads = {"", "Odometry alone", "rotation", "Optimised", "rotation"}};
+  const auto pair = [](const ErrorStatistics& translation, const ErrorStatistics& rotation) {
+    char text[64];
+    std::snprintf(text, sizeof text, "%.2f°", degrees * rotation.rmse);
+    return std::vector<std::string>{metres(translation.rmse), text};
+  };
+  const auto add = [&](const std::string& name, const auto& odometry, const auto& optimised) {
+    std::vector<std::string> row{name};
+    for (const std::vector<std::string>& cells : {odometry, optimised})
+      row.insert(row.end(), cells.begin(), cells.end());
+    table.rows.push_back(std::move(row));
+  };
+  const std::vector<std::string> none{"–", "–"};
+  const bool several = outcome.sessions.size() > 1;
+  for (std::size_t i = 0; several && i < outcome.sessions.size(); ++i) {
+    const auto &odometry = outcome.sessions[i].odometry_errors, &optimised = outcome.sessions[i].optimised_errors;
+    if (!odometry && !optimised) continue;
+    add(outcome.mapping.sessions[i].name + ", aligned alone",
+        odometry ? pair(odometry->ape.translation, odometry->ape.rotation) : none,
+        optimised ? pair(optimised->ape.translation, optimised->ape.rotation) : none);
+  }
+  if (const auto& odometry = outcome.odometry_errors, &optimised = outcome.optimised_errors; odometry || optimised) {
+    const Index alignments = optimised ? optimised->alignments : 0;
+    add(several ? "all; the optimised under " + counted(alignments, "alignment")
+                : "aligned by the rigid motion that fits best",
+        odometry ? pair(odometry->translation, odometry->rotation) : none,
+        optimised ? pair(optimised->translation, optimised->rotation) : none);
+  }
+  if (const auto& between = outcome.inter_session_errors)
+    add("between sessions, at one place", none, pair(between->translation, between->rotation));
+  if (!table.rows.empty()) data.tables.push_back(std::move(table));
 }
 
 }  // namespace
@@ -139,6 +177,7 @@ void write_run_report(const std::filesystem::path& folder, const RunOutcome& out
   add_figures(outcome, data);
   add_warnings(summary, data);
   add_rows(summary, data);
+  add_error_table(outcome, data);
   data.stages = summary.stages;
   data.plots = support::error_plots(data.sessions);
   data.plots.insert(data.plots.begin(), support::speed_plot(data.sessions));
