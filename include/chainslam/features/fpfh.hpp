@@ -157,7 +157,7 @@ template <class Scalar>
 ///                 from, in this cloud as in those it is compared with. Points without a normal (zero or not finite)
 ///                 or without neighbours get zeros.
 /// @param search   over the same points: its indices are the cloud's.
-/// @returns 33 x n, the same to the bit for any executor.
+/// @returns 33 x n, the same to the bit for any executor. Needs 8 n max_neighbors bytes (16 for double) meanwhile.
 /// @throws std::invalid_argument if the cloud has no normals or an option makes no sense.
 template <NearestNeighborSearch Search, Executor Exec = Serial>
 [[nodiscard]] FpfhFeatures estimate_fpfh(const PointCloud<float>& cloud, const Search& search,
