@@ -158,13 +158,18 @@ std::string plan_section(const ReportData& data) {
   std::string layers = drawing.image() + PlanDrawing::layer("components", drawing.components(), false) +
                        PlanDrawing::layer("truth", drawing.paths(&ReportSession::truth, "truth ")) +
                        PlanDrawing::layer("odometry", drawing.paths(&ReportSession::odometry, "odometry "), alone);
-  for (const ClosureKind kind : {ClosureKind::chained, ClosureKind::direct, ClosureKind::merge})
+  const auto add_closures = [&](ClosureKind kind) {
     layers += PlanDrawing::layer(name_of(kind), drawing.closures(kind));
+  };
+  add_closures(ClosureKind::chained);
+  add_closures(ClosureKind::direct);
   layers += PlanDrawing::layer("optimised", drawing.paths(&ReportSession::optimised));
+  add_closures(ClosureKind::merge);  // few, short, and what all else hangs on
 
   std::string legend;
   for (std::size_t s = 0; s < data.sessions.size(); ++s)
     legend += legend_entry(session_class(s), data.sessions[s].name);
+  legend += "<label><input type=\"checkbox\" data-switch=\"optimised\" checked>trajectories</label>";
   if (has_odometry(data))
     legend += switch_entry("odometry", "odometry", alone ? "odometry alone" : "odometry, laid by the merge", alone);
   if (has_truth(data)) legend += switch_entry("truth", "truth", "truth");
@@ -179,9 +184,8 @@ std::string before_after_section(const ReportData& data) {
   if (!has_odometry(data) || data.closures.empty()) return "";
   const PlanDrawing drawing(data, view_with_odometry(data), 640.0);
   std::string after;
-  for (const ClosureKind kind : {ClosureKind::chained, ClosureKind::direct, ClosureKind::merge})
-    after += drawing.closures(kind);
-  after += drawing.paths(&ReportSession::optimised);
+  for (const ClosureKind kind : {ClosureKind::chained, ClosureKind::direct}) after += drawing.closures(kind);
+  after += drawing.paths(&ReportSession::optimised) + drawing.closures(ClosureKind::merge);
   const bool alone = data.sessions.size() < 2;
   const std::string before = alone ? "Odometry alone, from the first keyframe on."
                                    : "Odometry alone, each session laid where its merge put it.";

@@ -74,7 +74,7 @@ input[type=range] { width: 90px; }
 .above .closures { fill: none; stroke: var(--c); stroke-width: 1.3; vector-effect: non-scaling-stroke; opacity: 0.85; }
 .above .chained { stroke-dasharray: 3 2.5; }
 .above .merge { stroke-width: 3; stroke-linecap: round; opacity: 1; }
-.above .casing { fill: none; stroke: #111827; stroke-width: 6; stroke-linecap: round; vector-effect: non-scaling-stroke; }
+.above .casing { fill: none; stroke: #111827; stroke-width: 5.5; stroke-linecap: round; vector-effect: non-scaling-stroke; }
 .pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 16px; margin-top: 12px; }
 .pair figure { margin: 0; display: flex; flex-direction: column; }
 .pair .path { stroke-width: 1.6; }

@@ -249,7 +249,7 @@ TEST_SUITE("support/report") {
     }
     CHECK(count(html, "<svg class=\"plot\"") == 4);  // speed, errors of both and of each
     CHECK(count(html, "class=\"closures ") == 6);    // in the plan, and in that after the closures
-    CHECK(count(html, "data-switch=\"") == 6);       // odometry, truth, three kinds, components
+    CHECK(count(html, "data-switch=\"") == 7);       // trajectories, odometry, truth, three kinds, components
     CHECK(count(html, "data-session=\"") == 2);
     CHECK(count(html, "class=\"component k") == 2);
     const std::string paths = between(html, "id=\"paths\">", "</script>");
