@@ -11,6 +11,8 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "exit_code.hpp"
+#include "map_file.hpp"
+#include "map_inspect.hpp"
 #include "options.hpp"
 #include "verbs.hpp"
 
@@ -69,12 +71,17 @@ void print_closures(const fs::path& path) {
 int run(const InspectArguments& arguments) {
   if (!fs::exists(arguments.path))
     throw_input_error(arguments.path.string(), "", "no such file or folder", "check the path");
+  if (is_map_file(arguments.path)) {
+    std::printf("%s: %s", arguments.path.c_str(), to_text(inspect_map_file(arguments.path)).c_str());
+    if (arguments.closures) print_closures_of(arguments.path);
+    return exit_good;
+  }
   MapperOptions options;
   configure(options, arguments.config, arguments.overrides);
   const bool map = is_map(arguments.path);
   if (arguments.closures && !map)
     throw_input_error(arguments.path.string(), "", "no map, so no closures",
-                      "give a folder that `chainslam map` wrote");
+                      "give a map file (.cslam), or a folder that `chainslam map` wrote");
   const datasets::Inspection found =
       map ? inspect_map(arguments.path) : datasets::inspect(arguments.path, options.dataset);
   std::printf("%s: %s", arguments.path.c_str(), to_text(found).c_str());
@@ -90,7 +97,8 @@ CLI::App* add_inspect(CLI::App& program, int& exit_code) {
       program.add_subcommand("inspect", "say what a data set, a file or a map is, and what looks odd in it");
   verb->footer(
       "Reads everything once. Data sets: NCLT, folders of range images, of clouds, of keyframes with odometry. Files:\n"
-      ".pcd, .ply, KITTI's .bin, .g2o, trajectories of TUM, KITTI, EuRoC and NCLT. Maps: what `chainslam map` wrote.\n"
+      ".pcd, .ply, KITTI's .bin, .g2o, trajectories of TUM, KITTI, EuRoC and NCLT. Maps: map files (.cslam) and the\n"
+      "folders that `chainslam map` writes.\n"
       "Lines that begin with ! are worth a look before the data are used.");
   verb->add_option("PATH", arguments->path, "data set, file or map")->required()->option_text(" ");
   verb->add_option("--config", arguments->config, "configuration file, for how the data set is read")

@@ -37,6 +37,9 @@ int run(int argc, char** argv) {
   add_map(program, exit_code);
   add_simulate(program, exit_code);
   add_inspect(program, exit_code);
+  add_check(program, exit_code);
+  add_recover(program, exit_code);
+  add_export(program, exit_code);
   add_eval(program, exit_code);
   add_optimize(program, exit_code);
   add_config(program, exit_code);

@@ -9,6 +9,9 @@ namespace chainslam::mapper {
 CLI::App* add_map(CLI::App& program, int& exit_code);
 CLI::App* add_simulate(CLI::App& program, int& exit_code);
 CLI::App* add_inspect(CLI::App& program, int& exit_code);
+CLI::App* add_check(CLI::App& program, int& exit_code);
+CLI::App* add_recover(CLI::App& program, int& exit_code);
+CLI::App* add_export(CLI::App& program, int& exit_code);
 CLI::App* add_eval(CLI::App& program, int& exit_code);
 CLI::App* add_optimize(CLI::App& program, int& exit_code);
 CLI::App* add_config(CLI::App& program, int& exit_code);

@@ -1,0 +1,152 @@
+#include "map_export.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/io/g2o.hpp"
+#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/pcd.hpp"
+#include "chainslam/io/ply.hpp"
+#include "chainslam/io/tum.hpp"
+#include "map_file.hpp"
+#include "output_folder.hpp"
+
+namespace chainslam::mapper {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+const Session& session_of(const SlamMap& map, SessionId id) { return map.sessions[static_cast<std::size_t>(id.value)]; }
+
+const Keyframe& keyframe_of(const SlamMap& map, Index i) { return map.keyframes[static_cast<std::size_t>(i)]; }
+
+void write_trajectory(const fs::path& path, const Trajectory& trajectory, ExportFormat format) {
+  if (format == ExportFormat::tum)
+    write_tum(path, trajectory);
+  else
+    write_kitti_poses(path, trajectory);
+}
+
+std::vector<fs::path> export_trajectories(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+  const std::string ending = options.format == ExportFormat::tum ? ".tum" : ".kitti.txt";
+  OutputFolder folder(out, options.overwrite);
+  std::vector<std::string> names;
+  const auto write = [&](const std::string& name, const std::vector<SessionId>& sessions) {
+    names.push_back(name + ending);
+    write_trajectory(folder.path() / names.back(), keyframe_trajectory(map, sessions), options.format);
+  };
+  for (const Session& session : map.sessions) write("session_" + std::to_string(session.id.value), {session.id});
+  const std::vector<FrameGroup> groups = frames_of(map);
+  for (const FrameGroup& group : groups)
+    write(groups.size() == 1 ? "joint" : "joint_frame_" + std::to_string(group.frame.value), group.sessions);
+  folder.commit();
+  std::vector<fs::path> paths;
+  for (const std::string& name : names) paths.push_back(folder.target() / name);
+  return paths;
+}
+
+std::vector<fs::path> export_graph(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+  G2oFile graph;
+  const auto add_edge = [&](KeyframeId from, KeyframeId to, const SE3d& T_from_to, const SqrtInformation<6>& root) {
+    graph.spatial.edges.push_back(
+        {.from = from.value, .to = to.value, .measurement = T_from_to, .information = root.transpose() * root});
+  };
+  for (const Keyframe& keyframe : map.keyframes)
+    graph.spatial.vertices.push_back({keyframe.id.value, keyframe.T_map_body});
+  for (const FrameGroup& group : frames_of(map))
+    if (session_of(map, group.frame).keyframes > 0) graph.fixed.push_back(session_of(map, group.frame).first_keyframe);
+  for (const OdometryMeasurement& step : map.odometry)
+    add_edge(step.from, step.to, step.T_from_to, step.sqrt_information);
+  for (const LoopClosure& closure : map.closures)
+    add_edge(closure.from, closure.to, closure.T_from_to, closure.sqrt_information);
+  make_room(out, options.overwrite);
+  write_g2o(out, graph);
+  return {out};
+}
+
+std::vector<fs::path> export_clouds(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+  const std::vector<FrameGroup> groups = frames_of(map);
+  std::vector<fs::path> paths;
+  for (const FrameGroup& group : groups) {
+    fs::path path = out;
+    if (groups.size() > 1)
+      path.replace_filename(out.stem().string() + "_frame_" + std::to_string(group.frame.value) +
+                            out.extension().string());
+    const PointCloud<float> cloud = assembled_cloud(map, group.sessions, options.voxel_size);
+    make_room(path, options.overwrite);
+    if (options.format == ExportFormat::ply)
+      write_ply(path, cloud);
+    else
+      write_pcd(path, cloud);
+    paths.push_back(path);
+  }
+  return paths;
+}
+
+}  // namespace
+
+std::vector<FrameGroup> frames_of(const SlamMap& map) {
+  std::vector<FrameGroup> groups;
+  for (const Session& session : map.sessions) {
+    const SessionId frame = session.frame.valid() ? session.frame : session.id;
+    const auto group = std::ranges::find(groups, frame, &FrameGroup::frame);
+    if (group == groups.end())
+      groups.push_back({frame, {session.id}});
+    else
+      group->sessions.push_back(session.id);
+  }
+  return groups;
+}
+
+Trajectory keyframe_trajectory(const SlamMap& map, const std::vector<SessionId>& sessions) {
+  Trajectory trajectory;
+  for (const SessionId id : sessions)
+    for (Index i = session_of(map, id).first_keyframe; i < session_of(map, id).end_keyframe(); ++i) {
+      trajectory.times.push_back(keyframe_of(map, i).time);
+      trajectory.poses.push_back(keyframe_of(map, i).T_map_body);
+    }
+  std::vector<Index> order(trajectory.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::stable_sort(order, {}, [&](Index i) { return trajectory.times[static_cast<std::size_t>(i)]; });
+  return subset(trajectory, order);
+}
+
+PointCloud<float> assembled_cloud(const SlamMap& map, const std::vector<SessionId>& sessions, double voxel_size) {
+  // Folded now and then, so that memory holds the map and not all scans at once.
+  constexpr std::size_t fold_at = 8'000'000;
+  PointCloud<float> points;
+  std::size_t folded = 0;
+  const auto fold = [&] {
+    if (voxel_size > 0) points = voxel_downsample(points, voxel_size, VoxelMode::first);
+    folded = points.size();
+  };
+  for (const SessionId id : sessions)
+    for (Index i = session_of(map, id).first_keyframe; i < session_of(map, id).end_keyframe(); ++i) {
+      const Keyframe& keyframe = keyframe_of(map, i);
+      if (!keyframe.cloud) continue;
+      const PointCloud<float> placed = transformed(keyframe.cloud->positions, keyframe.T_map_body);
+      points.positions.insert(points.positions.end(), placed.positions.begin(), placed.positions.end());
+      if (points.size() > fold_at + 2 * folded) fold();
+    }
+  fold();
+  return points;
+}
+
+std::vector<fs::path> export_map(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+  switch (options.format) {
+    case ExportFormat::tum:
+    case ExportFormat::kitti:
+      return export_trajectories(map, out, options);
+    case ExportFormat::g2o:
+      return export_graph(map, out, options);
+    case ExportFormat::ply:
+    case ExportFormat::pcd:
+      return export_clouds(map, out, options);
+  }
+  return {};
+}
+
+}  // namespace chainslam::mapper

@@ -1,0 +1,67 @@
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <system_error>
+
+#include "chainslam/core/error.hpp"
+#include "chainslam/io/map_archive.hpp"
+#include "exit_code.hpp"
+#include "map_file.hpp"
+#include "verbs.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+struct RecoverArguments {
+  std::filesystem::path map, out;
+  bool overwrite = false;
+};
+
+/// Reads what was written once more, from its start to its end, and compares it with what was to be written.
+void check_copy(const std::filesystem::path& path, const SlamMap& map) {
+  const LoadedMap copy = open_map(path);
+  const bool same =
+      copy.map.sessions.size() == map.sessions.size() && copy.map.odometry.size() == map.odometry.size() &&
+      copy.map.closures.size() == map.closures.size() && copy.map.refusals.size() == map.refusals.size() &&
+      std::equal(copy.map.keyframes.begin(), copy.map.keyframes.end(), map.keyframes.begin(), map.keyframes.end(),
+                 [](const Keyframe& a, const Keyframe& b) {
+                   return a.time == b.time && a.T_map_body == b.T_map_body && !a.cloud == !b.cloud &&
+                          (!a.cloud || a.cloud->positions == b.cloud->positions);
+                 });
+  if (!same)
+    throw_output_error(path.string(), "", "another map than was written", "check the disk, and do not use this file");
+}
+
+int run(const RecoverArguments& arguments) {
+  std::error_code ignored;
+  if (std::filesystem::equivalent(arguments.map, arguments.out, ignored))
+    throw_output_error(arguments.out.string(), "", "the map that is to be recovered itself",
+                       "choose another name: nothing is ever recovered in place");
+  const LoadedMap loaded = open_map(arguments.map, {.recover = true});
+  save_map(arguments.out, loaded, arguments.overwrite);
+  check_copy(arguments.out, loaded.map);
+  for (const std::string& line : losses(loaded)) std::printf("lost         %s\n", line.c_str());
+  if (loaded.report.complete) std::printf("nothing was lost: the map was whole\n");
+  std::printf("saved        %s\nwritten      %s\n", short_account(loaded.map).c_str(), arguments.out.c_str());
+  return exit_good;
+}
+
+}  // namespace
+
+CLI::App* add_recover(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<RecoverArguments>();
+  CLI::App* verb = program.add_subcommand("recover", "save what is whole of a damaged or unfinished map in a new file");
+  verb->footer(
+      "Takes all up to the last commit that can be read; scans that are damaged are left out, their keyframes stay.\n"
+      "Keyframes after the last optimised poses are placed by odometry. MAP is only read; NEW is read again to check "
+      "it.");
+  verb->add_option("MAP", arguments->map, "map file (.cslam, .cslam.partial)")->required()->option_text(" ");
+  verb->add_option("-o,--out", arguments->out, "map file to write")->required()->option_text("NEW");
+  verb->add_flag("--overwrite", arguments->overwrite, "if NEW is there, keep that as NEW~1");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+  return verb;
+}
+
+}  // namespace chainslam::mapper
