@@ -304,7 +304,7 @@ TEST_SUITE("io/map_recovery") {
           CHECK(folder.files() == 1);
         }
       }
-    CHECK(failures > 20);
+    CHECK(failures > 12);
   }
 
   TEST_CASE("after a failure the journal takes nothing more") {

@@ -33,8 +33,13 @@ struct MapArchiveOptions {
 /// committed, for `load_map` with `recover`; if nothing was, it is removed. Only additions are written: the map's
 /// vectors may only grow. The same calls give the same bytes. After an IoError the journal takes nothing more.
 /// Format: map_archive.hpp.
-template <JournalFileSystem Files = RealFileSystem>
+template <class Files = RealFileSystem>
 class MapJournal {
+  static_assert(
+      JournalFileSystem<Files>,
+      "MapJournal: Files needs `int sync_data(int file)` and `int lock(int file)` beside what BasicAtomicFile's "
+      "System has, as RealFileSystem has them");
+
  public:
   /// @throws IoError if NAME exists and may not be overwritten, if another process writes it (named by its number), if
   /// a run that did not finish left NAME.partial, or if it cannot be made.

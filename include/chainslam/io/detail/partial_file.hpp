@@ -52,7 +52,7 @@ namespace chainslam::detail {
 ///
 /// What `sync` has returned from survives. A file that was never synced is removed; one that was stays, under its
 /// partial name, until `finish`. After a failure nothing more can be written.
-template <JournalFileSystem Files>
+template <class Files>
 class PartialFile {
  public:
   /// @throws IoError if the target exists and `overwrite` is false; if another writer has the partial file; if one was
