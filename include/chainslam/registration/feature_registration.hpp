@@ -35,6 +35,11 @@ struct DescribedCloud {
 
 /// Aligns two clouds without a guess by what their surroundings look like: thins them, estimates normals and FPFH,
 /// matches these and finds the pose that the matches agree on. The defaults are the paper's for merging submaps.
+///
+/// Whether to believe a pose is the caller's to say. On real submaps (a courtyard walked twice, three cars' streets;
+/// half submaps sought in whole ones) with these defaults: all 102 pairs up to 10 m apart came out right, with
+/// fitness_target 0.30 to 1.08 and putative_ratio from 0.14; wrong poses, all but a few by chance between different
+/// places, reached 0.52, where a straight street was slid along itself, but a putative_ratio of 0.024 at most.
 template <class Estimator = Ransac>
 struct FeatureRegistration {
   static_assert(ConsensusEstimator<Estimator>,
