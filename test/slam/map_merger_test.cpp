@@ -284,6 +284,15 @@ TEST_SUITE("slam/map_merger") {
     CHECK(tried == std::vector<Index>{3, 7, 11, 15, 19});
   }
 
+  TEST_CASE("a keyframe that is asked for again, or that has not moved, is not tried again") {
+    Sessions sessions(2);
+    sessions.place(45, 6);
+    Merger merger = sessions.merger({.min_travel = 0, .apart = 0});
+    CHECK(merger.attempt(sessions.map, KeyframeId{45}, sessions.closer).empty());
+    CHECK(merger.attempt(sessions.map, KeyframeId{45}, sessions.closer).empty());
+    CHECK(merger.withdraw().size() == 1);
+  }
+
   TEST_CASE("switched off, nothing is tried") {
     Sessions sessions(2);
     sessions.place(45, 6);

@@ -61,7 +61,8 @@ class MapMerger {
     std::vector<LoopClosure> tried;
     if (!options_.enabled) return tried;
     const double travelled = travelled_to(map, query);
-    if (travelled - last_attempt_ < options_.min_travel) return tried;
+    const double since = travelled - last_attempt_;
+    if (since < options_.min_travel || since <= 0) return tried;  // asked again at the same place: nothing new to see
     for (const KeyframeId candidate : candidates_.find(map, query)) {
       last_attempt_ = travelled;
       LoopClosure closure = register_submaps(map, candidate, query, closer, executor);
