@@ -18,6 +18,7 @@ for how in find_package add_subdirectory fetch_content; do
   cmake --build "$build/$how"
   "$build/$how/consumer"
 done
+"$build/find_package/archive"
 
 echo "== pkg-config and a bare compiler"
 flags="$(PKG_CONFIG_PATH="$build/prefix/share/pkgconfig" pkg-config --cflags chainslam)"
