@@ -11,6 +11,7 @@
 #include "chainslam/graph/breadth_first_search.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
+#include "chainslam/map/submap.hpp"
 
 namespace chainslam {
 
@@ -30,6 +31,9 @@ struct ChainOptions {
   bool enabled = true;
   /// Whether the search walks through keyframes of the current session too (the paper's Algorithm 1).
   bool through_current_session = true;
+  /// Keyframes on each side of j whose closures count as j's: the scan was aligned to all of their scans. 0: j alone
+  /// (the paper), which seldom meets the same keyframe twice unless closures fuse the whole map into one component.
+  Index reach = 5;
   /// Where an alignment starts: the direct closure carried over to k by the map, or what the graph thinks of i (the
   /// paper). The drift of the current session is gone from the first.
   bool guess_through_chain = true;
@@ -50,11 +54,19 @@ class ChainedCloser {
 
   /// The loaded keyframes that closures connect with j, without j, in the order of the search: N(j) of the paper.
   /// @param loaded  keyframes before this one are of earlier sessions (N_L).
-  [[nodiscard]] std::vector<KeyframeId> connected(const ClosureGraph& graph, KeyframeId j, Index loaded) {
+  /// @param submap  the keyframes whose closures count as j's.
+  [[nodiscard]] std::vector<KeyframeId> connected(const ClosureGraph& graph, KeyframeId j, SubmapRange submap,
+                                                  Index loaded) {
     std::vector<KeyframeId> found;
-    breadth_first_search(graph, j.value, Collect{found, j.value, loaded, options_.through_current_session}, {},
-                         workspace_);
+    collect(graph, j, loaded, found);
+    // Components do not overlap: one that has a node in common with what was found was walked already.
+    for (Index near = submap.begin; near < submap.end; ++near)
+      if (near != j.value && graph.degree(near) > 0 && std::ranges::find(found, KeyframeId{near}) == found.end())
+        collect(graph, KeyframeId{near}, loaded, found);
     return found;
+  }
+  [[nodiscard]] std::vector<KeyframeId> connected(const ClosureGraph& graph, KeyframeId j, Index loaded) {
+    return connected(graph, j, {j.value, j.value + 1}, loaded);
   }
 
   /// Tries keyframes connected with the partner of `direct` against the same scan.
@@ -99,6 +111,11 @@ class ChainedCloser {
     }
   };
 
+  void collect(const ClosureGraph& graph, KeyframeId from, Index loaded, std::vector<KeyframeId>& found) {
+    breadth_first_search(graph, from.value, Collect{found, from.value, loaded, options_.through_current_session}, {},
+                         workspace_);
+  }
+
   struct Candidate {
     KeyframeId id;
     SE3d guess;  ///< T_k_i
@@ -111,7 +128,8 @@ class ChainedCloser {
     const Keyframe& i = at(direct.to);
     const SE3d T_map_i = options_.guess_through_chain ? at(direct.from).T_map_body * direct.T_from_to : i.T_map_body;
     std::vector<Candidate> all;
-    for (const KeyframeId k : connected(graph, direct.from, loaded)) {
+    const SubmapRange submap = submap_range(keyframes, direct.from, options_.reach);
+    for (const KeyframeId k : connected(graph, direct.from, submap, loaded)) {
       if (!closer.eligible(at(k), i) || graph.connected(k.value, i.id.value)) continue;
       const SE3d guess = at(k).T_map_body.inverse() * T_map_i;
       if (options_.max_distance > 0 && !(guess.translation().norm() <= options_.max_distance)) continue;
