@@ -13,13 +13,13 @@ namespace chainslam {
 
 /// A frame that the map keeps. Scans are shared and never change; only `T_map_body` moves when the graph is optimised.
 struct Keyframe {
-  KeyframeId id;
-  SessionId session;
-  Timestamp time;
-  SE3d T_odom_body;                                ///< as odometry gave it, in its session's own frame
-  SE3d T_map_body;                                 ///< the graph's latest estimate
-  std::shared_ptr<const PointCloud<float>> cloud;  ///< body frame, motion-corrected, voxelised
-  std::optional<GnssFix> gnss;                     ///< interpolated to `time`
+  KeyframeId id{};
+  SessionId session{};
+  Timestamp time{};
+  SE3d T_odom_body{};                                ///< as odometry gave it, in its session's own frame
+  SE3d T_map_body{};                                 ///< the graph's latest estimate
+  std::shared_ptr<const PointCloud<float>> cloud{};  ///< body frame, motion-corrected, voxelised
+  std::optional<GnssFix> gnss{};                     ///< interpolated to `time`
 };
 
 }  // namespace chainslam

@@ -11,7 +11,7 @@ enum class GnssQuality { none, two_dimensional, three_dimensional, differential,
 
 /// One position of the GNSS antenna in WGS 84's Earth-centred frame, so that sessions with different origins compare.
 struct GnssFix {
-  Timestamp time;
+  Timestamp time{};
   Eigen::Vector3d position_ecef = Eigen::Vector3d::Zero();        ///< metres
   Eigen::Matrix3d covariance_ecef = Eigen::Matrix3d::Identity();  ///< m^2
   GnssQuality quality = GnssQuality::none;

@@ -65,7 +65,7 @@ class BackEnd {
 
  public:
   explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{}, Chainer chainer = Chainer{},
-                   Merger merger = Merger{}, Kernel kernel = {})
+                   Merger merger = Merger{}, Kernel kernel = Kernel{})
       : options_(options),
         closer_(std::move(closer)),
         chainer_(std::move(chainer)),

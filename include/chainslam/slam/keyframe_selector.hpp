@@ -3,6 +3,7 @@
 #include <memory>
 #include <optional>
 
+#include "chainslam/cloud/quantize.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/map/frame.hpp"
@@ -15,6 +16,9 @@ struct KeyframeOptions {
   double distance = 3.0;    ///< metres from the last keyframe; 0 takes every frame
   double angle = 0.2;       ///< radians turned since the last keyframe
   double scan_voxel = 0.4;  ///< metres, of the scan that is kept: the voxel at which closures are sought; 0 keeps all
+  /// Metres to which its points are rounded, as map files do: a map that is loaded then has the scans that it had. 0
+  /// keeps them as they are.
+  double scan_step = 0.01;
 };
 
 /// Picks frames that have moved far enough from the last one picked. Frames that odometry lost are never picked: their
@@ -31,12 +35,16 @@ class KeyframeSelector {
     keyframe.time = frame.time;
     keyframe.T_odom_body = frame.T_odom_body;
     keyframe.gnss = frame.gnss;
-    keyframe.cloud = std::make_shared<const PointCloud<float>>(
-        options_.scan_voxel > 0 ? voxel_downsample(frame.cloud, options_.scan_voxel) : frame.cloud);
+    keyframe.cloud = std::make_shared<const PointCloud<float>>(kept_scan(frame.cloud));
     return keyframe;
   }
 
  private:
+  [[nodiscard]] PointCloud<float> kept_scan(const PointCloud<float>& scan) const {
+    PointCloud<float> kept = options_.scan_voxel > 0 ? voxel_downsample(scan, options_.scan_voxel) : scan;
+    return options_.scan_step > 0 ? quantized(kept, options_.scan_step) : kept;
+  }
+
   [[nodiscard]] bool moved_enough(const SE3d& T_odom_body) const {
     if (!last_ || options_.distance <= 0) return true;
     const SE3d motion = last_->inverse() * T_odom_body;

@@ -66,8 +66,8 @@ class LoopCloser {
                 "HessianCovariance");
 
  public:
-  explicit LoopCloser(const LoopCloserOptions& options = {}, Candidates candidates = {}, Registration registration = {},
-                      Covariance covariance = {})
+  explicit LoopCloser(const LoopCloserOptions& options = {}, Candidates candidates = Candidates{},
+                      Registration registration = Registration{}, Covariance covariance = Covariance{})
       : options_(options),
         candidates_(std::move(candidates)),
         registration_(std::move(registration)),
