@@ -1,14 +1,21 @@
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
 
+#include "chainslam/core/finite.hpp"
+#include "chainslam/io/input_file.hpp"
 #include "chainslam/io/kitti.hpp"
+#include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
+#include "datasets/geodesy.hpp"
 
 // Keyframes with recorded odometry, as SC-A-LOAM and FAST-LIO-SAM save them:
 //   Scans/%06d.pcd, times.txt (seconds), odom_poses.txt or, if there is none, optimized_poses.txt (rows of 3x4).
+//   gnss.txt, if there is one: latitude and longitude in degrees, height above the ellipsoid in metres, and one
+//   standard deviation along the ground in metres; nan nan nan nan where there was no fix.
 // Line i belongs to scan i; more lines than scans are allowed. Clouds are in the body frame.
 
 namespace chainslam::datasets {
@@ -19,6 +26,27 @@ Matrix6d assumed_covariance() {
   Matrix6d covariance = 1e-4 * Matrix6d::Identity();
   covariance.bottomRightCorner<3, 3>() = 1e-6 * Eigen::Matrix3d::Identity();
   return covariance;
+}
+
+/// The fixes of gnss.txt, nothing where the line says nan. @throws IoError naming the line.
+std::vector<std::optional<GnssFix>> read_fixes(const std::filesystem::path& path, const std::vector<Timestamp>& times) {
+  std::vector<std::optional<GnssFix>> fixes;
+  InputFile file(path);
+  while (const auto line = file.read_line()) {
+    if (detail::trimmed(*line).empty() || fixes.size() == times.size()) continue;
+    LineFields fields(file, *line);
+    const GeodeticPosition position{.latitude_deg = fields.number_or_nan("latitude"),
+                                    .longitude_deg = fields.number_or_nan("longitude"),
+                                    .altitude = fields.number_or_nan("height")};
+    const double sigma = fields.number_or_nan("deviation");
+    fields.end("four fields: latitude longitude height deviation");
+    const bool usable = plausible(position) && sigma > 0 && is_finite(sigma);
+    fixes.push_back(usable ? std::optional(make_fix(times[fixes.size()], position, {sigma, 2 * sigma},
+                                                    GnssQuality::three_dimensional))
+                           : std::nullopt);
+  }
+  fixes.resize(times.size());
+  return fixes;
 }
 
 class KeyframeSet final : public Dataset {
@@ -43,6 +71,11 @@ class KeyframeSet final : public Dataset {
     info_.start = times_.front();
     info_.end = times_[scans_.size() - 1];
     info_.sensors.push_back({"Scans", SensorKind::lidar, scans_.size(), "keyframes, corrected for motion"});
+    if (std::filesystem::exists(path / "gnss.txt")) {
+      fixes_ = read_fixes(path / "gnss.txt", times_);
+      const auto usable = std::ranges::count_if(fixes_, [](const auto& fix) { return fix.has_value(); });
+      info_.sensors.push_back({"gnss.txt", SensorKind::gnss, static_cast<std::size_t>(usable), "a fix a keyframe"});
+    }
     if (!odometry) info_.notes.emplace_back("no odom_poses.txt: optimized_poses.txt is taken for the odometry");
     if (lines > scans_.size())
       info_.notes.push_back(std::to_string(lines - scans_.size()) + " poses have no scan and are not used");
@@ -62,6 +95,7 @@ class KeyframeSet final : public Dataset {
     frame.T_odom_body = poses_[i];
     frame.covariance = assumed_covariance();
     frame.cloud = cloud(i);
+    if (!fixes_.empty()) frame.gnss = fixes_[i];
     frame.health.points = frame.health.matches = to_index(frame.cloud.size());
     return frame;
   }
@@ -76,6 +110,7 @@ class KeyframeSet final : public Dataset {
   std::vector<std::filesystem::path> scans_;
   std::vector<Timestamp> times_;
   std::vector<SE3d> poses_;
+  std::vector<std::optional<GnssFix>> fixes_;
   std::size_t scan_ = 0;
 };
 
