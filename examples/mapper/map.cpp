@@ -1,15 +1,17 @@
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/thread_pool.hpp"
 #include "chainslam/io/file_system.hpp"
+#include "chainslam/io/map_archive.hpp"
 #include "datasets/dataset.hpp"
 #include "exit_code.hpp"
 #include "mapping.hpp"
@@ -29,22 +31,55 @@ namespace {
 namespace fs = std::filesystem;
 
 struct MapArguments {
-  fs::path data, out, config, truth;
+  std::vector<fs::path> data, maps, truths;
+  fs::path out, config;
   std::vector<std::string> overrides;
   bool overwrite = false;
   int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   int max_scans = 0;
 };
 
-std::optional<Trajectory> truth_of(const datasets::Dataset& dataset, const fs::path& given) {
-  if (!given.empty()) return read_trajectory(given).trajectory;
-  return dataset.truth();
+using Datasets = std::vector<std::unique_ptr<datasets::Dataset>>;
+
+/// All are opened before the first is mapped, so that a wrong path is not found out an hour later.
+Datasets open_datasets(const MapArguments& arguments, const MapperOptions& options) {
+  Datasets datasets;
+  for (const fs::path& path : arguments.data) datasets.push_back(datasets::open_dataset(path, options.dataset));
+  return datasets;
 }
 
-/// The configuration as it was in force, so that the run can be repeated.
-void write_configuration(const fs::path& path, MapperOptions options) {
+std::vector<std::optional<Trajectory>> read_truths(const MapArguments& arguments, const Datasets& datasets) {
+  if (!arguments.truths.empty() && arguments.truths.size() != datasets.size())
+    throw std::invalid_argument("--truth names " + std::to_string(arguments.truths.size()) + " files for " +
+                                std::to_string(datasets.size()) +
+                                " data sets\n  found: too few or too many\n  do: give one for each, in their order");
+  std::vector<std::optional<Trajectory>> truths;
+  for (std::size_t i = 0; i < datasets.size(); ++i)
+    truths.push_back(arguments.truths.empty() ? datasets[i]->truth()
+                                              : std::optional(read_trajectory(arguments.truths[i]).trajectory));
+  return truths;
+}
+
+/// Saved maps, given by their file or by the folder of results that holds it.
+std::vector<SlamMap> load_maps(const MapArguments& arguments) {
+  std::vector<SlamMap> maps;
+  for (const fs::path& path : arguments.maps)
+    maps.push_back(load_map(fs::is_directory(path) ? path / "map.cslam" : path).map);
+  return maps;
+}
+
+std::string title(const Datasets& datasets) {
+  std::string names;
+  for (const auto& dataset : datasets) names += (names.empty() ? "" : ", ") + dataset->info().name;
+  return names;
+}
+
+/// The configuration in force, as a file that repeats the run.
+std::string configuration_text(MapperOptions options) { return make_configuration(options).print(); }
+
+void write_text(const fs::path& path, const std::string& text) {
   AtomicFile file(path);
-  file.write(make_configuration(options).print());
+  file.write(text);
   file.commit();
 }
 
@@ -52,17 +87,48 @@ void print_notes(const char* mark, const std::vector<std::string>& notes) {
   for (const std::string& note : notes) std::fprintf(stderr, "%s %s\n", mark, note.c_str());
 }
 
+/// What came to nothing: nothing to map, or nothing that could be used.
+void require_keyframes(const MappingResult& mapping, const MapArguments& arguments) {
+  for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
+    const SessionRun& session = mapping.sessions[i];
+    if (mapping.interrupted || !session.odometry.empty()) continue;
+    throw_input_error(arguments.data[i].string(), "",
+                      std::to_string(session.scans) + " scans, none of which could be used",
+                      "run `chainslam inspect` on it; compare odometry.min_range and max_range with the scans' ranges");
+  }
+}
+
+/// Whether all sessions of a map lie in one frame.
+Index frames(const SlamMap& map) {
+  return to_index(
+      std::ranges::count_if(map.sessions, [](const Session& session) { return session.frame == session.id; }));
+}
+
+void print_errors(const RunOutcome& outcome) {
+  if (outcome.optimised_errors)
+    std::printf("error        %.3f m rmse, odometry alone %.3f m (against the truth, rigidly aligned)\n",
+                outcome.optimised_errors->translation.rmse, outcome.odometry_errors->translation.rmse);
+  if (outcome.inter_session_errors)
+    std::printf("             %.3f m between keyframes of different sessions at one place\n",
+                outcome.inter_session_errors->translation.rmse);
+}
+
 void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const fs::path& kept) {
   const support::RunSummary& summary = outcome.summary;
+  const SlamMap& map = *outcome.mapping.map;
   std::printf("scans        %d (%d lost, %d degenerate)\n", summary.scans, summary.lost_frames,
               summary.degenerate_frames);
   std::printf("keyframes    %d over %.1f m\n", summary.keyframes, summary.path_length);
-  std::printf("closures     %d accepted\n", summary.direct_closures);
-  for (const auto& [reason, count] : summary.refusals)
-    std::printf("             %d refused: %s\n", count, reason.c_str());
-  if (outcome.optimised_errors)
-    std::printf("error        %.3f m rmse, odometry alone %.3f m (against the truth, rigidly aligned)\n",
-                outcome.optimised_errors->ape.translation.rmse, outcome.odometry_errors->ape.translation.rmse);
+  if (map.sessions.size() > 1)
+    std::printf("sessions     %zu in %d frame%s\n", map.sessions.size(), frames(map), frames(map) == 1 ? "" : "s");
+  const auto count = [&](ClosureKind kind) {
+    return to_index(std::ranges::count(map.closures, kind, &LoopClosure::kind));
+  };
+  std::printf("closures     %d direct, %d chained, %d merge\n", count(ClosureKind::direct), count(ClosureKind::chained),
+              count(ClosureKind::merge));
+  for (const auto& [reason, refused] : summary.refusals)
+    std::printf("             %d refused: %s\n", refused, reason.c_str());
+  print_errors(outcome);
   std::printf("time         %.1f s, %.1f times real time\n", summary.wall_seconds,
               summary.data_seconds / std::max(summary.wall_seconds, 1e-9));
   for (const support::GoalResult& goal : summary.goals)
@@ -75,31 +141,44 @@ void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const 
 int run(const MapArguments& arguments) {
   MapperOptions options;
   configure(options, arguments.config, arguments.overrides);
-  const auto dataset = datasets::open_dataset(arguments.data, options.dataset);
-  const std::optional<Trajectory> truth = truth_of(*dataset, arguments.truth);
+  const Datasets datasets = open_datasets(arguments, options);
+  std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
+  const std::vector<SlamMap> maps = load_maps(arguments);
   OutputFolder folder(arguments.out, arguments.overwrite);
-  print_notes("note:", dataset->info().notes);
+  folder.keep_unfinished("map.cslam.partial");
+  const std::string configuration = configuration_text(options);
+  for (const auto& dataset : datasets) print_notes("note:", dataset->info().notes);
 
   const auto start = std::chrono::steady_clock::now();
   const support::Interrupt interrupt;
   support::Progress progress;
   support::StageTimes times;
-  const ThreadPool threads(to_index(arguments.threads));
-  const MappingRun mapping_run{options, threads, interrupt.token(), to_index(arguments.max_scans), progress, times};
-  MappingResult mapping = run_mapping(*dataset, mapping_run);
-  print_notes("warning:", dataset->info().oddities);
-  print_notes("note:", mapping.notes);
-  if (mapping.map->keyframes.empty())
-    throw_input_error(arguments.data.string(), "",
-                      std::to_string(mapping.scans) + " scans, none of which could be used",
-                      "run `chainslam inspect` on it; compare odometry.min_range and max_range with the scans' ranges");
-  for (const std::string& oddity : dataset->info().oddities) mapping.notes.push_back(oddity);
+  MapJournal journal(folder.path() / "map.cslam", {.parameters = configuration});
+  const MappingRun mapping_run{.options = options,
+                               .threads = to_index(arguments.threads),
+                               .stop = interrupt.token(),
+                               .max_scans = to_index(arguments.max_scans),
+                               .progress = progress,
+                               .times = times,
+                               .journal = [&](const SlamMap& map) { journal.update(map); }};
+  MappingResult mapping = run_mapping(datasets, maps, mapping_run);
+  for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
+    SessionRun& session = mapping.sessions[i];
+    session.truth = std::move(truths[i]);
+    print_notes("warning:", datasets[i]->info().oddities);
+    print_notes("note:", session.notes);
+    for (const std::string& oddity : datasets[i]->info().oddities) session.notes.push_back(oddity);
+    mapping.truths_share_frame &= datasets[i]->info().kind == datasets::DatasetKind::nclt;
+  }
+  print_notes("warning:", mapping.notes);
+  require_keyframes(mapping, arguments);
 
-  RunOutcome outcome = conclude(std::move(mapping), truth, dataset->info().name, options);
+  RunOutcome outcome = conclude(std::move(mapping), title(datasets), options);
   {
     const auto measurement = times.measure("write");
     write_results(folder.path(), outcome, options);
-    write_configuration(folder.path() / "config.toml", options);
+    write_text(folder.path() / "config.toml", configuration);
+    journal.finish(*outcome.mapping.map);
   }
   outcome.summary.stages = times.rows();
   outcome.summary.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -119,23 +198,26 @@ int run(const MapArguments& arguments) {
 
 CLI::App* add_map(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<MapArguments>();
-  CLI::App* verb = program.add_subcommand("map", "map a data set: odometry, loop closures, pose graph, report");
+  CLI::App* verb = program.add_subcommand("map", "map data sets, one after the other, alone or on top of saved maps");
   verb->footer(
-      "DIR gets report.html, map.ply, trajectory.tum and .kitti.txt, odometry.tum, graph.g2o, keyframes.csv,\n"
-      "closures.csv, config.toml, summary.json and map.png. Ctrl-C finishes the scan at hand and saves what there is;\n"
-      "a second Ctrl-C stops at once. `chainslam config --print` shows everything that can be configured.");
-  verb->add_option("DATA", arguments->data, "folder of a data set (see chainslam inspect)")
+      "DIR gets map.cslam (the map, to go on from with --load), report.html, map.ply, trajectory.tum and .kitti.txt,\n"
+      "odometry.tum, graph.g2o, keyframes.csv, closures.csv, config.toml, summary.json and map.png; of several data\n"
+      "sets a trajectory each. Ctrl-C finishes the scan at hand and saves what there is; a second Ctrl-C stops at once,\n"
+      "and so may a crash: `chainslam recover DIR.partial/map.cslam.partial` then has all but the last keyframe.\n"
+      "`chainslam config --print` shows everything that can be configured.");
+  verb->add_option("DATA", arguments->data, "folders of data sets, one session each (see chainslam inspect)")
       ->required()
-      ->option_text(" ");
+      ->option_text("...");
+  verb->add_option("--load", arguments->maps, "maps to go on from: map.cslam of earlier runs")->option_text("MAP...");
   verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
   verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");
   verb->add_option("--config", arguments->config, "configuration file (TOML)")->option_text("FILE");
   verb->add_option("--set", arguments->overrides, "override a key of it, may be given again")
       ->option_text("KEY=VALUE")
       ->allow_extra_args(false);
-  verb->add_option("--truth", arguments->truth, "true trajectory, to state errors; default: the data set's own")
-      ->option_text("FILE");
-  verb->add_option("--max-scans", arguments->max_scans, "stop after so many scans")
+  verb->add_option("--truth", arguments->truths, "true trajectories, one for each DATA; default: the data sets' own")
+      ->option_text("FILE...");
+  verb->add_option("--max-scans", arguments->max_scans, "stop after so many scans of each data set")
       ->check(CLI::NonNegativeNumber)
       ->option_text("N");
   verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")

@@ -1,6 +1,11 @@
 #include "mapping.hpp"
 
+#include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <optional>
+#include <string>
+#include <thread>
 #include <utility>
 #include <variant>
 
@@ -8,146 +13,265 @@
 #include "chainslam/odometry/recorded_odometry.hpp"
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
+#include "chainslam/slam/pipeline.hpp"
 
 namespace chainslam::mapper {
 
 namespace {
 
-using Closer = LoopCloser<ProximityCandidates, CoarseToFine<>, HessianCovariance>;
+using Closer = LoopCloser<ProximityCandidates, ClosureRegistration, ClosureNoise>;
+using Merger = MapMerger<GnssCandidates, FeatureRegistration<>>;
+using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger, Cauchy>;
 
-/// The mapper: what odometry says of each scan goes to the trajectory, what the selector picks goes to the back end.
-class Mapper {
+MapperBackEnd make_back_end(const BackEndParts& parts) {
+  return MapperBackEnd(parts.back_end, Closer(parts.closures, parts.candidates, parts.registration, parts.noise),
+                       ChainedCloser(parts.chain), Merger(parts.merge, GnssCandidates(parts.gnss), parts.features),
+                       parts.kernel);
+}
+
+/// The back end with a clock, and with figures that the front end's thread may read.
+class MeteredBackEnd {
  public:
-  Mapper(const datasets::Dataset& dataset, const MappingRun& run)
-      : run_(run),
-        select_(keyframe_options(dataset, run.options)),
-        back_end_(run.options.back_end,
-                  Closer(run.options.closures, run.options.candidates, {}, run.options.closure_covariance),
-                  run.options.closure_kernel) {
-    back_end_.begin_session(dataset.info().name);
-    state_.stage = "mapping";
+  MeteredBackEnd(MapperBackEnd& back_end, const MappingRun& run) : back_end_(back_end), run_(run) {}
+
+  void begin_session(std::string name) { back_end_.begin_session(std::move(name)); }
+
+  template <Executor E>
+  void add(Keyframe keyframe, const E& executor) {
+    const Index before = back_end_.counts().alignments;
+    measured([&] { back_end_.add(std::move(keyframe), executor); });
+    figures_.keyframe_seconds.push_back(seconds_);
+    figures_.keyframe_alignments.push_back(back_end_.counts().alignments - before);
+    run_.times.add("back end", seconds_);
+    publish();
+  }
+  /// A fix may join two sessions: that work counts to the keyframe before it.
+  template <Executor E>
+  void add(const GnssFix& fix, const E& executor) {
+    const Index before = back_end_.counts().alignments;
+    measured([&] { back_end_.add(fix, executor); });
+    if (figures_.keyframe_seconds.empty()) return;
+    figures_.keyframe_seconds.back() += seconds_;
+    figures_.keyframe_alignments.back() += back_end_.counts().alignments - before;
+    publish();
+  }
+
+  /// @name For the front end's thread.
+  /// @{
+  [[nodiscard]] Index keyframes() const { return keyframes_; }
+  [[nodiscard]] Index direct_closures() const { return direct_; }
+  [[nodiscard]] Index chained_closures() const { return chained_; }
+  /// @}
+
+  [[nodiscard]] BackEndFigures figures() const {
+    BackEndFigures figures = figures_;
+    const BackEndCounts& counts = back_end_.counts();
+    figures.alignments = counts.alignments;
+    figures.merges = counts.merges;
+    figures.optimisations = counts.optimisations;
+    figures.failed_optimisations = counts.failed_optimisations;
+    return figures;
+  }
+
+ private:
+  template <class Work>
+  void measured(Work&& work) {
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    seconds_ = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+
+  void publish() {
+    const SlamMap& map = back_end_.map();
+    const auto chained = std::ranges::count(map.closures, ClosureKind::chained, &LoopClosure::kind);
+    keyframes_ = to_index(map.keyframes.size());
+    chained_ = to_index(chained);
+    direct_ = to_index(map.closures.size()) - to_index(chained);
+    if (run_.journal) run_.journal(map);
+  }
+
+  MapperBackEnd& back_end_;
+  const MappingRun& run_;
+  BackEndFigures figures_;
+  double seconds_ = 0;
+  std::atomic<Index> keyframes_ = 0, direct_ = 0, chained_ = 0;
+};
+
+using MapperPipeline = Pipeline<MeteredBackEnd, ThreadPool>;
+
+/// Maps one data set: what odometry says of each scan goes to the trajectory, what the selector picks to the back end.
+class SessionMapper {
+ public:
+  SessionMapper(datasets::Dataset& dataset, const MappingRun& run, const ThreadPool& threads,
+                const MeteredBackEnd& back_end, MapperPipeline& pipeline)
+      : dataset_(dataset),
+        run_(run),
+        threads_(threads),
+        back_end_(back_end),
+        pipeline_(pipeline),
+        select_(keyframe_options()) {
+    session_.name = dataset.info().name;
+    state_.stage = "mapping " + session_.name;
     for (const datasets::SensorInfo& sensor : dataset.info().sensors)
       if (sensor.kind == SensorKind::lidar && sensor.count) state_.total = to_index(*sensor.count);
     if (run.max_scans > 0 && (state_.total == 0 || run.max_scans < state_.total)) state_.total = run.max_scans;
   }
 
-  /// Whether to go on reading.
-  [[nodiscard]] bool wants_more() const {
-    return !run_.stop.stop_requested() && (run_.max_scans == 0 || result_.scans < run_.max_scans);
-  }
-
-  void count_scan() {
-    ++result_.scans;
-    state_.done = result_.scans;
-    run_.progress.update(state_);
-  }
-
-  void add(const GnssFix& fix) { back_end_.add(fix); }
-
-  void add(const Frame& frame) {
-    result_.odometry.times.push_back(frame.time);
-    result_.odometry.poses.push_back(frame.T_odom_body);
-    result_.health.push_back(frame.health);
-    state_.data_seconds = to_seconds(frame.time - result_.odometry.times.front());
-    if (auto keyframe = select_(frame)) {
-      const auto measurement = run_.times.measure("back end");
-      back_end_.add(std::move(*keyframe), run_.threads);
-    }
-    state_.keyframes = to_index(back_end_.map().keyframes.size());
-    state_.direct_closures = to_index(back_end_.map().closures.size());
-  }
-
-  [[nodiscard]] MappingResult finish() {
-    result_.interrupted = run_.stop.stop_requested();
-    {
-      const auto measurement = run_.times.measure("final optimisation");
-      result_.map = back_end_.finish();
-    }
-    run_.progress.finish();
-    if (const BackEndCounts& counts = back_end_.counts(); counts.failed_optimisations > 0)
-      note(counts.failed_optimisations, "optimisations failed; the estimates before were kept");
-    return std::move(result_);
-  }
-
-  void note(std::int64_t count, const std::string& what) {
-    if (count > 0) result_.notes.push_back(std::to_string(count) + " " + what);
+  [[nodiscard]] SessionRun map() {
+    pipeline_.begin_session(session_.name);
+    if (dataset_.info().has_odometry)
+      map_recorded();
+    else
+      map_packets();
+    return std::move(session_);
   }
 
  private:
   /// Recorded keyframes were selected by whoever recorded them.
-  static KeyframeOptions keyframe_options(const datasets::Dataset& dataset, const MapperOptions& options) {
-    KeyframeOptions keyframes = options.keyframes;
-    if (dataset.info().has_odometry) keyframes.distance = 0;
+  [[nodiscard]] KeyframeOptions keyframe_options() const {
+    KeyframeOptions keyframes = run_.options.keyframes;
+    if (dataset_.info().has_odometry) keyframes.distance = 0;
     return keyframes;
   }
 
+  [[nodiscard]] bool wants_more() const {
+    return !run_.stop.stop_requested() && (run_.max_scans == 0 || session_.scans < run_.max_scans);
+  }
+
+  void count_scan() {
+    ++session_.scans;
+    state_.done = session_.scans;
+    state_.keyframes = back_end_.keyframes();
+    state_.direct_closures = back_end_.direct_closures();
+    state_.chained_closures = back_end_.chained_closures();
+    run_.progress.update(state_);
+  }
+
+  void add(const Frame& frame) {
+    session_.odometry.times.push_back(frame.time);
+    session_.odometry.poses.push_back(frame.T_odom_body);
+    session_.health.push_back(frame.health);
+    state_.data_seconds = to_seconds(frame.time - session_.odometry.times.front());
+    if (auto keyframe = select_(frame)) pipeline_.add(std::move(*keyframe));
+  }
+
+  void map_recorded() {
+    RecordedOdometry odometry([&] {
+      const auto measurement = run_.times.measure("read");
+      return dataset_.next_frame();
+    });
+    while (wants_more()) {
+      const std::optional<Frame> frame = odometry.next();
+      if (!frame) break;
+      count_scan();
+      add(*frame);
+    }
+    note(odometry.not_finite(), "frames left out: their poses are not finite");
+    note(odometry.out_of_order(), "frames left out: not later than the one before");
+  }
+
+  void map_packets() {
+    LidarOdometryOptions<> options = run_.options.odometry;
+    options.T_body_lidar = dataset_.info().T_body_lidar;
+    LidarOdometry<> odometry(options);
+    while (wants_more()) {
+      const std::optional<Packet> packet = [&] {
+        const auto measurement = run_.times.measure("read");
+        return dataset_.next();
+      }();
+      if (!packet) break;
+      if (const auto* fix = std::get_if<GnssFix>(&*packet)) pipeline_.add(*fix);
+      if (!std::holds_alternative<LidarScan>(*packet)) {
+        odometry.process(*packet, threads_);
+        continue;
+      }
+      const std::optional<Frame> frame = [&] {
+        const auto measurement = run_.times.measure("odometry");
+        return odometry.process(*packet, threads_);
+      }();
+      count_scan();
+      if (frame) add(*frame);
+    }
+    note_counts(odometry.counts());
+  }
+
+  void note(std::int64_t count, const std::string& what) {
+    if (count > 0) session_.notes.push_back(std::to_string(count) + " " + what);
+  }
+
+  void note_counts(const LidarOdometryCounts& counts) {
+    note(counts.points.not_finite, "points left out: NaN or infinite");
+    note(counts.empty_scans, "scans left out: too few usable points");
+    note(counts.out_of_order_scans, "scans left out: not later than the one before");
+    note(counts.gaps, "gaps in time too long to predict the motion over");
+    note(counts.lost_scans, "scans lost: nothing in the local map fits them");
+    note(counts.map_restarts, "restarts of the local map after many lost scans");
+    note(counts.dropped_imu_samples, "inertial samples left out: not finite or out of order");
+  }
+
+  datasets::Dataset& dataset_;
   const MappingRun& run_;
+  const ThreadPool& threads_;
+  const MeteredBackEnd& back_end_;
+  MapperPipeline& pipeline_;
   KeyframeSelector select_;
-  BackEnd<Closer, Cauchy> back_end_;
-  MappingResult result_;
+  SessionRun session_;
   support::ProgressState state_;
 };
 
-void map_recorded(datasets::Dataset& dataset, const MappingRun& run, Mapper& mapper) {
-  const auto next_frame = [&] {
-    const auto measurement = run.times.measure("read");
-    return dataset.next_frame();
-  };
-  RecordedOdometry odometry(next_frame);
-  while (mapper.wants_more()) {
-    const std::optional<Frame> frame = odometry.next();
-    if (!frame) break;
-    mapper.count_scan();
-    mapper.add(*frame);
+/// Shows how the back end catches up with what odometry gave it.
+void await(MapperPipeline& pipeline, const MeteredBackEnd& back_end, support::Progress& progress) {
+  support::ProgressState state{.stage = "closing loops", .total = to_index(pipeline.backlog())};
+  while (const std::size_t backlog = pipeline.backlog()) {
+    state.done = state.total - std::min(state.total, to_index(backlog));
+    state.keyframes = back_end.keyframes();
+    state.direct_closures = back_end.direct_closures();
+    state.chained_closures = back_end.chained_closures();
+    progress.update(state);
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
   }
-  mapper.note(odometry.not_finite(), "frames left out: their poses are not finite");
-  mapper.note(odometry.out_of_order(), "frames left out: not later than the one before");
+  pipeline.finish();
 }
 
-void note_counts(const LidarOdometryCounts& counts, Mapper& mapper) {
-  mapper.note(counts.points.not_finite, "points left out: NaN or infinite");
-  mapper.note(counts.empty_scans, "scans left out: too few usable points");
-  mapper.note(counts.out_of_order_scans, "scans left out: not later than the one before");
-  mapper.note(counts.gaps, "gaps in time too long to predict the motion over");
-  mapper.note(counts.lost_scans, "scans lost: nothing in the local map fits them");
-  mapper.note(counts.map_restarts, "restarts of the local map after many lost scans");
-  mapper.note(counts.dropped_imu_samples, "inertial samples left out: not finite or out of order");
-}
-
-void map_packets(datasets::Dataset& dataset, const MappingRun& run, Mapper& mapper) {
-  LidarOdometryOptions<> options = run.options.odometry;
-  options.T_body_lidar = dataset.info().T_body_lidar;
-  LidarOdometry<> odometry(options);
-  while (mapper.wants_more()) {
-    const std::optional<Packet> packet = [&] {
-      const auto measurement = run.times.measure("read");
-      return dataset.next();
-    }();
-    if (!packet) break;
-    if (const auto* fix = std::get_if<GnssFix>(&*packet)) mapper.add(*fix);
-    if (!std::holds_alternative<LidarScan>(*packet)) {
-      odometry.process(*packet, run.threads);
-      continue;
-    }
-    const std::optional<Frame> frame = [&] {
-      const auto measurement = run.times.measure("odometry");
-      return odometry.process(*packet, run.threads);
-    }();
-    mapper.count_scan();
-    if (frame) mapper.add(*frame);
-  }
-  note_counts(odometry.counts(), mapper);
+/// The paper keeps the components of the adjacency graph apart by v / f_lc > r_lc; the chain's own bounds do it too.
+std::optional<std::string> spacing_note(const BackEndParts& parts) {
+  const bool bounded = parts.chain.max_distance > 0 && parts.chain.max_alignments > 0;
+  if (!parts.chain.enabled || bounded || parts.closures.min_travel > parts.candidates.radius) return std::nullopt;
+  return "closures are sought more often (closures.min_travel) than they reach (closures.radius): components of the "
+         "adjacency graph grow together, and chains with them; see components in summary.json";
 }
 
 }  // namespace
 
-MappingResult run_mapping(datasets::Dataset& dataset, const MappingRun& run) {
-  Mapper mapper(dataset, run);
-  if (dataset.info().has_odometry)
-    map_recorded(dataset, run, mapper);
-  else
-    map_packets(dataset, run, mapper);
-  return mapper.finish();
+MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets, std::span<const SlamMap> loaded,
+                          const MappingRun& run) {
+  MapperBackEnd back_end = make_back_end(run.options.back_end);
+  for (const SlamMap& map : loaded) back_end.load(map);
+  MappingResult result;
+  if (const auto note = spacing_note(run.options.back_end)) result.notes.push_back(*note);
+  const auto first = to_index(back_end.map().sessions.size());
+  {
+    const ThreadPool front_end_threads(std::max(Index{1}, run.threads - run.threads / 2));
+    const ThreadPool back_end_threads(std::max(Index{1}, run.threads / 2));
+    MeteredBackEnd metered(back_end, run);
+    MapperPipeline pipeline(metered, back_end_threads);
+    for (const auto& dataset : datasets) {
+      if (run.stop.stop_requested()) break;
+      SessionRun session = SessionMapper(*dataset, run, front_end_threads, metered, pipeline).map();
+      session.id = SessionId{first + to_index(result.sessions.size())};
+      result.sessions.push_back(std::move(session));
+    }
+    await(pipeline, metered, run.progress);
+    const auto measurement = run.times.measure("final optimisation");
+    result.map = back_end.finish();
+    result.figures = metered.figures();
+  }
+  run.progress.finish();
+  result.interrupted = run.stop.stop_requested();
+  if (result.figures.failed_optimisations > 0)
+    result.notes.push_back(std::to_string(result.figures.failed_optimisations) +
+                           " optimisations failed; the estimates before were kept");
+  return result;
 }
 
 }  // namespace chainslam::mapper

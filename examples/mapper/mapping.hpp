@@ -1,42 +1,36 @@
 #pragma once
 
+#include <functional>
 #include <memory>
+#include <span>
 #include <stop_token>
-#include <string>
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/map/frame.hpp"
 #include "chainslam/map/slam_map.hpp"
-#include "chainslam/trajectory/trajectory.hpp"
 #include "datasets/dataset.hpp"
+#include "mapping_result.hpp"
 #include "options.hpp"
 #include "support/progress.hpp"
 #include "support/statistics.hpp"
 
 namespace chainslam::mapper {
 
-/// What a run of the mapper found out.
-struct MappingResult {
-  std::shared_ptr<const SlamMap> map;
-  Trajectory odometry;              ///< T_odom_body of every frame
-  std::vector<FrameHealth> health;  ///< one for each frame
-  Index scans = 0;                  ///< read
-  std::vector<std::string> notes;   ///< what the user should know: scans and points left out, and why
-  bool interrupted = false;         ///< the data were not read to their end
-};
-
 /// What a run is given besides the data.
 struct MappingRun {
   const MapperOptions& options;
-  const ThreadPool& threads;
+  Index threads = 1;     ///< of the front end and the back end together
   std::stop_token stop;  ///< Ctrl-C: the scan at hand is finished, and the run ends as if the data did
-  Index max_scans = 0;   ///< 0: all
+  Index max_scans = 0;   ///< of each data set; 0: all
   support::Progress& progress;
-  support::StageTimes& times;  ///< "read", "odometry", "back end"
+  support::StageTimes& times;  ///< "read", "odometry", "back end", "final optimisation"
+  /// Called after each step of the back end, on its thread, with the map as it is: keeps what a crash would lose.
+  std::function<void(const SlamMap&)> journal{};
 };
 
-/// Reads a data set from its start to its end: odometry, keyframes, closures, pose graph.
-[[nodiscard]] MappingResult run_mapping(datasets::Dataset& dataset, const MappingRun& run);
+/// Maps data sets one after the other on top of maps that were saved before: odometry, keyframes, closures, chains,
+/// merges, pose graph.
+[[nodiscard]] MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets,
+                                        std::span<const SlamMap> loaded, const MappingRun& run);
 
 }  // namespace chainslam::mapper

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "chainslam/odometry/lidar_odometry.hpp"
-#include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "datasets/dataset.hpp"
+#include "presets.hpp"
 #include "support/configuration.hpp"
 
 namespace chainslam::mapper {
@@ -18,18 +18,19 @@ struct Goals {
   double min_odometry_ape = 0;  ///< metres: a drive tests closures only if odometry alone drifts
   double min_ape_ratio = 0;     ///< odometry's error over the optimised one
   Index min_closures = 0;
+  Index min_chained_closures = 0;
+  double max_inter_session_error = 0;  ///< metres, between keyframes of different sessions at one place
+  bool merged = false;                 ///< all sessions in one frame
 };
 
 /// All that the configuration file can state, with its defaults.
 struct MapperOptions {
   datasets::DatasetOptions dataset;
+  Preset preset = Preset::best;
+  Platform platform = Platform::nclt;
   LidarOdometryOptions<> odometry;
   KeyframeOptions keyframes;
-  ProximityCandidates candidates;
-  LoopCloserOptions closures;
-  HessianCovariance closure_covariance;
-  Cauchy closure_kernel{.width = 4.0};
-  BackEndOptions back_end;
+  BackEndParts back_end;
   double map_voxel = 0.2;  ///< metres, of map.ply
   Goals goals;
 };

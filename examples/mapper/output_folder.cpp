@@ -65,7 +65,8 @@ OutputFolder::OutputFolder(fs::path target, bool overwrite) : target_(without_tr
 
 OutputFolder::~OutputFolder() {
   std::error_code ignored;
-  if (!committed_) fs::remove_all(staging_, ignored);
+  if (committed_ || (!kept_if_.empty() && fs::exists(kept_if_, ignored))) return;
+  fs::remove_all(staging_, ignored);
 }
 
 fs::path OutputFolder::commit() {

@@ -22,6 +22,9 @@ class OutputFolder {
   [[nodiscard]] const std::filesystem::path& path() const { return staging_; }
   [[nodiscard]] const std::filesystem::path& target() const { return target_; }
 
+  /// If the results never get their name, the folder stays as it is if it holds this file.
+  void keep_unfinished(const std::filesystem::path& name) { kept_if_ = staging_ / name; }
+
   /// Gives the results the target's name. @returns where the old results went, empty if there were none.
   /// @throws IoError if a folder cannot be renamed; the old results then keep their name.
   std::filesystem::path commit();
@@ -29,6 +32,7 @@ class OutputFolder {
  private:
   std::filesystem::path target_;
   std::filesystem::path staging_;
+  std::filesystem::path kept_if_;
   bool committed_ = false;
 };
 

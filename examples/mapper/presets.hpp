@@ -1,0 +1,63 @@
+#pragma once
+
+#include "chainslam/registration/coarse_to_fine.hpp"
+#include "chainslam/slam/back_end.hpp"
+#include "chainslam/slam/keyframe_selector.hpp"
+
+namespace chainslam::mapper {
+
+/// Whose method: `paper` does what the paper says, `released` what its code does where that differs, `best` what can be
+/// shown to be better.
+enum class Preset { best, paper, released };
+
+/// Parameters that go with a vehicle's pace, as the paper's released configurations have them.
+enum class Platform { nclt, mars };
+
+enum class ClosureMethod { point_to_plane, point_to_point };
+
+/// Scan to submap, by the method that the configuration names.
+struct ClosureRegistration {
+  ClosureMethod method = ClosureMethod::point_to_plane;
+  CoarseToFine<> point_to_plane{};
+  Icp<PointToPoint> point_to_point{.max_iterations = 100, .max_distance = 2.0};
+
+  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
+                                  const Exec& executor = {}) const {
+    return method == ClosureMethod::point_to_plane ? point_to_plane.align(source, target, guess, executor)
+                                                   : point_to_point.align(source, target, guess, executor);
+  }
+};
+
+/// The noise of a closure that goes with the method: from the registration's Hessian, or the paper's lambda e I.
+struct ClosureNoise {
+  bool from_hessian = true;
+  HessianCovariance hessian{};
+  IsotropicCovariance isotropic{};
+
+  [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
+    return from_hessian ? hessian(result) : isotropic(result);
+  }
+};
+
+/// The parts of the mapper's back end, as the configuration sets them.
+struct BackEndParts {
+  ProximityCandidates candidates;
+  LoopCloserOptions closures;
+  ClosureRegistration registration;
+  ClosureNoise noise;
+  ChainOptions chain;
+  GnssCandidateOptions gnss;
+  MergeOptions merge;
+  FeatureRegistration<> features;
+  BackEndOptions back_end;
+  Cauchy kernel{.width = 4.0};
+};
+
+/// Sets the parts as the preset has them.
+void apply(Preset preset, BackEndParts& parts);
+
+/// Sets what goes with the vehicle's pace; `released` closes loops as often as the released configurations do.
+void apply(Platform platform, Preset preset, KeyframeOptions& keyframes, BackEndParts& parts);
+
+}  // namespace chainslam::mapper
