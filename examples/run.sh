@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Installs what is missing, builds the program and runs it: on the embedded town drive, or with your own arguments.
+# Installs what is missing, builds the program and runs it: on three drives through an embedded town, or with your
+# own arguments.
 set -euo pipefail
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 . "$root/third_party/setup.sh"
@@ -7,7 +8,8 @@ root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 case "${1:-}" in
   -h | --help)
     cat <<TEXT
-usage: examples/run.sh [--fresh]       simulate a town drive, map it, check the result, write a report
+usage: examples/run.sh [--fresh]       simulate three drives through one town, map them into one, check the
+                                       result, write a report
        examples/run.sh VERB ARGS...    build the program and run it: chainslam VERB ARGS...
                                        (examples/run.sh help lists the verbs)
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_JOBS
@@ -28,15 +30,15 @@ fi
 
 demo="$build/demo"
 mkdir -p "$demo" || fail "cannot write to $demo; set CHAINSLAM_BUILD_DIR to a folder that can be written"
-[ "${1:-}" = --fresh ] && rm -rf "$demo/town" "$demo/map"
-if [ -f "$demo/town/README.txt" ]; then
-  say "drive" "$demo/town is there from an earlier run (examples/run.sh --fresh makes it anew)"
+[ "${1:-}" = --fresh ] && rm -rf "$demo/town" "$demo/map" "$demo"/map~*
+if [ -f "$demo/town/session3/README.txt" ]; then
+  say "drives" "$demo/town is there from an earlier run (examples/run.sh --fresh makes it anew)"
 else
-  "$program" simulate town --out "$demo/town" --overwrite || fail "the simulator stopped" $?
+  "$program" simulate town-sessions --out "$demo/town" --overwrite || fail "the simulator stopped" $?
 fi
-rm -rf "$demo"/map~*
+rm -rf "$demo"/map~* "$demo"/map.partial*
 status=0
-"$program" map "$demo/town" --out "$demo/map" --overwrite --config "$root/examples/town.toml" || status=$?
+"$program" map "$demo"/town/session{1,2,3} --out "$demo/map" --overwrite --config "$root/examples/town.toml" || status=$?
 case $status in
   0) say "passed" "the map meets the bounds of examples/town.toml" ;;
   5) fail "the map misses a bound of examples/town.toml; see $demo/map/summary.json" 5 ;;
