@@ -1,0 +1,347 @@
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "chainslam/slam/back_end.hpp"
+#include "chainslam/slam/pipeline.hpp"
+#include "slam/scripted.hpp"
+#include "slam/street.hpp"
+
+namespace chainslam {
+namespace {
+
+using test::drifting;
+using test::keyframe_at;
+using test::Place;
+using test::random_motion;
+using test::Script;
+using test::ScriptedPlaces;
+using test::ScriptedRegistration;
+using test::translation_error;
+using test::TruthCloser;
+
+constexpr Index each = 50;  ///< keyframes of a session: 100 m of the 160 m round the block
+
+/// Drives round the same block, side by side, each starting somewhere else and in a frame of its own, with odometry
+/// that drifts by half a metre. What registration measures is exact.
+struct Drives {
+  std::vector<SE3d> truth;  ///< T_world_body of all keyframes
+  std::vector<SE3d> odometry;
+  std::vector<SE3d> T_world_odom;
+  std::shared_ptr<Script> script = std::make_shared<Script>();
+
+  explicit Drives(int sessions) {
+    const std::vector<SE3d> round = test::way_round(2.0, -2.0);
+    Rng rng(7);
+    Vector6d drift;
+    drift << 0.005, 0.002, 0.001, 0.0001, 0, 0.0002;
+    for (int session = 0; session < sessions; ++session) {
+      std::vector<SE3d> way;
+      for (Index i = 0; i < each; ++i)
+        way.push_back(round[static_cast<std::size_t>(12 * session + i) % round.size()] *
+                      SE3d(SO3d(), {0, 0.7 * session, 0}));
+      T_world_odom.push_back(way.front() * random_motion(rng, 3, 0.2));
+      for (const SE3d& pose : drifting(way, drift)) odometry.push_back(T_world_odom.back().inverse() * pose);
+      truth.insert(truth.end(), way.begin(), way.end());
+    }
+  }
+
+  [[nodiscard]] TruthCloser closer() const {
+    TruthCloser closer;
+    closer.truth = std::make_shared<const std::vector<SE3d>>(truth);
+    return closer;
+  }
+
+  /// Begins a session and adds its keyframes; fixes come with them, if the receiver works.
+  template <class Target>
+  void drive(Target& back_end, Index session, bool gnss = true) const {
+    back_end.begin_session(std::string(1, static_cast<char>('a' + session)));
+    for (Index i = 0; i < each; ++i) {
+      const auto at = static_cast<std::size_t>(session * each + i);
+      back_end.add(keyframe_at(i, odometry[at]));
+      if (gnss) back_end.add(test::fix_at(Timestamp::from_seconds(i), truth[at].translation()));
+    }
+  }
+
+  [[nodiscard]] SE3d between(Index from, Index to) const {
+    return truth[static_cast<std::size_t>(from)].inverse() * truth[static_cast<std::size_t>(to)];
+  }
+  void place(Index query, Index candidate, const SE3d& error = {}) {
+    script->places.push_back({query, candidate, between(candidate, query) * error});
+  }
+};
+
+/// Place recognition by GNSS; registration then finds the true pose, but for half a metre.
+struct GnssPlaces {
+  const Drives* drives;
+  GnssCandidates candidates{};
+
+  [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
+    const std::vector<KeyframeId> found = candidates.find(map, query);
+    Script& script = *drives->script;
+    script = {};
+    for (const KeyframeId id : found) {
+      script.proposed.push_back(script.places.size());
+      script.places.push_back(
+          {query.value, id.value, drives->between(id.value, query.value) * SE3d(SO3d(), {0.5, 0, 0})});
+    }
+    return found;
+  }
+};
+
+using GnssBackEnd = BackEnd<TruthCloser, ChainedCloser, MapMerger<GnssPlaces, ScriptedRegistration>>;
+using UnmergedBackEnd = BackEnd<TruthCloser, ChainedCloser, NoMerging>;
+using ScriptedBackEnd = BackEnd<TruthCloser, ChainedCloser, MapMerger<ScriptedPlaces, ScriptedRegistration>>;
+
+GnssBackEnd gnss_back_end(const Drives& drives, const BackEndOptions& options = {}) {
+  return GnssBackEnd(options, drives.closer(), ChainedCloser(),
+                     MapMerger<GnssPlaces, ScriptedRegistration>({}, {&drives}, {drives.script}));
+}
+ScriptedBackEnd scripted_back_end(const Drives& drives, const MergeOptions& merging,
+                                  const BackEndOptions& options = {}) {
+  return ScriptedBackEnd(options, drives.closer(), ChainedCloser(),
+                         MapMerger<ScriptedPlaces, ScriptedRegistration>(merging, {drives.script}, {drives.script}));
+}
+
+Index count(const SlamMap& map, ClosureKind kind) {
+  return static_cast<Index>(std::ranges::count(map.closures, kind, &LoopClosure::kind));
+}
+
+/// Between keyframes of two sessions that are within 10 m of each other: how far off the map has their relative pose.
+double inter_session_error(const Drives& drives, const SlamMap& map, Index a, Index b) {
+  double most = 0;
+  for (Index i = a * each; i < (a + 1) * each; ++i)
+    for (Index j = b * each; j < (b + 1) * each; ++j) {
+      const SE3d truth = drives.between(i, j);
+      if (truth.translation().norm() > 10) continue;
+      const SE3d ours = map.keyframes[static_cast<std::size_t>(i)].T_map_body.inverse() *
+                        map.keyframes[static_cast<std::size_t>(j)].T_map_body;
+      most = std::max(most, translation_error(truth, ours));
+    }
+  return most;
+}
+
+std::vector<Index> frames(const SlamMap& map) {
+  std::vector<Index> values;
+  for (const Session& session : map.sessions) values.push_back(session.frame.value);
+  return values;
+}
+
+double farthest_apart(const SlamMap& a, const SlamMap& b) {
+  REQUIRE(a.keyframes.size() == b.keyframes.size());
+  double most = 0;
+  for (std::size_t i = 0; i < a.keyframes.size(); ++i)
+    most = std::max(most, a.keyframes[i].T_map_body.local(b.keyframes[i].T_map_body).norm());
+  return most;
+}
+
+}  // namespace
+
+TEST_SUITE("slam: several sessions") {
+  TEST_CASE("a second session is found by GNSS, moved as a whole, and closed again along its way") {
+    const Drives drives(2);
+    auto back_end = gnss_back_end(drives);
+    drives.drive(back_end, 0);
+    CHECK(back_end.counts().merges == 0);
+    drives.drive(back_end, 1);
+    const auto map = back_end.finish();
+    CHECK(back_end.counts().merges == 1);
+    CHECK(back_end.counts().failed_optimisations == 0);
+    CHECK(frames(*map) == std::vector<Index>{0, 0});
+    CHECK(count(*map, ClosureKind::merge) == 2);
+    CHECK(count(*map, ClosureKind::direct) > 5);
+    CHECK(inter_session_error(drives, *map, 0, 1) < 0.1);
+    // Where odometry's frame lies now, by the newest keyframe.
+    const Keyframe& newest = map->keyframes.back();
+    CHECK(translation_error(newest.T_map_body, *back_end.T_map_odom() * newest.T_odom_body) < 1e-9);
+
+    Index rechecked = 0;
+    for (std::size_t i = 0; i < map->closures.size(); ++i) {
+      const LoopClosure& closure = map->closures[i];
+      CHECK(closure.from < closure.to);
+      CHECK_FALSE(closure.sqrt_information.isZero(0));
+      if (closure.kind == ClosureKind::merge) CHECK(closure.cause == -1);
+      if (closure.cause < 0) continue;
+      REQUIRE(closure.cause < to_index(i));
+      const LoopClosure& cause = map->closures[static_cast<std::size_t>(closure.cause)];
+      if (closure.kind == ClosureKind::direct) {
+        CHECK(cause.kind == ClosureKind::merge);
+        ++rechecked;
+      } else {
+        CHECK(cause.kind == ClosureKind::direct);
+        CHECK(cause.to == closure.to);
+      }
+    }
+    CHECK(rechecked > 0);
+    for (std::size_t i = 0; i < map->closures.size(); ++i)  // the graph of closures is that of the map
+      CHECK(back_end.closure_graph().connected(map->closures[i].from.value, map->closures[i].to.value));
+    CHECK(back_end.closure_graph().edge_count() == to_index(map->closures.size()));
+  }
+
+  TEST_CASE("no pair of keyframes is measured twice") {
+    const Drives drives(3);
+    auto back_end = gnss_back_end(drives);
+    for (Index session = 0; session < 3; ++session) drives.drive(back_end, session);
+    const auto map = back_end.finish();
+    std::vector<std::pair<Index, Index>> pairs;
+    for (const LoopClosure& closure : map->closures) pairs.emplace_back(closure.from.value, closure.to.value);
+    std::ranges::sort(pairs);
+    CHECK(std::ranges::adjacent_find(pairs) == pairs.end());
+  }
+
+  TEST_CASE("a third session is chained to those that its partners are connected with") {
+    const Drives drives(3);
+    auto back_end = gnss_back_end(drives);
+    for (Index session = 0; session < 3; ++session) drives.drive(back_end, session);
+    const auto map = back_end.finish();
+    CHECK(frames(*map) == std::vector<Index>{0, 0, 0});
+    CHECK(count(*map, ClosureKind::chained) > 0);
+    for (const LoopClosure& closure : map->closures)
+      if (closure.kind == ClosureKind::chained) {
+        CHECK(closure.from.value < 2 * each);  // never within the current session
+        CHECK(closure.cause >= 0);
+      }
+    for (Index a = 0; a < 3; ++a)
+      for (Index b = a + 1; b < 3; ++b) CHECK(inter_session_error(drives, *map, a, b) < 0.1);
+  }
+
+  TEST_CASE("chaining in the recheck can be left out, as the released code does") {
+    const Drives drives(3);
+    auto back_end = gnss_back_end(drives, {.chain_in_recheck = false});
+    for (Index session = 0; session < 3; ++session) drives.drive(back_end, session);
+    for (const LoopClosure& closure : back_end.map().closures) {
+      if (closure.kind != ClosureKind::chained) continue;
+      const LoopClosure& direct = back_end.map().closures[static_cast<std::size_t>(closure.cause)];
+      CHECK(direct.cause == -1);
+    }
+  }
+
+  TEST_CASE("a saved map and a new session give what all sessions in one run give") {
+    const Drives drives(3);
+    auto one_run = gnss_back_end(drives);
+    drives.drive(one_run, 0);
+    drives.drive(one_run, 1);
+    const auto saved = one_run.finish();
+    drives.drive(one_run, 2);
+    const auto expected = one_run.finish();
+
+    auto later = gnss_back_end(drives);
+    later.load(*saved);
+    drives.drive(later, 2);
+    const auto map = later.finish();
+    REQUIRE(map->closures.size() == expected->closures.size());
+    for (std::size_t i = 0; i < map->closures.size(); ++i) {
+      CHECK(map->closures[i].from == expected->closures[i].from);
+      CHECK(map->closures[i].to == expected->closures[i].to);
+      CHECK(map->closures[i].kind == expected->closures[i].kind);
+      CHECK(map->closures[i].cause == expected->closures[i].cause);
+    }
+    CHECK(map->refusals.size() == expected->refusals.size());
+    CHECK(frames(*map) == frames(*expected));
+    CHECK(farthest_apart(*map, *expected) < 1e-6);
+  }
+
+  TEST_CASE("two maps that were made apart are joined by a session that knows both") {
+    for (const bool earlier_first : {false, true}) {
+      Drives drives(3);
+      UnmergedBackEnd a({}, drives.closer()), b({}, drives.closer());
+      drives.drive(a, 0);
+      drives.drive(b, 1);
+      drives.place(2 * each + 10, (earlier_first ? 34 : each + 22));
+      drives.place(2 * each + 20, (earlier_first ? each + 32 : 44));
+      auto back_end = scripted_back_end(drives, {.min_travel = 0, .confirmations = 1});
+      back_end.load(*a.finish());
+      back_end.load(*b.finish());
+      CHECK(frames(back_end.map()) == std::vector<Index>{0, 1});
+      drives.drive(back_end, 2, false);
+      const auto map = back_end.finish();
+      CHECK(back_end.counts().merges == 2);
+      CHECK(frames(*map) == std::vector<Index>{0, 0, 0});
+      for (Index first = 0; first < 3; ++first)
+        for (Index second = first + 1; second < 3; ++second)
+          CHECK(inter_session_error(drives, *map, first, second) < 0.3);
+      CHECK(map->keyframes[0].T_map_body.local(map->keyframes[0].T_odom_body).norm() < 1e-3);  // the first frame stays
+    }
+  }
+
+  TEST_CASE("a place that nothing confirms leaves the frames apart, and is on record at the end") {
+    Drives drives(2);
+    drives.place(each + 5, 17, SE3d(SO3d(), {1, 0, 0}));
+    auto back_end = scripted_back_end(drives, {.min_travel = 0});
+    drives.drive(back_end, 0);
+    drives.drive(back_end, 1);
+    CHECK(back_end.map().refusals.empty());
+    const auto map = back_end.finish();
+    CHECK(frames(*map) == std::vector<Index>{0, 1});
+    CHECK(map->closures.empty());
+    REQUIRE(map->refusals.size() == 1);
+    CHECK(map->refusals[0].verdict == ClosureVerdict::unconfirmed);
+    CHECK(map->refusals[0].kind == ClosureKind::merge);
+    CHECK(back_end.counts().merges == 0);
+  }
+
+  TEST_CASE("a merge whose measurement is of unknown certainty holds by the anchor, or by what the recheck closes") {
+    for (const bool anchored : {true, false}) {
+      Drives drives(2);
+      drives.place(each + 10, 22, SE3d(SO3d::exp({0, 0, 0.03}), {0.8, -0.3, 0}));
+      auto back_end = scripted_back_end(drives, {.min_travel = 0, .refine = false, .confirmations = 1},
+                                        {.graph = {.anchor_joined_sessions = anchored}});
+      drives.drive(back_end, 0);
+      drives.drive(back_end, 1);
+      const auto map = back_end.finish();
+      CHECK(frames(*map) == std::vector<Index>{0, 0});
+      CHECK(map->closures.front().sqrt_information.isZero(0));
+      CHECK(inter_session_error(drives, *map, 0, 1) < (anchored ? 1.0 : 0.1));
+      // Without the anchor nothing ties the sessions before the first closure: those poses stay as they were aligned.
+      CHECK(back_end.counts().failed_optimisations == (anchored ? 0 : 1));
+    }
+  }
+
+  TEST_CASE("without merging, sessions stay in frames of their own and close no loops with each other") {
+    const Drives drives(2);
+    UnmergedBackEnd back_end({}, drives.closer());
+    drives.drive(back_end, 0);
+    drives.drive(back_end, 1);
+    const auto map = back_end.finish();
+    CHECK(frames(*map) == std::vector<Index>{0, 1});
+    CHECK(map->closures.empty());
+    for (const Keyframe& keyframe : map->keyframes)
+      CHECK(keyframe.T_map_body.local(keyframe.T_odom_body).norm() < 1e-9);
+  }
+
+  TEST_CASE("a session without GNSS stays apart, and the others find each other past it") {
+    const Drives drives(3);
+    auto back_end = gnss_back_end(drives);
+    drives.drive(back_end, 0);
+    drives.drive(back_end, 1, false);
+    drives.drive(back_end, 2);
+    const auto map = back_end.finish();
+    CHECK(frames(*map) == std::vector<Index>{0, 1, 0});
+    CHECK(inter_session_error(drives, *map, 0, 2) < 0.1);
+    for (const LoopClosure& closure : map->closures)
+      CHECK((closure.from.value < each || closure.from.value >= 2 * each));
+  }
+
+  TEST_CASE("by way of a pipeline the map is the same to the bit") {
+    const Drives drives(3);
+    auto by_hand = gnss_back_end(drives);
+    for (Index session = 0; session < 3; ++session) drives.drive(by_hand, session);
+    const auto expected = by_hand.finish();
+    const Drives again(3);
+    auto back_end = gnss_back_end(again);
+    const Serial serial;
+    Pipeline pipeline(back_end, serial, IgnoreSteps{}, 2);
+    for (Index session = 0; session < 3; ++session) again.drive(pipeline, session);
+    pipeline.finish();
+    const auto map = back_end.finish();
+    REQUIRE(map->closures.size() == expected->closures.size());
+    REQUIRE(map->keyframes.size() == expected->keyframes.size());
+    for (std::size_t i = 0; i < map->keyframes.size(); ++i)
+      CHECK(map->keyframes[i].T_map_body == expected->keyframes[i].T_map_body);
+  }
+}
+
+}  // namespace chainslam
