@@ -13,7 +13,7 @@ constexpr const char* parameters = "[odometry]\nvoxel_size = 0.5\n";
 
 /// The journal's bytes after a drive of `keyframes`, with a commit for each group of `group`.
 std::string journaled(const std::filesystem::path& path, int keyframes, int group) {
-  MapJournal<> journal(path, {.parameters = parameters});
+  MapJournal<UnsyncedFiles> journal(path, {.parameters = parameters});
   GrowingMap growing(7);
   for (int i = 0; i < keyframes; ++i) {
     if (i == keyframes / 2) growing.begin_session("second");
@@ -32,7 +32,7 @@ TEST_SUITE("io/map_archive") {
     for_all(20, [](Rng& rng, int size) {
       const TemporaryFolder folder;
       const SlamMap map = random_map(rng.bits(), size);
-      save_map(folder / "a.cslam", map, {.parameters = parameters});
+      save_map(folder / "a.cslam", map, {.parameters = parameters}, UnsyncedFiles{});
       const LoadedMap loaded = load_map(folder / "a.cslam");
       CHECK(same_map(loaded.map, map));
       CHECK(loaded.parameters == parameters);
@@ -40,7 +40,7 @@ TEST_SUITE("io/map_archive") {
       CHECK(loaded.report.problems.empty());
       CHECK(loaded.report.ignored_bytes == 0);
       CHECK(loaded.report.poses_by_odometry == 0);
-      save_map(folder / "b.cslam", loaded);
+      save_map(folder / "b.cslam", loaded, false, UnsyncedFiles{});
       CHECK(read_bytes(folder / "a.cslam") == read_bytes(folder / "b.cslam"));
       CHECK(folder.files() == 2);
     });

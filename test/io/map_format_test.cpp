@@ -67,7 +67,7 @@ void rewrite(const std::filesystem::path& from, const std::filesystem::path& to,
 template <class Change>
 std::string after_change(ChunkType type, Change&& change, bool recover = true) {
   const TemporaryFolder folder;
-  save_map(folder / "a", random_map(4, 12));
+  save_map(folder / "a", random_map(4, 12), {}, UnsyncedFiles{});
   rewrite(folder / "a", folder / "b", [&](std::vector<Chunk>& chunks) {
     for (Chunk& chunk : chunks)
       if (chunk.is(type)) return change(chunk);
@@ -368,6 +368,22 @@ TEST_SUITE("io/map_format") {
                  chunk.header.raw_bytes += 1;
                }),
                "does not unpack"));
+  }
+
+  TEST_CASE("scans that pack all too well are kept unpacked, so that a file's size bounds what opening it takes") {
+    SlamMap map = random_map(4, 2);
+    PointCloud<float> wall;
+    for (int x = 0; x < 100; ++x)
+      for (int y = 0; y < 100; ++y)
+        wall.positions.emplace_back(0.05F * static_cast<float>(x), 0.05F * static_cast<float>(y), 1);
+    map.keyframes[0].cloud = std::make_shared<const PointCloud<float>>(quantized(wall));
+    map.keyframes[1].cloud.reset();
+    const TemporaryFolder folder;
+    save_map(folder / "a", map);
+    const LoadedMap loaded = load_map(folder / "a");
+    CHECK(same_map(loaded.map, map));
+    for (const MapFileShare& share : loaded.report.shares) CHECK(share.raw_bytes <= 6 * share.bytes);
+    CHECK(std::filesystem::file_size(folder / "a") > 60'000);
   }
 
   TEST_CASE("an index of another file is refused") {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -11,9 +12,17 @@
 
 #include "chainslam/cloud/quantize.hpp"
 #include "chainslam/core/random.hpp"
+#include "chainslam/io/file_system.hpp"
 #include "chainslam/map/slam_map.hpp"
 
 namespace chainslam::test {
+
+/// The machine's files, without waiting for the disk: for tests that no loss of power concerns.
+struct UnsyncedFiles : RealFileSystem {
+  int sync(int) { return 0; }
+  int sync_data(int) { return 0; }
+  int sync_directory(const std::filesystem::path&) { return 0; }
+};
 
 /// A cloud of `count` points within some metres, not on any grid.
 inline PointCloud<float> random_cloud(Rng& rng, int count) {

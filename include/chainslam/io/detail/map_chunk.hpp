@@ -1,6 +1,11 @@
 #pragma once
 
+// All of xxHash is compiled in. Where g++ inlines its AVX-512 intrinsics it warns of them (GCC bug 105593): AVX2 (2)
+// gives the same hashes.
 #define XXH_INLINE_ALL
+#if defined(__GNUC__) && !defined(__clang__) && defined(__AVX512F__) && !defined(XXH_VECTOR)
+#define XXH_VECTOR 2
+#endif
 #include <xxhash.h>
 
 #include <array>

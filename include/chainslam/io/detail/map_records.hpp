@@ -143,10 +143,12 @@ inline MaybeFault fault_of(const LoopClosure& closure, const MapCounts& counts) 
 inline MaybeFault fault_of(const GnssFix& fix) {
   if (!is_finite(fix.position_ecef) || !is_finite(fix.covariance_ecef))
     return Fault{"position or covariance", "a number that is not finite"};
-  const double asymmetry = (fix.covariance_ecef - fix.covariance_ecef.transpose()).cwiseAbs().maxCoeff();
-  if (asymmetry > 1e-6 * fix.covariance_ecef.cwiseAbs().maxCoeff())
+  // Rotated and interpolated covariances are symmetric and semi-definite up to rounding only.
+  const double largest = fix.covariance_ecef.cwiseAbs().maxCoeff();
+  if ((fix.covariance_ecef - fix.covariance_ecef.transpose()).cwiseAbs().maxCoeff() > 1e-6 * largest)
     return Fault{"covariance", "a matrix that is not symmetric"};
-  if (!Eigen::LDLT<Eigen::Matrix3d>(fix.covariance_ecef).isPositive())
+  const Eigen::Matrix3d raised = fix.covariance_ecef + 1e-9 * largest * Eigen::Matrix3d::Identity();
+  if (!Eigen::LDLT<Eigen::Matrix3d>(raised).isPositive())
     return Fault{"covariance", "a matrix that is not positive semi-definite"};
   return fault_of_number("quality", static_cast<Index>(fix.quality), 0, static_cast<Index>(GnssQuality::rtk_fixed) + 1,
                          "qualities known to this version");
