@@ -1,6 +1,7 @@
 #include <doctest/doctest.h>
 
 #include <limits>
+#include <map>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
@@ -231,6 +232,66 @@ TEST_SUITE("io/map_format") {
     CHECK(loaded.parameters == golden_options().parameters);
     CHECK(loaded.unknown == golden_options().unknown);
     CHECK(same_map(loaded.map, golden_map()));
+  }
+
+  TEST_CASE("a reader made from the description alone finds the golden map") {
+    const std::string file = read_bytes(CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_0.cslam");
+    const auto bytes = std::as_bytes(std::span(file));
+    const auto u16 = [&](std::size_t at) { return load_as<std::uint16_t>(bytes.data() + at); };
+    const auto u32 = [&](std::size_t at) { return load_as<std::uint32_t>(bytes.data() + at); };
+    const auto u64 = [&](std::size_t at) { return load_as<std::uint64_t>(bytes.data() + at); };
+    const SlamMap map = golden_map();
+    CHECK(u16(8) == 1);
+    CHECK(u32(12) == 64);
+    CHECK(u64(56) == XXH3_64bits(file.data(), 56));
+    std::uint64_t sequence = 0;
+    std::map<unsigned, int> found;
+    for (std::size_t at = 64; at < file.size(); ++sequence) {
+      const std::uint64_t stored = u64(at + 16), raw = u64(at + 24), space = (stored + 63) / 64 * 64;
+      CHECK(file.substr(at, 4) == "CHNK");
+      CHECK(u64(at + 32) == sequence);
+      CHECK(u64(at + 40) == u64(16));
+      CHECK(u64(at + 48) == XXH3_64bits(file.data() + at + 64, space));
+      CHECK(u64(at + 56) == XXH3_64bits(file.data() + at, 56));
+      const unsigned type = u16(at + 4);
+      const std::size_t payload = at + 64, block = payload + 16;
+      ++found[type];
+      if (type == 0x8003) {
+        CHECK(u32(payload + 4) == 72);
+        CHECK(u64(block + 2 * 72) == static_cast<std::uint64_t>(map.keyframes[2].time.nanoseconds()));
+        CHECK(u32(block + 4 * 72 + 12) == 0);  // keyframe 4 has no scan
+        CHECK(load_as<double>(bytes.data() + block + 2 * 72 + 16) == 2.0);
+        CHECK(load_as<double>(bytes.data() + block + 2 * 72 + 16 + 6 * 8) == 0.6);  // w of the quaternion
+      }
+      if (type == 0x8006) CHECK(load_as<std::int32_t>(bytes.data() + block + 376 + 12) == 0);  // led to by closure 0
+      if (type == 0x8004 && found[type] == 1) {
+        std::string scan = file.substr(payload, stored);
+        if (u32(at + 8) == 1) {
+          scan.resize(raw);
+          REQUIRE(ZSTD_decompress(scan.data(), raw, file.data() + payload, stored) == raw);
+        }
+        const auto unsigned_at = [&](std::size_t i) { return static_cast<unsigned char>(scan[i]); };
+        const std::size_t n = map.keyframes[0].cloud->size();
+        REQUIRE(scan.size() == 32 + 6 * n);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          std::uint16_t number = 0;
+          for (std::size_t i = 0; i < n; ++i) {
+            const unsigned code = unsigned_at(32 + 2 * n * axis + i) | unsigned_at(32 + 2 * n * axis + n + i) << 8;
+            const unsigned difference = code % 2 == 0 ? code / 2 : ~(code / 2);
+            number = static_cast<std::uint16_t>(number + difference);
+            CHECK(map.keyframes[0].cloud->positions[i][static_cast<Eigen::Index>(axis)] ==
+                  static_cast<float>(static_cast<std::int16_t>(number) * 0.01));
+          }
+        }
+      }
+      at = payload + space;
+    }
+    const std::map<unsigned, int> expected = {{0x8001, 1}, {0x8002, 2}, {0x8003, 1}, {0x8004, 4}, {0x8005, 1},
+                                              {0x8006, 1}, {7, 1},      {0x8008, 1}, {0x8009, 1}, {0x800a, 1},
+                                              {11, 1},     {0x800c, 1}, {0x123, 1}};
+    CHECK(found == expected);
+    CHECK(u64(file.size() - 64 + 8) == file.size());
+    CHECK(u16(u64(file.size() - 64) + 4) == 11);
   }
 
   TEST_CASE("a map that was saved and loaded has the same optimum") {
