@@ -45,7 +45,7 @@ void connected(benchmark::State& state) {
   for (Index i = 0; i < keyframes; ++i) {
     const Index first = i / component * component;
     for (int closures = 0; closures < 3; ++closures) {
-      const auto other = first + static_cast<Index>(rng.uniform_index(static_cast<std::uint64_t>(component)));
+      const auto other = first + rng.uniform_index(component);
       if (other != i && other < keyframes) graph.add_edge(i, other, i);
     }
   }

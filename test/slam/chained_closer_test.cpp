@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/map/submap.hpp"
 #include "slam/scripted.hpp"
 #include "slam/street.hpp"
 #include "support/property.hpp"
@@ -19,7 +20,8 @@ using test::random_motion;
 using test::TruthCloser;
 
 /// Algorithm 1 as it is printed.
-constexpr ChainOptions paper{.guess_through_chain = false,
+constexpr ChainOptions paper{.reach = 0,
+                             .guess_through_chain = false,
                              .max_distance = 0,
                              .min_separation = 0,
                              .max_alignments = 0,
@@ -111,13 +113,13 @@ struct RandomMap {
     graph.resize(count);
     for (Index i = 0; i < count; ++i) keyframes[static_cast<std::size_t>(i)].session = SessionId{i / each};
     for (Index i = 0; i < count; ++i) {
-      const auto a = static_cast<Index>(rng.uniform_index(static_cast<std::uint64_t>(count)));
-      const auto b = static_cast<Index>(rng.uniform_index(static_cast<std::uint64_t>(count)));
+      const auto a = rng.uniform_index(count);
+      const auto b = rng.uniform_index(count);
       if (a == b) continue;
       edges.emplace_back(a, b);
       graph.add_edge(a, b, i);
     }
-    j = static_cast<Index>(rng.uniform_index(static_cast<std::uint64_t>(loaded)));
+    j = rng.uniform_index(loaded);
   }
 
   [[nodiscard]] SE3d T(Index k) const { return keyframes[static_cast<std::size_t>(k)].T_map_body; }
@@ -129,8 +131,13 @@ struct RandomMap {
 
   /// The keyframes to try, nearest first.
   [[nodiscard]] std::vector<Index> candidates(const ChainOptions& options, const SE3d& T_map_i) const {
+    std::set<Index> connected = connected_naively(edges, j, loaded, options.through_current_session);
+    const SubmapRange submap = submap_range(keyframes, KeyframeId{j}, options.reach);
+    for (Index beside = submap.begin; beside < submap.end; ++beside)
+      if (beside != j && !connected.contains(beside))
+        connected.merge(connected_naively(edges, beside, loaded, options.through_current_session));
     std::vector<std::pair<double, Index>> near;
-    for (const Index k : connected_naively(edges, j, loaded, options.through_current_session)) {
+    for (const Index k : connected) {
       const double distance = (T(k).inverse() * T_map_i).translation().norm();
       if (!joined(k, current) && (options.max_distance == 0 || distance <= options.max_distance))
         near.emplace_back(distance, k);
@@ -205,6 +212,19 @@ TEST_SUITE("slam/chained_closer") {
     CHECK(drives.tried(paper, 2) == std::vector<Index>{7});
     drives.keyframes[4].time = drives.keyframes[14].time - seconds(30);
     CHECK(drives.tried(paper, 2) == std::vector<Index>{4, 7});
+  }
+
+  TEST_CASE("closures of keyframes beside j count as j's, as far as asked and within its session") {
+    Drives drives({{2, 7}, {3, 9}, {0, 8}, {5, 4}});
+    CHECK(drives.tried(paper, 2) == std::vector<Index>{7});
+    ChainOptions options = paper;
+    options.reach = 1;
+    CHECK(drives.tried(options, 2) == std::vector<Index>{9, 7});
+    options.reach = 2;
+    CHECK(drives.tried(options, 2) == std::vector<Index>{9, 8, 7, 5});
+    CHECK(drives.tried(options, 7) == std::vector<Index>{4, 3, 2, 0});
+    options.min_separation = 3;  // all of one session are too near each other
+    CHECK(drives.tried(options, 2) == std::vector<Index>{9, 5});
   }
 
   TEST_CASE("bounds: how far off, how close to another partner of its session, how many") {
@@ -297,6 +317,7 @@ TEST_SUITE("slam/chained_closer") {
           options.max_distance = 14;
           options.min_separation = 1 + size % 7;
           options.max_alignments = 3;
+          options.reach = size % 4;
         }
         TruthCloser closer;
         closer.truth = std::make_shared<const std::vector<SE3d>>(map.truth);

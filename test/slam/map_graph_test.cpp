@@ -30,9 +30,7 @@ LoopClosure random_closure(Rng& rng, const std::vector<SE3d>& truth, Index from,
   return closure;
 }
 
-Index random_keyframe(Rng& rng, Index begin, Index end) {
-  return begin + static_cast<Index>(rng.uniform_index(static_cast<std::uint64_t>(end - begin)));
-}
+Index random_keyframe(Rng& rng, Index begin, Index end) { return begin + rng.uniform_index(end - begin); }
 
 /// A graph of sessions in frames of their own, each with closures of its own and noise everywhere.
 struct RandomSessions {
