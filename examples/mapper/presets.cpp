@@ -31,6 +31,7 @@ void apply_paper(BackEndParts& parts) {
   parts.gnss.radius = 10.0;
   parts.gnss.max_count = 1;
   parts.merge.min_travel = 0;
+  parts.merge.min_putative = 0;
   parts.merge.refine = false;
   parts.merge.confirmations = 1;
   parts.back_end.recheck_travel = parts.closures.min_travel;

@@ -18,9 +18,11 @@ struct MergeOptions {
   double min_travel = 4.0;  ///< metres along the path between two attempts
   Index submap_radius =
       20;  ///< keyframes: up to 2n+1 of the earlier session, n+1 of the current one, which has no future
-  double voxel_size = 1.0;     ///< metres, of both submaps
-  double min_fitness = 0.15;   ///< inliers over target points (tau_R)
-  double min_putative = 0.0;   ///< inliers over matched features (what the released code bounds, by 0.5)
+  double voxel_size = 1.0;  ///< metres, of both submaps
+  /// Inliers over target points (tau_R), and over matched features (what the released code bounds, by 0.5). Of half
+  /// submaps of four real sensors sought in whole ones, 101 of 102 right poses meet both, and none of 474 wrong ones.
+  double min_fitness = 0.30;
+  double min_putative = 0.05;
   double min_translation = 0;  ///< metres and
   double min_rotation = 0;  ///< radians: frames that lie nearer together than both are not joined (released: 1, 0.035)
   bool refine = true;       ///< scan-to-submap alignment must accept the place too, and gives the closure's measurement
