@@ -103,6 +103,7 @@ for room in core odometry registration slam simulator; do
   case " ${rooms[*]} " in *" $room "*) threaded="$threaded $room" ;; esac
 done
 [ "$mode" = quick ] && export CHAINSLAM_QUICK=1
+[ "$mode" = full ] && export CHAINSLAM_FULL=1
 
 common=(-DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_FLAGS_RELEASE=-O2 -DCHAINSLAM_BUILD_BENCH=OFF)
 configure_and_build gcc "g++, -O2" "$programs" "${common[@]}" -DCMAKE_CXX_COMPILER=g++

@@ -10,9 +10,12 @@
 #include "chainslam/cloud/transform.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/random.hpp"
+#include "chainslam/features/normals.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/lie/umeyama.hpp"
+#include "chainslam/registration/icp.hpp"
+#include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "program/run_program.hpp"
 #include "support/real_data.hpp"
@@ -102,14 +105,17 @@ SE3d read_matrix(const fs::path& path) {
   return SE3d::from_matrix(matrix);
 }
 
-/// Fits a session's keyframes to the reference's poses of it. @returns T_map_reference.
+/// Fits a session's keyframes to the reference's poses of it, positions and attitudes: what is fitted are the corners
+/// of a tripod of 10 m at each pose. @returns T_map_reference.
 SE3d fitted(const SlamMap& map, std::size_t session, const std::vector<SE3d>& reference) {
   std::vector<Eigen::Vector3d> source, target;
-  for (Index i = 0; i < map.sessions[session].keyframes; ++i) {
-    source.push_back(reference[static_cast<std::size_t>(i)].translation());
-    target.push_back(
-        map.keyframes[static_cast<std::size_t>(map.sessions[session].first_keyframe + i)].T_map_body.translation());
-  }
+  for (Index i = 0; i < map.sessions[session].keyframes; ++i)
+    for (Eigen::Index axis = 0; axis < 4; ++axis) {
+      const Eigen::Vector3d corner = axis == 3 ? Eigen::Vector3d::Zero() : 10 * Eigen::Vector3d::Unit(axis);
+      source.push_back(reference[static_cast<std::size_t>(i)] * corner);
+      target.push_back(map.keyframes[static_cast<std::size_t>(map.sessions[session].first_keyframe + i)].T_map_body *
+                       corner);
+    }
   const Sim3d fit = umeyama(source, target, false).value();
   return SE3d(fit.rotation(), fit.translation());
 }
@@ -123,6 +129,17 @@ PointCloud<float> points_of(const SlamMap& map, std::size_t session) {
   }
   return voxel_downsample(points, 0.1);
 }
+
+/// How far one session's points have to be moved to lie best on the other's.
+SE3d misalignment(const SlamMap& map) {
+  PointCloud<float> first = points_of(map, 0);
+  estimate_normals(first, NormalOptions{.neighbors = 12, .radius = 1.0}, Eigen::Vector3d::Zero(), Serial{});
+  const IndexedCloud<> target(std::move(first));
+  const Icp<PointToPlane, GemanMcClure> icp{.max_iterations = 100, .max_distance = 0.5, .kernel = {.width = 0.2}};
+  return icp.align(points_of(map, 1), target, SE3d()).T_target_source;
+}
+
+double in_degrees(const SE3d& T) { return T.rotation().log().norm() * 180 / std::numbers::pi; }
 
 /// Mean distance, metres, from one session's points to the other's nearest, where both have seen something.
 double thickness(const SlamMap& map) {
@@ -167,14 +184,19 @@ TEST_SUITE("program/sessions") {
     const SE3d T_map_1 = fitted(map, 0, read_kitti_poses(*data / "session1" / "optimized_poses.txt").poses);
     const SE3d T_map_2 = fitted(map, 1, read_kitti_poses(*data / "session2" / "optimized_poses.txt").poses);
     const SE3d error = T_1_2.inverse() * T_map_1.inverse() * T_map_2;
-    const double degrees = error.rotation().log().norm() * 180 / std::numbers::pi;
+    const SE3d between = misalignment(map);
     const SlamMap unchained = load_map(scratch.path() / "unchained" / "map.cslam").map;
     std::printf(
-        "FIGURE hku, session 2 on session 1: T_1_2 off by %.3f m, %.2f deg; %d chained closures; between the "
-        "maps %.4f m chained, %.4f m unchained; back end per keyframe %s\n",
-        error.translation().norm(), degrees, accepted(summary, "chained"), thickness(map), thickness(unchained),
+        "FIGURE hku, session 2 on session 1: T_1_2 off by %.3f m, %.2f deg; maps off by %.3f m, %.2f deg, %.4f m "
+        "apart chained, %.4f m unchained; %d chained closures; back end per keyframe %s\n",
+        error.translation().norm(), in_degrees(error), between.translation().norm(), in_degrees(between),
+        thickness(map), thickness(unchained), accepted(summary, "chained"),
         summary["back_end"]["per_keyframe"].dump().c_str());
-    CHECK(error.translation().norm() < 0.15);
-    CHECK(degrees < 1.0);
+    // The reference lies between maps that the recorder's poses bend by 0.1 m: with ours the same points fit more
+    // sharply. So it is a loose bound, and that the two sessions' own points lie on each other is the tight one.
+    CHECK(error.translation().norm() < 0.2);
+    CHECK(in_degrees(error) < 1.0);
+    CHECK(between.translation().norm() < 0.05);
+    CHECK(in_degrees(between) < 0.2);
   }
 }
