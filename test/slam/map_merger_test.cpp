@@ -304,7 +304,7 @@ TEST_SUITE("slam/map_merger") {
 
   TEST_CASE("whatever is wrong, frames are joined by places that agree and keep their distance, or not at all") {
     for_all(100, [](Rng& rng, int) {
-      Sessions sessions(2, Rng(rng.uniform_index(1000)));
+      Sessions sessions(2, rng);
       Index right = 0;
       for (Index query = 40; query < 80; query += 2 + static_cast<Index>(rng.uniform_index(4))) {
         const bool wrong = rng.uniform() < 0.7;
