@@ -270,7 +270,7 @@ TEST_SUITE("io/map_format") {
           scan.resize(raw);
           REQUIRE(ZSTD_decompress(scan.data(), raw, file.data() + payload, stored) == raw);
         }
-        const auto unsigned_at = [&](std::size_t i) { return static_cast<unsigned char>(scan[i]); };
+        const auto unsigned_at = [&](std::size_t i) -> unsigned { return static_cast<unsigned char>(scan[i]); };
         const std::size_t n = map.keyframes[0].cloud->size();
         REQUIRE(scan.size() == 32 + 6 * n);
         for (std::size_t axis = 0; axis < 3; ++axis) {
