@@ -26,7 +26,6 @@ using test::translation_error;
 using test::way_round;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double degree = 0.017453292519943295;
 
 const LoopCloserOptions small_submaps{.submap = {.radius = 6}};
 
