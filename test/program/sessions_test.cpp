@@ -110,8 +110,8 @@ SE3d read_matrix(const fs::path& path) {
 SE3d fitted(const SlamMap& map, std::size_t session, const std::vector<SE3d>& reference) {
   std::vector<Eigen::Vector3d> source, target;
   for (Index i = 0; i < map.sessions[session].keyframes; ++i)
-    for (Eigen::Index axis = 0; axis < 4; ++axis) {
-      const Eigen::Vector3d corner = axis == 3 ? Eigen::Vector3d::Zero() : 10 * Eigen::Vector3d::Unit(axis);
+    for (const Eigen::Vector3d& corner :
+         {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(10, 0, 0), Eigen::Vector3d(0, 10, 0), Eigen::Vector3d(0, 0, 10)}) {
       source.push_back(reference[static_cast<std::size_t>(i)] * corner);
       target.push_back(map.keyframes[static_cast<std::size_t>(map.sessions[session].first_keyframe + i)].T_map_body *
                        corner);
