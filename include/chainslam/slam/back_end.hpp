@@ -185,13 +185,14 @@ class BackEnd {
         graph_.refuse(closure);
         continue;
       }
-      accepted = true;
       closure_graph_.resize(to_index(map().keyframes.size()));
+      if (closure_graph_.connected(closure.from.value, closure.to.value)) continue;  // a merge has measured it already
       std::vector<LoopClosure> chained;
       if (chain)
         chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
       counts_.alignments += to_index(chained.size());
       const Index position = accept(closure);
+      accepted = true;
       for (LoopClosure& one : chained) {
         one.cause = position;
         if (one.verdict == ClosureVerdict::accepted)
@@ -227,6 +228,8 @@ class BackEnd {
     const Keyframe& i = keyframe(newest.to);
     const SE3d T_there_here = j.T_map_body * newest.T_from_to * i.T_map_body.inverse();
     const SessionId here = graph_.frame(i), there = graph_.frame(j);
+    std::vector<bool> joined;
+    for (const Session& session : map().sessions) joined.push_back(session.frame == there);
     if (there < here)  // the earlier frame stays
       graph_.join(there, here, T_there_here);
     else
@@ -235,21 +238,20 @@ class BackEnd {
     Index position = -1;
     for (const LoopClosure& closure : closures) position = accept(closure);
     optimise();
-    recheck(position, executor);
+    recheck(joined, position, executor);
   }
 
-  /// Direct and chained closures of the whole current session with earlier ones, after both came into one frame.
+  /// Direct and chained closures of the whole current session with those that have come into its frame.
   template <Executor E>
-  void recheck(Index cause, const E& executor) {
+  void recheck(const std::vector<bool>& joined, Index cause, const E& executor) {
     double travelled = options_.recheck_travel;
     const Session current = session();
-    PositionIndex earlier;
-    const auto index_earlier = [&] {
-      earlier.rebuild(map().keyframes, [&](const Keyframe& one) {
-        return one.session < current.id && graph_.frame(one) == current.frame;
-      });
+    PositionIndex others;
+    const auto index_others = [&] {
+      others.rebuild(map().keyframes,
+                     [&](const Keyframe& one) { return joined[static_cast<std::size_t>(one.session.value)]; });
     };
-    index_earlier();
+    index_others();
     for (Index i = current.first_keyframe; i < current.end_keyframe(); ++i) {
       if (i > current.first_keyframe)
         travelled += (keyframe(KeyframeId{i - 1}).T_odom_body.inverse() * keyframe(KeyframeId{i}).T_odom_body)
@@ -257,11 +259,11 @@ class BackEnd {
                          .norm();
       if (travelled < options_.recheck_travel) continue;
       travelled = 0;
-      if (!take(closer_.search(map().keyframes, earlier, KeyframeId{i}, executor), cause, options_.chain_in_recheck,
+      if (!take(closer_.search(map().keyframes, others, KeyframeId{i}, executor), cause, options_.chain_in_recheck,
                 executor))
         continue;
       optimise();
-      index_earlier();
+      index_others();
     }
   }
 

@@ -86,8 +86,10 @@ class ChainedCloser {
       if (options_.max_alignments > 0 && to_index(tried.size()) >= options_.max_alignments) break;
       LoopClosure closure = closer.align(keyframes, candidate.id, direct.to, candidate.guess, executor);
       closure.kind = ClosureKind::chained;
-      if (closure.verdict == ClosureVerdict::accepted && contradicts(closure, candidate.guess))
+      if (closure.verdict == ClosureVerdict::accepted && contradicts(closure, candidate.guess)) {
         closure.verdict = ClosureVerdict::inconsistent;
+        closure.sqrt_information.setZero();
+      }
       tried.push_back(closure);
     }
     share_information(direct, tried);
