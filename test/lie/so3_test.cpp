@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <vector>
 
@@ -78,6 +79,19 @@ TEST_SUITE("lie/so3") {
         CHECK(static_cast<double>((R - reference_matrix(exact_axis, exact_angle)).norm()) < few_epsilon<Scalar>);
       }
     }
+  }
+
+  TEST_CASE_TEMPLATE("turns one direction into another by the least angle", Scalar, float, double) {
+    using Vector3 = typename SO3<Scalar>::Vector3;
+    const Scalar rounding = 16 * std::numeric_limits<Scalar>::epsilon();
+    for (const Vector3l& a : axes())
+      for (const Vector3l& b : axes()) {
+        const Vector3 from = a.cast<Scalar>(), to = (2 * b).cast<Scalar>();
+        const SO3<Scalar> R = SO3<Scalar>::between(from, to);
+        CHECK((R * from.normalized() - to.normalized()).norm() < rounding);
+        const Scalar angle = std::atan2(from.cross(to).norm(), from.dot(to));
+        CHECK(R.log().norm() == doctest::Approx(static_cast<double>(angle)).epsilon(static_cast<double>(rounding)));
+      }
   }
 
   TEST_CASE_TEMPLATE("log gives every angle back with all its digits", Scalar, float, double) {

@@ -44,6 +44,22 @@ class SO3 {
   /// digits at any angle. Exact for rotations; a matrix off by e gives a rotation within O(e).
   [[nodiscard]] static SO3 from_matrix(const Matrix3& R);
 
+  /// The least rotation that turns the direction of `from` into that of `to`; half a turn about some axis across them
+  /// where they are opposite. Neither may be zero.
+  [[nodiscard]] static SO3 between(const Vector3& from, const Vector3& to) {
+    const Vector3 a = from.normalized(), b = to.normalized();
+    const Vector3 half_way = a + b;
+    if (!(half_way.squaredNorm() > std::numeric_limits<Scalar>::epsilon())) {
+      Eigen::Index least = 0;
+      a.cwiseAbs().minCoeff(&least);
+      const Vector3 across = a.cross(Vector3::Unit(least)).normalized();
+      return from_quaternion(Quaternion(Scalar(0), across.x(), across.y(), across.z()));
+    }
+    const Vector3 h = half_way.normalized();
+    const Vector3 axis = a.cross(h);
+    return from_quaternion(Quaternion(a.dot(h), axis.x(), axis.y(), axis.z()));
+  }
+
   /// Turns by |w| about w.
   [[nodiscard]] static SO3 exp(const Tangent& w) {
     const Scalar quarter = w.squaredNorm() * detail::constant<Scalar>(0.25L);

@@ -58,7 +58,7 @@ struct ImuInitializer {
 
 /// The attitude without yaw in which `up_body` points up: the shortest rotation R_odom_body with R_odom_body * up = +z.
 [[nodiscard]] inline SO3d gravity_aligned(const Eigen::Vector3d& up_body) {
-  return SO3d::from_quaternion(Eigen::Quaterniond::FromTwoVectors(up_body, Eigen::Vector3d::UnitZ()));
+  return SO3d::between(up_body, Eigen::Vector3d::UnitZ());
 }
 
 }  // namespace chainslam
