@@ -1,0 +1,8 @@
+#pragma once
+
+// What nearly every verb includes, and what takes longest to read.
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "../precompiled.hpp"
+#include "options.hpp"

@@ -1,0 +1,5 @@
+#pragma once
+
+#include "../precompiled.hpp"
+
+#include "chainslam/slam/back_end.hpp"
