@@ -33,12 +33,12 @@ struct ChainOptions {
   bool through_current_session = true;
   /// Keyframes on each side of j whose closures count as j's: the scan was aligned to all of their scans. 0: j alone
   /// (the paper), which seldom meets the same keyframe twice unless closures fuse the whole map into one component.
-  Index reach = 5;
+  Index reach = 4;
   /// Where an alignment starts: the direct closure carried over to k by the map, or what the graph thinks of i (the
   /// paper). The drift of the current session is gone from the first.
   bool guess_through_chain = true;
   double max_distance = 20.0;    ///< metres between i and k, as guessed: beyond, they share no view; 0: any (the paper)
-  Index min_separation = 10;     ///< keyframes between two partners of one session, whose submaps are largely the same
+  Index min_separation = 5;      ///< keyframes between two partners of one session: nearer, they see much the same
   Index max_alignments = 10;     ///< for one direct closure; 0: all (the paper)
   double max_translation = 2.0;  ///< metres from the guess, beyond which a closure contradicts the chain; 0: any
   double max_rotation = 0.1;     ///< radians
