@@ -98,7 +98,7 @@ void require_keyframes(const MappingResult& mapping, const MapArguments& argumen
   }
 }
 
-/// Whether all sessions of a map lie in one frame.
+/// In how many frames the sessions of a map lie: 1 if all are merged.
 Index frames(const SlamMap& map) {
   return to_index(
       std::ranges::count_if(map.sessions, [](const Session& session) { return session.frame == session.id; }));
@@ -202,7 +202,8 @@ CLI::App* add_map(CLI::App& program, int& exit_code) {
   verb->footer(
       "DIR gets map.cslam (the map, to go on from with --load), report.html, map.ply, trajectory.tum and .kitti.txt,\n"
       "odometry.tum, graph.g2o, keyframes.csv, closures.csv, config.toml, summary.json and map.png; of several data\n"
-      "sets a trajectory each. Ctrl-C finishes the scan at hand and saves what there is; a second Ctrl-C stops at once,\n"
+      "sets a trajectory each. Ctrl-C finishes the scan at hand and saves what there is; a second Ctrl-C stops at "
+      "once,\n"
       "and so may a crash: `chainslam recover DIR.partial/map.cslam.partial` then has all but the last keyframe.\n"
       "`chainslam config --print` shows everything that can be configured.");
   verb->add_option("DATA", arguments->data, "folders of data sets, one session each (see chainslam inspect)")
