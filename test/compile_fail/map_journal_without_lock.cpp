@@ -1,5 +1,5 @@
-// expect: MapJournal: Files needs `int sync_data(int file)` and `int lock(int file)` beside what BasicAtomicFile's System has
-// A file system that cannot keep two writers apart.
+// expect: MapJournal: Files needs `int sync_data(int file)` and `int lock(int file)` beside what BasicAtomicFile's
+// System has A file system that cannot keep two writers apart.
 #include "chainslam/io/map_journal.hpp"
 
 #ifdef CHAINSLAM_RIGHT

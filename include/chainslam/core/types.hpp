@@ -26,8 +26,8 @@ template <std::integral Size>
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-/// Square root R of an information matrix, R^T R = information, as stored in factors, maps and files: its layout depends
-/// on no compiler flag. Directions without information are allowed.
+/// Square root R of an information matrix, R^T R = information, as stored in factors, maps and files: its layout
+/// depends on no compiler flag. Directions without information are allowed.
 template <int Dof>
 using SqrtInformation = Eigen::Matrix<double, Dof, Dof, Eigen::DontAlign>;
 
