@@ -5,12 +5,14 @@
 #include <algorithm>
 #include <vector>
 
+#include "slam/scripted.hpp"
 #include "slam/street.hpp"
 #include "support/property.hpp"
 
 namespace chainslam {
 namespace {
 
+using test::farthest_apart;
 using test::for_all;
 using test::keyframe_at;
 using test::random_motion;
@@ -72,14 +74,6 @@ struct RandomSessions {
                                   random_keyframe(rng, b.first_keyframe, b.end_keyframe())));
   }
 };
-
-double farthest_apart(const SlamMap& a, const SlamMap& b) {
-  REQUIRE(a.keyframes.size() == b.keyframes.size());
-  double most = 0;
-  for (std::size_t i = 0; i < a.keyframes.size(); ++i)
-    most = std::max(most, a.keyframes[i].T_map_body.local(b.keyframes[i].T_map_body).norm());
-  return most;
-}
 
 }  // namespace
 

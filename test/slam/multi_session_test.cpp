@@ -14,6 +14,7 @@ namespace chainslam {
 namespace {
 
 using test::drifting;
+using test::farthest_apart;
 using test::keyframe_at;
 using test::Place;
 using test::random_motion;
@@ -128,14 +129,6 @@ std::vector<Index> frames(const SlamMap& map) {
   std::vector<Index> values;
   for (const Session& session : map.sessions) values.push_back(session.frame.value);
   return values;
-}
-
-double farthest_apart(const SlamMap& a, const SlamMap& b) {
-  REQUIRE(a.keyframes.size() == b.keyframes.size());
-  double most = 0;
-  for (std::size_t i = 0; i < a.keyframes.size(); ++i)
-    most = std::max(most, a.keyframes[i].T_map_body.local(b.keyframes[i].T_map_body).norm());
-  return most;
 }
 
 }  // namespace

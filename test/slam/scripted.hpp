@@ -1,5 +1,7 @@
 #pragma once
 
+#include <doctest/doctest.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cstddef>
@@ -138,5 +140,14 @@ struct ScriptedRegistration {
     return result;
   }
 };
+
+/// The largest difference between two maps' poses of one keyframe: the norm of its tangent, metres and radians.
+[[nodiscard]] inline double farthest_apart(const SlamMap& a, const SlamMap& b) {
+  REQUIRE(a.keyframes.size() == b.keyframes.size());
+  double most = 0;
+  for (std::size_t i = 0; i < a.keyframes.size(); ++i)
+    most = std::max(most, a.keyframes[i].T_map_body.local(b.keyframes[i].T_map_body).norm());
+  return most;
+}
 
 }  // namespace chainslam::test
