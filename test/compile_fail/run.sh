@@ -64,6 +64,11 @@ for case in compiles other_words never_right; do
 done
 
 for compiler in "${compilers[@]}"; do
-  for file in "$here"/*.cpp; do report "$compiler $(basename "$file" .cpp)" "$(verdict "$compiler" "$file")"; done
+  for file in "$here"/*.cpp; do
+    while [ "$(jobs -rp | wc -l)" -ge "${CHAINSLAM_JOBS:-$(nproc)}" ]; do wait -n || true; done
+    verdict "$compiler" "$file" >"$scratch/$compiler $(basename "$file" .cpp).verdict" &
+  done
 done
+wait
+for file in "$scratch"/*.verdict; do report "$(basename "$file" .verdict)" "$(<"$file")"; done
 [ "$failed" -eq 0 ]

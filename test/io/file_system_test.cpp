@@ -55,8 +55,6 @@ class FaultyFileSystem {
 static_assert(FileSystem<FaultyFileSystem>);
 static_assert(!FileSystem<int>);
 
-using Operation = FaultyFileSystem::Operation;
-
 std::string write_faulty(const std::filesystem::path& path, const FaultyFileSystem& system) {
   return io_error([&] {
     BasicAtomicFile<FaultyFileSystem> file(path, system);
@@ -91,6 +89,7 @@ TEST_SUITE("io/file_system") {
   }
 
   TEST_CASE("the old file stays whole whichever write, sync, close or rename fails") {
+    using Operation = FaultyFileSystem::Operation;
     for (const Operation operation :
          {Operation::create, Operation::write, Operation::sync, Operation::close, Operation::rename})
       for (const int countdown : {0, 1, 57}) {
@@ -109,6 +108,7 @@ TEST_SUITE("io/file_system") {
   }
 
   TEST_CASE("a folder that cannot be synced is reported, and the file is there") {
+    using Operation = FaultyFileSystem::Operation;
     const TemporaryFolder folder;
     CHECK(says(write_faulty(folder / "map", {Operation::sync_directory, 0, EIO}), "power cut"));
     CHECK(read_bytes(folder / "map").size() == 210'000);
@@ -116,6 +116,7 @@ TEST_SUITE("io/file_system") {
   }
 
   TEST_CASE("a full disk is named, also when the write sets no error number") {
+    using Operation = FaultyFileSystem::Operation;
     const TemporaryFolder folder;
     for (const int error : {ENOSPC, 0}) {
       const std::string words = write_faulty(folder / "map", {Operation::write, 3, error});
@@ -135,6 +136,7 @@ TEST_SUITE("io/file_system") {
   }
 
   TEST_CASE("an interrupted write goes on") {
+    using Operation = FaultyFileSystem::Operation;
     const TemporaryFolder folder;
     CHECK(write_faulty(folder / "map", {Operation::write, 5, EINTR}).empty());
     CHECK(read_bytes(folder / "map") == std::string(210'000, 'n'));

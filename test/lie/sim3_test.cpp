@@ -14,7 +14,7 @@ using Vector7l = Eigen::Matrix<long double, 7, 1>;
 using Matrix7l = Eigen::Matrix<long double, 7, 7>;
 
 /// sum ad(xi)^n / (n + 1)! in long double, with more terms than |xi| <= 8 needs.
-Matrix7l reference_left_jacobian(const Vector7l& xi) {
+Matrix7l reference_left_jacobian_7(const Vector7l& xi) {
   Matrix7l ad = Matrix7l::Zero();
   ad.topLeftCorner<3, 3>() = chainslam::detail::hat3<long double>(xi.segment<3>(3));
   ad.topLeftCorner<3, 3>().diagonal().array() += xi[6];
@@ -43,7 +43,7 @@ TEST_SUITE("lie/sim3") {
         CAPTURE(sigma);
         Sim3d::Tangent xi;
         xi << 0.7, 1.5, -2.0, angle * axis, sigma;
-        const Sim3d::Jacobian exact = reference_left_jacobian(xi.cast<long double>()).cast<double>();
+        const Sim3d::Jacobian exact = reference_left_jacobian_7(xi.cast<long double>()).cast<double>();
         const double size = exact.norm();
         // exp's translation is the Jacobian's first block times the tangent's.
         const Eigen::Vector3d translation = exact.topLeftCorner<3, 3>() * xi.head<3>();

@@ -5,16 +5,10 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
+#include "odometry/imu_samples.hpp"
 
 using namespace chainslam;
-
-namespace {
-
-ImuSample sample_at(double t, const Eigen::Vector3d& gyro, const Eigen::Vector3d& accel = {0, 0, 9.81}) {
-  return {.time = Timestamp::from_seconds(t), .gyro = gyro, .accel = accel};
-}
-
-}  // namespace
+using chainslam::test::sample_at;
 
 TEST_SUITE("odometry/imu_initializer") {
   TEST_CASE("a standstill tells gravity's direction and the bias, in any unit of acceleration") {

@@ -5,18 +5,16 @@
 #include <cmath>
 #include <limits>
 
+#include "odometry/imu_samples.hpp"
 #include "support/property.hpp"
 
 using namespace chainslam;
+using chainslam::test::angle_between;
+using chainslam::test::at;
 using chainslam::test::for_all;
+using chainslam::test::sample_at;
 
 namespace {
-
-ImuSample sample_at(double t, const Eigen::Vector3d& gyro, const Eigen::Vector3d& accel = {0, 0, 9.81}) {
-  return {.time = Timestamp::from_seconds(t), .gyro = gyro, .accel = accel};
-}
-
-Timestamp at(double t) { return Timestamp::from_seconds(t); }
 
 /// A rate that turns its own axis: the integral has no closed form and coning matters.
 Eigen::Vector3d coning_rate(double t) {
@@ -30,8 +28,6 @@ SO3d integrated_finely(double from, double to) {
   for (int i = 0; i < steps; ++i) R = R * SO3d::exp(h * coning_rate(from + (i + 0.5) * h));
   return R;
 }
-
-double angle_between(const SO3d& a, const SO3d& b) { return (a.inverse() * b).log().norm(); }
 
 }  // namespace
 

@@ -4,19 +4,12 @@
 
 #include <cmath>
 
+#include "odometry/imu_samples.hpp"
+
 using namespace chainslam;
-
-namespace {
-
-ImuSample sample_at(double t, const Eigen::Vector3d& gyro, const Eigen::Vector3d& accel = {0, 0, 9.81}) {
-  return {.time = Timestamp::from_seconds(t), .gyro = gyro, .accel = accel};
-}
-
-Timestamp at(double t) { return Timestamp::from_seconds(t); }
-
-double angle_between(const SO3d& a, const SO3d& b) { return (a.inverse() * b).log().norm(); }
-
-}  // namespace
+using chainslam::test::angle_between;
+using chainslam::test::at;
+using chainslam::test::sample_at;
 
 TEST_SUITE("odometry/motion_predictor") {
   TEST_CASE("a steady motion is continued, and is not known after a pause") {

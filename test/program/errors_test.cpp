@@ -10,8 +10,6 @@ namespace {
 
 using namespace chainslam::test;
 
-bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
-
 /// An error is three lines: what and where, what was found, what to do.
 void check_error(const ProgramResult& result, int exit_code, const std::string& names) {
   CAPTURE(result.errors);

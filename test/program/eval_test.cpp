@@ -10,10 +10,6 @@ using namespace chainslam::test;
 
 namespace {
 
-std::string quoted(const fs::path& path) { return "'" + path.string() + "'"; }
-
-bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
-
 /// What `eval` writes as JSON; the run must end well.
 nlohmann::json evaluate(const ScratchFolder& scratch, const std::string& arguments) {
   const fs::path json = scratch.path() / "eval.json";

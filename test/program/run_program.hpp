@@ -20,6 +20,10 @@ inline std::string read_text(const fs::path& path) {
 
 inline void write_text(const fs::path& path, const std::string& text) { std::ofstream(path, std::ios::binary) << text; }
 
+inline std::string quoted(const fs::path& path) { return "'" + path.string() + "'"; }
+
+inline bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+
 /// An empty folder of its own, removed at the end.
 class ScratchFolder {
  public:
@@ -58,6 +62,11 @@ inline ProgramResult run_program(const fs::path& scratch, const std::string& arg
 }
 
 inline nlohmann::json summary_of(const fs::path& map) { return nlohmann::json::parse(read_text(map / "summary.json")); }
+
+/// The root mean square of a translational error of `odometry`, `optimised`, ... as a run's summary states it, metres.
+inline double rmse(const nlohmann::json& summary, const char* which, const char* metric = "ape") {
+  return summary["errors"][which][metric]["translation"]["rmse"].get<double>();
+}
 
 /// Long runs stay with the fast build: test/run.sh sets CHAINSLAM_QUICK under sanitizers and for --quick.
 inline bool quick() { return std::getenv("CHAINSLAM_QUICK") != nullptr; }

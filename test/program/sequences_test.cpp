@@ -21,8 +21,6 @@ void figure(const char* name, double value, const char* unit) {
   std::printf("FIGURE %-60s %.4g %s\n", name, value, unit);
 }
 
-std::string quoted(const fs::path& path) { return "'" + path.string() + "'"; }
-
 /// Maps a data set and returns the folder of results.
 fs::path map(const ScratchFolder& scratch, const fs::path& data, const std::string& name,
              const std::string& options = "") {
@@ -32,10 +30,6 @@ fs::path map(const ScratchFolder& scratch, const fs::path& data, const std::stri
   CAPTURE(result.errors);
   REQUIRE(result.exit_code == 0);
   return out;
-}
-
-double rmse(const nlohmann::json& summary, const char* which) {
-  return summary["errors"][which]["ape"]["translation"]["rmse"].get<double>();
 }
 
 void figures_of_run(const char* name, const nlohmann::json& summary) {

@@ -27,8 +27,6 @@ namespace {
 using namespace chainslam;
 using namespace chainslam::test;
 
-std::string quoted(const fs::path& path) { return "'" + path.string() + "'"; }
-
 nlohmann::json mapped(const ScratchFolder& scratch, const std::string& data, const fs::path& out,
                       const std::string& options = "") {
   const ProgramResult result = run_program(scratch.path(), "map " + data + " --out " + quoted(out) + " " + options);
@@ -39,10 +37,6 @@ nlohmann::json mapped(const ScratchFolder& scratch, const std::string& data, con
 }
 
 Index accepted(const nlohmann::json& summary, const char* kind) { return summary["closures"][kind].get<Index>(); }
-
-double rmse(const nlohmann::json& summary, const char* which, const char* metric = "ape") {
-  return summary["errors"][which][metric]["translation"]["rmse"].get<double>();
-}
 
 /// Three simulated drives through one town, mapped into one with and without chaining.
 void map_town(unsigned seed) {

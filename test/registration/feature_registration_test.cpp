@@ -8,6 +8,7 @@
 
 #include "chainslam/core/thread_pool.hpp"
 #include "registration/scenes.hpp"
+#include "support/numbers.hpp"
 #include "support/property.hpp"
 
 namespace chainslam::test {
@@ -17,8 +18,6 @@ static_assert(GlobalRegistration<FeatureRegistration<>, std::vector<Eigen::Vecto
 static_assert(!GlobalRegistration<Ransac, PointCloud<float>, PointCloud<float>>);
 struct Nothing {};
 static_assert(ConsensusEstimator<Ransac> && !ConsensusEstimator<Nothing>);
-
-constexpr double degree = std::numbers::pi / 180;
 
 /// For a yard 20 m wide. It is bare: of twenty matches one is right, which takes more than the usual hypotheses.
 FeatureRegistration<> small_scale() {

@@ -19,12 +19,11 @@
 #include "chainslam/map/submap.hpp"
 #include "chainslam/registration/feature_registration.hpp"
 #include "registration/scenes.hpp"
+#include "support/numbers.hpp"
 #include "support/real_data.hpp"
 
 namespace chainslam::test {
 namespace {
-
-constexpr double degree = std::numbers::pi / 180;
 
 /// The range of figures over pairs of one kind, and how many were found.
 struct Figures {

@@ -9,6 +9,7 @@
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "registration/scenes.hpp"
+#include "support/numbers.hpp"
 #include "support/property.hpp"
 
 namespace chainslam::test {
@@ -36,8 +37,6 @@ MatchedScene scene(Rng& rng, Index count, double wrong_share, double noise) {
 GlobalAlignResult align(const Ransac& ransac, const MatchedScene& made) {
   return ransac.align(made.source, KdTree<float>(made.target), made.matches);
 }
-
-constexpr double degree = std::numbers::pi / 180;
 
 }  // namespace
 

@@ -10,12 +10,11 @@
 #include "chainslam/registration/icp.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "registration/scenes.hpp"
+#include "support/numbers.hpp"
 #include "support/real_data.hpp"
 
 namespace chainslam::test {
 namespace {
-
-constexpr double degree = std::numbers::pi / 180;
 
 IndexedCloud<> oriented(const PointCloud<float>& scan, double voxel_size) {
   PointCloud<float> cloud = voxel_downsample(scan, voxel_size);

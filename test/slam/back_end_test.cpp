@@ -14,18 +14,18 @@
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "slam/street.hpp"
+#include "support/numbers.hpp"
 
 namespace chainslam {
 namespace {
 
 using test::drifting;
 using test::keyframe_at;
+using test::nan;
 using test::rotation_error;
 using test::Street;
 using test::translation_error;
 using test::way_round;
-
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 const LoopCloserOptions small_submaps{.submap = {.radius = 6}};
 

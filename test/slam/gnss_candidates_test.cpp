@@ -9,6 +9,7 @@
 
 #include "slam/scripted.hpp"
 #include "slam/street.hpp"
+#include "support/numbers.hpp"
 #include "support/property.hpp"
 
 namespace chainslam {
@@ -16,8 +17,7 @@ namespace {
 
 using test::fix_at;
 using test::for_all;
-
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+using test::nan;
 
 /// Appends a keyframe of the newest session, with a fix at these metres east, north and up.
 Index put(SlamMap& map, const Eigen::Vector3d& p_local, double sigma = 1.0) {

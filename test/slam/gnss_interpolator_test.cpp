@@ -4,11 +4,12 @@
 
 #include <limits>
 #include <map>
+#include "support/numbers.hpp"
 
 namespace chainslam {
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+using test::nan;
 
 GnssFix fix_at(double time, const Eigen::Vector3d& position, GnssQuality quality = GnssQuality::three_dimensional,
                double variance = 1) {

@@ -9,17 +9,17 @@
 #include <vector>
 
 #include "slam/street.hpp"
+#include "support/numbers.hpp"
 
 namespace chainslam {
 namespace {
 
+using test::degree;
+using test::nan;
 using test::rotation_error;
 using test::Street;
 using test::translation_error;
 using test::way_round;
-
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double degree = 0.017453292519943295;
 
 const LoopCloserOptions small_submaps{.submap = {.radius = 6}};
 

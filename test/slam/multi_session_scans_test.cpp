@@ -8,15 +8,16 @@
 #include "chainslam/slam/back_end.hpp"
 #include "slam/scripted.hpp"
 #include "slam/street.hpp"
+#include "support/numbers.hpp"
 
 namespace chainslam {
 namespace {
 
+using test::degree;
 using test::rotation_error;
 using test::translation_error;
 
-constexpr double degree = 0.017453292519943295;
-constexpr Index each = 24;  ///< keyframes of a session, two metres apart
+constexpr Index scans_each = 24;  ///< keyframes of a session, two metres apart
 
 /// Drives along two sides of one block, in scans: each starts elsewhere, in a frame of its own, with perfect odometry.
 struct ScannedDrives {
@@ -27,16 +28,16 @@ struct ScannedDrives {
   explicit ScannedDrives(int sessions) {
     const std::vector<SE3d> round = test::way_round();
     for (int session = 0; session < sessions; ++session) {
-      for (Index i = 0; i < each; ++i)
+      for (Index i = 0; i < scans_each; ++i)
         truth.push_back(round[static_cast<std::size_t>(i + 4 * session)] * SE3d(SO3d(), {0, 0.8 * session, 0}));
-      T_world_odom.push_back(truth[static_cast<std::size_t>(session * each)]);
+      T_world_odom.push_back(truth[static_cast<std::size_t>(session * scans_each)]);
     }
   }
 
   void drive(BackEnd<>& back_end, Index session) const {
     back_end.begin_session(std::string(1, static_cast<char>('a' + session)));
-    for (Index i = 0; i < each; ++i) {
-      const auto at = static_cast<std::size_t>(session * each + i);
+    for (Index i = 0; i < scans_each; ++i) {
+      const auto at = static_cast<std::size_t>(session * scans_each + i);
       Keyframe keyframe = test::keyframe_at(i, T_world_odom[static_cast<std::size_t>(session)].inverse() * truth[at]);
       keyframe.cloud = street.scan(truth[at], Rng(1000 + at), 4000);
       back_end.add(std::move(keyframe));
@@ -62,7 +63,7 @@ TEST_SUITE("slam: several sessions in scans") {
     for (Index session = 0; session < 3; ++session) {
       CHECK(map->sessions[static_cast<std::size_t>(session)].frame == SessionId{0});
       double metres = 0, radians = 0;
-      for (Index i = session * each; i < (session + 1) * each; ++i) {
+      for (Index i = session * scans_each; i < (session + 1) * scans_each; ++i) {
         const auto at = static_cast<std::size_t>(i);
         const SE3d expected = drives.T_world_odom[0].inverse() * drives.truth[at];
         metres = std::max(metres, translation_error(expected, map->keyframes[at].T_map_body));

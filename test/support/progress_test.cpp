@@ -7,9 +7,12 @@
 #include <string>
 #include <vector>
 
+#include "support/count_text.hpp"
+
 namespace chainslam::support {
 namespace {
 
+using test::count;
 using namespace std::chrono_literals;
 
 /// A stream to a temporary file, and what was written to it.
@@ -31,12 +34,6 @@ class Capture {
  private:
   std::FILE* file_;
 };
-
-int count(const std::string& text, const std::string& part) {
-  int found = 0;
-  for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++found;
-  return found;
-}
 
 const Progress::Clock::time_point start{1h};
 

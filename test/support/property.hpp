@@ -11,16 +11,12 @@
 
 namespace chainslam::test {
 
-namespace detail {
-
 /// The one seed to run, as CHAINSLAM_TEST_SEED states it, or nothing.
 inline std::optional<std::uint64_t> seed_from_environment() {
   const char* text = std::getenv("CHAINSLAM_TEST_SEED");
   if (text == nullptr || *text == '\0') return std::nullopt;
   return std::stoull(text);
 }
-
-}  // namespace detail
 
 /// Checks a property on `count` random inputs: calls `property(Rng& rng, int size)` for the seeds 0, 1, ... A size
 /// between 1 and 100 goes with each seed, small ones first, so that the first failure is a small one.
@@ -35,7 +31,7 @@ void for_all(int count, Property&& property) {
     Rng rng(seed);
     property(rng, size);
   };
-  if (const auto seed = detail::seed_from_environment()) return run(*seed);
+  if (const auto seed = seed_from_environment()) return run(*seed);
   const int step = count >= 100 && std::getenv("CHAINSLAM_QUICK") != nullptr ? 4 : 1;
   for (int i = 0; i < count; i += step) run(static_cast<std::uint64_t>(i));
 }

@@ -17,12 +17,15 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/random.hpp"
+#include "support/count_text.hpp"
 #include "support/encoding.hpp"
 #include "support/map_picture.hpp"
 #include "support/plot.hpp"
 
 namespace chainslam::support {
 namespace {
+
+using test::count;
 
 constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 
@@ -35,12 +38,6 @@ std::string hex_of(const std::string& text) {
     result += "0123456789abcdef"[byte & 15];
   }
   return result;
-}
-
-int count(const std::string& text, const std::string& part) {
-  int found = 0;
-  for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++found;
-  return found;
 }
 
 std::string between(const std::string& text, const std::string& open, const std::string& close) {
