@@ -98,6 +98,8 @@
 #include "chainslam/registration/ransac.hpp"
 #include "chainslam/search/brute_force.hpp"
 #include "chainslam/search/concepts.hpp"
+#include "chainslam/search/downsampling.hpp"
+#include "chainslam/search/ikd_tree.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "chainslam/search/voxel_map.hpp"

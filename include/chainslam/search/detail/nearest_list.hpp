@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -12,24 +13,36 @@
 
 namespace chainslam::detail {
 
+/// The smallest value above `value`, which is not negative.
+template <class Scalar>
+[[nodiscard]] Scalar next_above(Scalar value) {
+  using Bits = std::conditional_t<sizeof(Scalar) == 4, std::uint32_t, std::uint64_t>;
+  return std::bit_cast<Scalar>(std::bit_cast<Bits>(value) + 1);
+}
+
 /// The smallest value above max_distance^2, so that `d < bound` says `d <= max_distance^2`; 0 where nothing is within.
 template <class Scalar>
 [[nodiscard]] Scalar distance_bound(Scalar max_distance) {
-  using Bits = std::conditional_t<sizeof(Scalar) == 4, std::uint32_t, std::uint64_t>;
   if (!(max_distance >= 0)) return 0;
   const Scalar squared = max_distance * max_distance;
   if (!(squared < std::numeric_limits<Scalar>::infinity())) return std::numeric_limits<Scalar>::infinity();
-  return std::bit_cast<Scalar>(std::bit_cast<Bits>(squared) + 1);
+  return next_above(squared);
+}
+
+/// The sum in the order of the axes, as all models form it.
+template <int Dim, class Scalar>
+[[nodiscard]] Scalar squared_distance(const Scalar* a, const Scalar* b) {
+  Scalar sum = 0;
+  for (int axis = 0; axis < Dim; ++axis) sum += (a[axis] - b[axis]) * (a[axis] - b[axis]);
+  return sum;
 }
 
 /// Collects the nearest points, ascending, in the caller's memory. Points with d < bound() are worth offering.
 template <class Scalar>
 class NearestList {
  public:
-  NearestList(std::span<Neighbor<Scalar>> out, Scalar max_distance)
-      : out_(out.data()),
-        capacity_(to_index(out.size(), "k")),
-        bound_(out.empty() ? 0 : distance_bound(max_distance)) {}
+  NearestList(std::span<Neighbor<Scalar>> out, Scalar bound)
+      : out_(out.data()), capacity_(to_index(out.size(), "k")), bound_(out.empty() ? 0 : bound) {}
 
   [[nodiscard]] Scalar bound() const { return bound_; }
   [[nodiscard]] Index size() const { return size_; }
@@ -47,6 +60,44 @@ class NearestList {
   Index capacity_;
   Index size_ = 0;
   Scalar bound_;
+};
+
+/// `NearestList` for a number of neighbours that the compiler knows: places not yet taken hold the bound, so that one
+/// unrolled pass of comparisons without branches puts a point where it belongs.
+template <class Scalar, int K>
+class FixedNearestList {
+ public:
+  explicit FixedNearestList(Scalar bound) {
+    distances_.fill(bound);
+    indices_.fill(-1);
+  }
+
+  [[nodiscard]] Scalar bound() const { return distances_[K - 1]; }
+
+  void offer(Index index, Scalar squared_distance) {
+    for (std::size_t i = K - 1; i > 0; --i) {
+      const bool before = squared_distance < distances_[i - 1];
+      const bool here = squared_distance < distances_[i];
+      indices_[i] = before ? indices_[i - 1] : here ? index : indices_[i];
+      distances_[i] = before ? distances_[i - 1] : here ? squared_distance : distances_[i];
+    }
+    const bool first = squared_distance < distances_[0];
+    indices_[0] = first ? index : indices_[0];
+    distances_[0] = first ? squared_distance : distances_[0];
+  }
+
+  [[nodiscard]] KNearest<Scalar, K> result() const {
+    KNearest<Scalar, K> found;
+    for (std::size_t i = 0; i < K && indices_[i] >= 0; ++i) {
+      found.neighbors[i] = {indices_[i], distances_[i]};
+      ++found.count;
+    }
+    return found;
+  }
+
+ private:
+  std::array<Scalar, K> distances_;
+  std::array<Index, K> indices_;
 };
 
 /// Collects every point within a radius.
