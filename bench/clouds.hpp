@@ -33,9 +33,13 @@ class City {
 
   /// Scan number `step`, in the city's frame, metres.
   [[nodiscard]] PointCloud<float> scan(int step) const {
-    const Eigen::Vector3d eye = position(step);
+    return scan(position(step), static_cast<std::uint64_t>(step));
+  }
+
+  /// A scan from anywhere; `stream` chooses its noise.
+  [[nodiscard]] PointCloud<float> scan(const Eigen::Vector3d& eye, std::uint64_t stream) const {
     const City around = within_range(eye);
-    Rng rng = rng_.fork(static_cast<std::uint64_t>(step));
+    Rng rng = rng_.fork(stream);
     PointCloud<float> cloud;
     for (int beam = 0; beam < 32; ++beam) {
       const double elevation = (-25.0 + 40.0 * beam / 31.0) * std::numbers::pi / 180.0;

@@ -5,9 +5,12 @@ root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 
 usage() {
   cat <<TEXT
-usage: bench/run.sh [--json FILE] [--peers] [--no-plain] [--smoke] [FILTER]
+usage: bench/run.sh [--json FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [--smoke] [FILTER]
   --json FILE   write Google Benchmark's JSON to FILE (all rooms in one)
   --peers       install PCL, Open3D and Ceres from Debian and build the comparisons with them
+  --peer NAME=PATH
+                build the comparison with sources that Debian does not have, in room search; NAME is one of
+                ikd_tree, i_octree, nanoflann (1.12 or later), small_gicp; PATH is the root of its sources
   --no-plain    leave out the second column, compiled for plain x86-64
   --smoke       each bench once, briefly: do they run?
   FILTER        a regular expression on names, for instance 'search/kd_tree'
@@ -16,12 +19,19 @@ TEXT
 }
 
 json="" peers=OFF plain=yes minimum_time=0.5 filter=""
+peer_paths=(-DCHAINSLAM_PEER_IKD_TREE= -DCHAINSLAM_PEER_I_OCTREE= -DCHAINSLAM_PEER_NANOFLANN= -DCHAINSLAM_PEER_SMALL_GICP=)
 while [ $# -gt 0 ]; do
   case "$1" in
     --json) [ $# -ge 2 ] || { usage >&2; exit 2; }; json="$2"; shift ;;
     --peers) peers=ON ;;
+    --peer)
+      [ $# -ge 2 ] || { usage >&2; exit 2; }
+      [[ "$2" =~ ^(ikd_tree|i_octree|nanoflann|small_gicp)=(.+)$ ]] || { usage >&2; echo "bench/run.sh: --peer $2: unknown peer, or no path" >&2; exit 2; }
+      [ -d "${BASH_REMATCH[2]}" ] || { echo "bench/run.sh: --peer $2: no such folder" >&2; exit 2; }
+      peer_paths+=("-DCHAINSLAM_PEER_${BASH_REMATCH[1]^^}=$(cd "${BASH_REMATCH[2]}" && pwd)")
+      shift ;;
     --no-plain) plain=no ;;
-    --smoke) minimum_time=0.001 plain=no ;;
+    --smoke) minimum_time=0.001 plain=no; export CHAINSLAM_BENCH_BRIEF=1 ;;
     -h | --help) usage; exit 0 ;;
     -*) usage >&2; echo "bench/run.sh: unknown option $1" >&2; exit 2 ;;
     *) filter="$1" ;;
@@ -52,7 +62,7 @@ if [ "$plain" = yes ]; then
   for room in "${rooms[@]}"; do targets="$targets bench_${room}_plain"; done
 fi
 configure_and_build bench "the benches, -O3" "$targets" -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
-  -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BENCH_PEERS=$peers
+  -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BENCH_PEERS=$peers "${peer_paths[@]}"
 
 results="$build/bench/results"
 rm -rf "$results" && mkdir -p "$results"

@@ -1,0 +1,96 @@
+#include <Eigen/Core>
+#include <cstdio>
+
+// It prints when its thread starts and ends.
+#define printf(...) static_cast<void>(0)
+#include <ikd_Tree.cpp>  // templates: compiled for the smallest point it has, 12 bytes
+#undef printf
+
+#include "search/peers/peers.hpp"
+
+namespace chainslam::bench {
+namespace {
+
+/// ikd-Tree (Cai, Xu and Zhang 2021) as FAST-LIO2 uses it, with its thread that rebuilds.
+class IkdTreePeer : public Structure {
+ public:
+  void build(const Points& points) override { tree_->Build(converted(points)); }
+
+  void insert(const Points& scan) override {
+    if (tree_->Root_Node == nullptr) return build(scan);
+    Tree::PointVector points = converted(scan);
+    tree_->Add_Points(points, true);
+  }
+
+  void erase(const Move& move) override {
+    std::vector<BoxPointType> boxes;
+    for (const Box& box : move.left) {
+      BoxPointType& added = boxes.emplace_back();
+      std::copy_n(box.low.data(), 3, added.vertex_min);
+      std::copy_n(box.high.data(), 3, added.vertex_max);
+    }
+    tree_->Delete_Point_Boxes(boxes);
+  }
+
+  void knn(const Points& queries, std::size_t k) override {
+    k_ = k;
+    found_.resize(queries.size());
+    for (std::size_t i = 0; i < queries.size(); ++i)
+      tree_->Nearest_Search(converted(queries[i]), static_cast<int>(k), found_[i].points, found_[i].squared);
+  }
+
+  [[nodiscard]] std::vector<float> squared_distances() const override {
+    std::vector<float> all;
+    for (const Found& found : found_) {
+      all.insert(all.end(), found.squared.begin(), found.squared.end());
+      all.resize(all.size() + k_ - found.squared.size(), std::numeric_limits<float>::infinity());
+    }
+    return all;
+  }
+
+  void drop_answers() override { found_ = {}; }
+
+  [[nodiscard]] std::size_t within(const Points& queries, float radius) override {
+    std::size_t count = 0;
+    for (const Eigen::Vector3f& query : queries) {
+      tree_->Radius_Search(converted(query), radius, near_);
+      count += near_.size();
+    }
+    return count;
+  }
+
+  [[nodiscard]] Points points() override {
+    Tree::PointVector all;
+    tree_->flatten(tree_->Root_Node, all, NOT_RECORD);
+    Points points;
+    for (const auto& p : all) points.emplace_back(p.x, p.y, p.z);
+    return points;
+  }
+
+ private:
+  using Tree = KD_TREE<ikdTree_PointType>;
+  struct Found {
+    Tree::PointVector points;
+    std::vector<float> squared;
+  };
+
+  static ikdTree_PointType converted(const Eigen::Vector3f& p) { return {p.x(), p.y(), p.z()}; }
+  static Tree::PointVector converted(const Points& points) {
+    Tree::PointVector all;
+    all.reserve(points.size());
+    for (const Eigen::Vector3f& p : points) all.push_back(converted(p));
+    return all;
+  }
+
+  // 44 MB: too large for a stack. Parameters as in FAST-LIO2.
+  std::unique_ptr<Tree> tree_ = std::make_unique<Tree>(0.5f, 0.6f, static_cast<float>(map_voxel));
+  std::vector<Found> found_;
+  Tree::PointVector near_;
+  std::size_t k_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<Structure> make_ikd_tree_peer() { return std::make_unique<IkdTreePeer>(); }
+
+}  // namespace chainslam::bench
