@@ -13,6 +13,7 @@
 #include "chainslam/io/tum.hpp"
 #include "chainslam/lie/umeyama.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
+#include "support/quick.hpp"
 #include "support/real_data.hpp"
 
 using namespace chainslam;
@@ -37,7 +38,7 @@ LidarScan read_revolution(const std::filesystem::path& path) {
 }  // namespace
 
 TEST_SUITE("odometry on a real drive") {
-  TEST_CASE("83 m of KITTI 00 from the first scan on, at speed") {
+  TEST_CASE("83 m of KITTI 00 from the first scan on, at speed" * doctest::skip(test::quick())) {
     const auto folder = test::real_data("kitti00_first101/kitti00_first101");
     if (!folder) return;
     std::vector<std::filesystem::path> files;

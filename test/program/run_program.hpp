@@ -9,6 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "support/quick.hpp"
+
 namespace chainslam::test {
 
 namespace fs = std::filesystem;
@@ -67,8 +69,5 @@ inline nlohmann::json summary_of(const fs::path& map) { return nlohmann::json::p
 inline double rmse(const nlohmann::json& summary, const char* which, const char* metric = "ape") {
   return summary["errors"][which][metric]["translation"]["rmse"].get<double>();
 }
-
-/// Long runs stay with the fast build: test/run.sh sets CHAINSLAM_QUICK under sanitizers and for --quick.
-inline bool quick() { return std::getenv("CHAINSLAM_QUICK") != nullptr; }
 
 }  // namespace chainslam::test

@@ -20,6 +20,7 @@
 #include "chainslam/registration/feature_registration.hpp"
 #include "registration/scenes.hpp"
 #include "support/numbers.hpp"
+#include "support/quick.hpp"
 #include "support/real_data.hpp"
 
 namespace chainslam::test {
@@ -135,7 +136,7 @@ TEST_SUITE("registration/real pairs without a guess") {
     CHECK(forth.putative_ratio > 0.4);
   }
 
-  TEST_CASE("submaps of KITTI 07: neighbours are found, strangers are not") {
+  TEST_CASE("submaps of KITTI 07: neighbours are found, strangers are not" * doctest::skip(quick())) {
     const auto folder = real_data("registration_pairs/gtsam_points/kitti_07_dump");
     const auto other = real_data("registration_pairs/small_gicp_outdoor");
     if (!folder || !other) return;
@@ -168,7 +169,8 @@ TEST_SUITE("registration/real pairs without a guess") {
     CHECK(far.found == 0);
   }
 
-  TEST_CASE("two walks of a courtyard: half a submap is found in a whole one, and not in another town") {
+  TEST_CASE("two walks of a courtyard: half a submap is found in a whole one, and not in another town" *
+            doctest::skip(quick())) {
     const auto folder = real_data("hku_square_two_sessions");
     const auto other = real_data("registration_pairs/gtsam_points/kitti_07_dump");
     if (!folder || !other) return;

@@ -15,6 +15,7 @@
 #include "chainslam/io/tum.hpp"
 #include "chainslam/lie/umeyama.hpp"
 #include "chainslam/slam/back_end.hpp"
+#include "support/quick.hpp"
 #include "support/real_data.hpp"
 
 // Three real drives over one campus, 15 km, months apart: real odometry and truth. Scans are not at hand, so closures
@@ -208,7 +209,8 @@ Errors errors(const char* name, const std::vector<Drive>& drives, const SlamMap&
 }  // namespace
 
 TEST_SUITE("slam/nclt_sessions") {
-  TEST_CASE("three NCLT drives become one map; closures beat odometry, and chaining does not hurt") {
+  TEST_CASE("three NCLT drives become one map; closures beat odometry, and chaining does not hurt" *
+            doctest::skip(test::quick())) {
     const auto folder = test::real_data("trajectories/nclt");
     if (!folder) return;
     const std::vector<Drive> drives = read_drives(*folder);

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "chainslam/core/random.hpp"
+#include "support/quick.hpp"
 
 namespace chainslam::test {
 
@@ -32,7 +33,7 @@ void for_all(int count, Property&& property) {
     property(rng, size);
   };
   if (const auto seed = seed_from_environment()) return run(*seed);
-  const int step = count >= 100 && std::getenv("CHAINSLAM_QUICK") != nullptr ? 4 : 1;
+  const int step = count >= 100 && quick() ? 4 : 1;
   for (int i = 0; i < count; i += step) run(static_cast<std::uint64_t>(i));
 }
 

@@ -1,0 +1,10 @@
+#pragma once
+
+#include <cstdlib>
+
+namespace chainslam::test {
+
+/// Long runs stay with the fast build: test/run.sh sets CHAINSLAM_QUICK under sanitizers and for --quick.
+inline bool quick() { return std::getenv("CHAINSLAM_QUICK") != nullptr; }
+
+}  // namespace chainslam::test
