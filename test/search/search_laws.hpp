@@ -3,8 +3,10 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -100,8 +102,8 @@ bool same_distance(Scalar a, Scalar b) {
 /// What every model of NearestNeighborSearch owes, for one query.
 ///
 /// @param limit  the model's largest search radius, infinity if it has none.
-template <class Search, class Scalar = typename Search::Scalar>
-void check_query(const Search& search, const BruteForce<Scalar>& reference, const Eigen::Matrix<Scalar, 3, 1>& query,
+template <class Search, class Scalar = typename Search::Scalar, int Dim = search_dimension<Search>>
+void check_query(const Search& search, const BruteForce<Scalar, Dim>& reference, const SearchVector<Search>& query,
                  Index k, Scalar max_distance, Scalar limit) {
   CAPTURE(query.transpose());
   CAPTURE(k);
@@ -116,7 +118,7 @@ void check_query(const Search& search, const BruteForce<Scalar>& reference, cons
   for (std::size_t i = 0; i < static_cast<std::size_t>(found); ++i) {
     CHECK(same_distance(ours[i].squared_distance, theirs[i].squared_distance));
     CHECK((i == 0 || ours[i - 1].squared_distance <= ours[i].squared_distance));
-    const Eigen::Matrix<Scalar, 3, 1> p = search.position(ours[i].index);
+    const SearchVector<Search> p = search.position(ours[i].index);
     CHECK(same_distance((p - query).squaredNorm(), ours[i].squared_distance));
     indices.insert(ours[i].index);
   }
@@ -132,9 +134,28 @@ void check_query(const Search& search, const BruteForce<Scalar>& reference, cons
   std::ranges::sort(all_theirs, nearer);
   for (std::size_t i = 0; i < all.size(); ++i) {
     CHECK(same_distance(all[i].squared_distance, all_theirs[i].squared_distance));
-    const Eigen::Matrix<Scalar, 3, 1> p = search.position(all[i].index);
+    const SearchVector<Search> p = search.position(all[i].index);
     CHECK(same_distance((p - query).squaredNorm(), all[i].squared_distance));
   }
+}
+
+/// Seeded searches and those for a fixed number answer as `knn` does, whatever the seeds.
+template <class Search>
+void check_other_searches(const Search& search, const SearchVector<Search>& query, typename Search::Scalar max_distance,
+                          std::span<const Neighbor<typename Search::Scalar>> seeds) {
+  using Scalar = typename Search::Scalar;
+  constexpr int k = 5;
+  std::array<Neighbor<Scalar>, k> plain, seeded;
+  const Index found = search.knn(query, plain, max_distance);
+  const auto check = [&](std::span<const Neighbor<Scalar>> other) {
+    REQUIRE(static_cast<Index>(other.size()) == found);
+    for (std::size_t i = 0; i < other.size(); ++i)
+      CHECK(same_distance(other[i].squared_distance, plain[i].squared_distance));
+  };
+  check(search.template knn<k>(query, max_distance).found());
+  const auto first = [&](Index count) { return std::span(seeded).first(static_cast<std::size_t>(count)); };
+  check(first(search.knn(query, seeded, max_distance, seeds)));
+  check(first(search.knn(query, seeded, max_distance, first(found))));  // from its own answer, in place
 }
 
 /// Queries of all kinds: beside the points, on them, far away; k from 0 to more than there are.
@@ -148,6 +169,10 @@ void check_queries(const Search& search, const Points<Scalar>& points, Rng& rng,
     const Eigen::Matrix<Scalar, 3, 1> beside = origin + random_point<Scalar>(rng, 6, 6, 6);
     check_query(search, reference, beside, k, infinity, limit);
     check_query(search, reference, beside, k, Scalar(rng.uniform(0, 2)), limit);
+    std::array<Neighbor<Scalar>, 5> seeds;
+    const Index found = search.knn(origin + random_point<Scalar>(rng, 6, 6, 6), seeds);
+    check_other_searches(search, beside, k < 5 ? Scalar(3) : infinity,
+                         std::span(seeds).first(static_cast<std::size_t>(found)));
     const Eigen::Matrix<Scalar, 3, 1> grid = beside.array().round();
     check_query(search, reference, grid, k, Scalar(1), limit);  // ties, and points exactly at the distance asked for
     check_query(search, reference, Eigen::Matrix<Scalar, 3, 1>(origin + random_point<Scalar>(rng, 100, 100, 100)), k,

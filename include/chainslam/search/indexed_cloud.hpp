@@ -46,6 +46,18 @@ class IndexedCloud {
     return search_.knn(query, out, max_distance);
   }
 
+  Index knn(const Vector3& query, std::span<Neighbor<Scalar>> out, Scalar max_distance,
+            std::span<const Neighbor<Scalar>> seeds) const requires SeededSearch<Search> {
+    return search_.knn(query, out, max_distance, seeds);
+  }
+
+  template <int K>
+    requires FixedSizeSearch<Search>
+  [[nodiscard]] KNearest<Scalar, K> knn(const Vector3& query,
+                                        Scalar max_distance = std::numeric_limits<Scalar>::infinity()) const {
+    return search_.template knn<K>(query, max_distance);
+  }
+
   void within(const Vector3& query, Scalar radius, std::vector<Neighbor<Scalar>>& out) const {
     search_.within(query, radius, out);
   }
@@ -54,6 +66,6 @@ class IndexedCloud {
   PointCloud<Scalar> cloud_;
   Search search_;
 };
-static_assert(OrientedSearch<IndexedCloud<>>);
+static_assert(OrientedSearch<IndexedCloud<>> && SeededSearch<IndexedCloud<>> && FixedSizeSearch<IndexedCloud<>>);
 
 }  // namespace chainslam

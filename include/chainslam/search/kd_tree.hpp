@@ -5,7 +5,6 @@
 #include <array>
 #include <cassert>
 #include <cstdint>
-#include <limits>
 #include <span>
 #include <vector>
 
@@ -13,7 +12,7 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/lanes.hpp"
-#include "chainslam/search/detail/nearest_list.hpp"
+#include "chainslam/search/detail/search_verbs.hpp"
 
 namespace chainslam {
 
@@ -27,7 +26,9 @@ namespace chainslam {
 ///
 /// Const calls may run on several threads. Indices are the cloud's.
 template <class ScalarType = float>
-class KdTree {
+class KdTree : public detail::SearchVerbs<KdTree<ScalarType>, ScalarType, 3> {
+  friend detail::SearchVerbs<KdTree, ScalarType, 3>;
+
  public:
   using Scalar = ScalarType;
   using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
@@ -43,24 +44,16 @@ class KdTree {
   /// Points left out because a coordinate is NaN or infinite.
   [[nodiscard]] Index rejected() const { return rejected_; }
 
+  /// Whether point i of the cloud is in the tree.
+  [[nodiscard]] bool contains(Index i) const {
+    return i >= 0 && static_cast<std::size_t>(i) < slot_of_point_.size() &&
+           slot_of_point_[static_cast<std::size_t>(i)] >= 0;
+  }
   /// Position of a point that is in the tree.
   [[nodiscard]] Vector3 position(Index i) const {
     const Index slot = slot_of_point_[static_cast<std::size_t>(i)];
     assert(slot >= 0);
     return leaves_[static_cast<std::size_t>(slot / leaf_size)].points.position(slot % leaf_size);
-  }
-
-  /// See `NearestNeighborSearch`. A bound in `max_distance`, such as the last match's distance, makes it faster.
-  Index knn(const Vector3& query, std::span<Neighbor<Scalar>> out,
-            Scalar max_distance = std::numeric_limits<Scalar>::infinity()) const {
-    detail::NearestList<Scalar> found(out, max_distance);
-    search(query, found);
-    return found.size();
-  }
-
-  void within(const Vector3& query, Scalar radius, std::vector<Neighbor<Scalar>>& out) const {
-    detail::RadiusList<Scalar> found(out, radius);
-    search(query, found);
   }
 
  private:
@@ -188,7 +181,7 @@ void KdTree<ScalarType>::add_leaf(std::span<const Item> items) {
   Leaf& leaf = leaves_.emplace_back();
   for (std::size_t lane = 0; lane < items.size(); ++lane) {
     const Item& item = items[lane];
-    leaf.points.set(static_cast<int>(lane), item.p[0], item.p[1], item.p[2]);
+    leaf.points.set(static_cast<int>(lane), {item.p[0], item.p[1], item.p[2]});
     leaf.indices[lane] = item.index;
     slot_of_point_[static_cast<std::size_t>(item.index)] = first_slot + static_cast<Index>(lane);
   }

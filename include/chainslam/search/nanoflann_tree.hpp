@@ -2,16 +2,14 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <nanoflann.hpp>
-#include <span>
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
-#include "chainslam/search/detail/nearest_list.hpp"
+#include "chainslam/search/detail/search_verbs.hpp"
 
 namespace chainslam {
 
@@ -56,7 +54,9 @@ class NanoflannResult {
 
 /// nanoflann's static k-d tree (Blanco and Rai 2014, BSD) behind `NearestNeighborSearch`: needs nanoflann 1.4 or newer.
 template <class ScalarType = float>
-class NanoflannTree {
+class NanoflannTree : public detail::SearchVerbs<NanoflannTree<ScalarType>, ScalarType, 3> {
+  friend detail::SearchVerbs<NanoflannTree, ScalarType, 3>;
+
  public:
   using Scalar = ScalarType;
   using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
@@ -68,19 +68,11 @@ class NanoflannTree {
 
   [[nodiscard]] std::size_t size() const { return points_->finite.size(); }
   [[nodiscard]] Index rejected() const { return static_cast<Index>(points_->positions.size() - size()); }
+  /// Whether point i of the cloud is in the tree.
+  [[nodiscard]] bool contains(Index i) const {
+    return i >= 0 && static_cast<std::size_t>(i) < points_->positions.size() && is_finite(position(i));
+  }
   [[nodiscard]] const Vector3& position(Index i) const { return points_->positions[static_cast<std::size_t>(i)]; }
-
-  Index knn(const Vector3& query, std::span<Neighbor<Scalar>> out,
-            Scalar max_distance = std::numeric_limits<Scalar>::infinity()) const {
-    detail::NearestList<Scalar> found(out, max_distance);
-    search(query, found);
-    return found.size();
-  }
-
-  void within(const Vector3& query, Scalar radius, std::vector<Neighbor<Scalar>>& out) const {
-    detail::RadiusList<Scalar> found(out, radius);
-    search(query, found);
-  }
 
  private:
   using Points = detail::NanoflannPoints<Scalar>;

@@ -15,35 +15,39 @@
 namespace chainslam::detail {
 
 /// `Count` points in columns, so that the compiler works on several at a time. Lanes not in use are infinitely far.
-template <class Scalar, int Count>
-struct alignas(64) Lanes {
+template <class Scalar, int Count, int Dim = 3>
+struct alignas(32) Lanes {
+  using Vector = Eigen::Matrix<Scalar, Dim, 1>;
+  using Column = std::array<Scalar, static_cast<std::size_t>(Count)>;
   static constexpr Scalar far = std::numeric_limits<Scalar>::infinity();
-  std::array<Scalar, Count> x = filled();
-  std::array<Scalar, Count> y = filled();
-  std::array<Scalar, Count> z = filled();
 
-  static constexpr std::array<Scalar, Count> filled() {
-    std::array<Scalar, Count> values{};
-    values.fill(far);
+  std::array<Column, static_cast<std::size_t>(Dim)> columns = filled();
+
+  static constexpr auto filled() {
+    std::array<Column, static_cast<std::size_t>(Dim)> values{};
+    for (Column& column : values) column.fill(far);
     return values;
   }
 
-  void set(int lane, Scalar px, Scalar py, Scalar pz) {
-    const auto i = static_cast<std::size_t>(lane);
-    x[i] = px;
-    y[i] = py;
-    z[i] = pz;
+  void set(int lane, const Vector& p) {
+    for (int axis = 0; axis < Dim; ++axis) at(axis, lane) = p[axis];
+  }
+  void clear(int lane) { set(lane, Vector::Constant(far)); }
+
+  [[nodiscard]] Vector position(int lane) const {
+    Vector p;
+    for (int axis = 0; axis < Dim; ++axis)
+      p[axis] = columns[static_cast<std::size_t>(axis)][static_cast<std::size_t>(lane)];
+    return p;
   }
 
-  void clear(int lane) { set(lane, far, far, far); }
-
-  [[nodiscard]] Eigen::Matrix<Scalar, 3, 1> position(int lane) const {
-    const auto i = static_cast<std::size_t>(lane);
-    return {x[i], y[i], z[i]};
+ private:
+  [[nodiscard]] Scalar& at(int axis, int lane) {
+    return columns[static_cast<std::size_t>(axis)][static_cast<std::size_t>(lane)];
   }
 };
 
-/// Bit i is set where values[i] < bound; values are 64-byte aligned.
+/// Bit i is set where values[i] < bound; values are 32-byte aligned.
 template <class Scalar, std::size_t Count>
 [[nodiscard]] std::uint32_t lanes_below(const std::array<Scalar, Count>& values, Scalar bound) {
   static_assert(Count <= 32 && Count % 4 == 0);
@@ -70,16 +74,27 @@ template <class Scalar, std::size_t Count>
   return mask;
 }
 
-/// Offers every point of `lanes` nearer than the collector's bound; `index_of(lane)` names it.
-template <class Scalar, int Count, class Collector, class IndexOf>
-void scan(const Lanes<Scalar, Count>& lanes, const Scalar* query, Collector& found, IndexOf&& index_of) {
-  alignas(64) std::array<Scalar, Count> distances;
+/// Squared distances of all lanes to a query.
+template <class Scalar, int Count, int Dim>
+void squared_distances(const Lanes<Scalar, Count, Dim>& lanes, const Scalar* query,
+                       std::array<Scalar, static_cast<std::size_t>(Count)>& distances) {
   for (std::size_t i = 0; i < Count; ++i) {
-    const Scalar dx = lanes.x[i] - query[0];
-    const Scalar dy = lanes.y[i] - query[1];
-    const Scalar dz = lanes.z[i] - query[2];
-    distances[i] = dx * dx + dy * dy + dz * dz;
+    const Scalar dx = lanes.columns[0][i] - query[0];
+    const Scalar dy = lanes.columns[1][i] - query[1];
+    if constexpr (Dim == 3) {
+      const Scalar dz = lanes.columns[2][i] - query[2];
+      distances[i] = dx * dx + dy * dy + dz * dz;
+    } else {
+      distances[i] = dx * dx + dy * dy;
+    }
   }
+}
+
+/// Offers every point of `lanes` nearer than the collector's bound; `index_of(lane)` names it.
+template <class Scalar, int Count, int Dim, class Collector, class IndexOf>
+void scan(const Lanes<Scalar, Count, Dim>& lanes, const Scalar* query, Collector& found, IndexOf&& index_of) {
+  alignas(64) std::array<Scalar, static_cast<std::size_t>(Count)> distances;
+  squared_distances(lanes, query, distances);
   for (std::uint32_t near = lanes_below(distances, found.bound()); near != 0; near &= near - 1) {
     const int lane = std::countr_zero(near);
     const Scalar distance = distances[static_cast<std::size_t>(lane)];

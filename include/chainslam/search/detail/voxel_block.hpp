@@ -10,6 +10,7 @@
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/search/detail/regions.hpp"
 
 namespace chainslam::detail {
 
@@ -17,9 +18,6 @@ namespace chainslam::detail {
 [[nodiscard]] inline double rounding_slack(double scaled) {
   return 4 * std::numeric_limits<double>::epsilon() * (std::abs(scaled) + 1);
 }
-
-/// Takes a bound below any sum of squares that float arithmetic may make of the same distance.
-inline constexpr double below_float_rounding = 1.0 - 1e-6;
 
 /// Squared distances along one axis from a query to slabs about a block; never more than to a point inside the slab.
 template <class Scalar>
@@ -145,35 +143,6 @@ class AnyNearer {
  private:
   Scalar bound_;
   bool any_ = false;
-};
-
-enum class Overlap { outside, partly, inside };
-
-template <class Scalar>
-struct BoxRegion {
-  Eigen::AlignedBox<Scalar, 3> box;
-
-  [[nodiscard]] bool contains(const Eigen::Matrix<Scalar, 3, 1>& p) const { return box.contains(p); }
-  [[nodiscard]] Overlap overlap(const Eigen::AlignedBox3d& other) const {
-    const Eigen::AlignedBox3d region = box.template cast<double>();
-    if (region.contains(other)) return Overlap::inside;
-    return region.intersects(other) ? Overlap::partly : Overlap::outside;
-  }
-};
-
-template <class Scalar>
-struct BallRegion {
-  Eigen::Matrix<Scalar, 3, 1> center;
-  Scalar bound;  ///< squared distances below it are inside
-
-  [[nodiscard]] bool contains(const Eigen::Matrix<Scalar, 3, 1>& p) const { return (p - center).squaredNorm() < bound; }
-  [[nodiscard]] Overlap overlap(const Eigen::AlignedBox3d& other) const {
-    const Eigen::Vector3d c = center.template cast<double>();
-    const Eigen::Vector3d farthest = (other.min() - c).cwiseAbs().cwiseMax((other.max() - c).cwiseAbs());
-    if (farthest.squaredNorm() * (2 - below_float_rounding) < static_cast<double>(bound)) return Overlap::inside;
-    const bool apart = other.squaredExteriorDistance(c) * below_float_rounding >= static_cast<double>(bound);
-    return apart ? Overlap::outside : Overlap::partly;
-  }
 };
 
 }  // namespace chainslam::detail

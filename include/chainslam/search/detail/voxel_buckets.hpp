@@ -12,24 +12,24 @@
 namespace chainslam::detail {
 
 /// Up to eight points of a voxel; buckets of one voxel are chained.
-template <class Scalar>
+template <class Scalar, int Dim>
 struct VoxelBucket {
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
+  using Vector = Eigen::Matrix<Scalar, Dim, 1>;
   static constexpr int lanes = 8;
 
-  Lanes<Scalar, lanes> points;
+  Lanes<Scalar, lanes, Dim> points;
   Index next = -1;
   Index count = 0;
 
-  void push_back(const Vector3& p) { points.set(count++, p[0], p[1], p[2]); }
+  void push_back(const Vector& p) { points.set(count++, p); }
 
-  /// Keeps the other points in their order.
+  /// Erases the points for which `leaves(lane, position)` holds; the others keep their order. Returns how many went.
   template <class Predicate>
   Index erase_if(Predicate&& leaves) {
     int kept = 0;
     for (int lane = 0; lane < count; ++lane) {
-      const Vector3 p = points.position(lane);
-      if (!leaves(p)) points.set(kept++, p[0], p[1], p[2]);
+      const Vector p = points.position(lane);
+      if (!leaves(lane, p)) points.set(kept++, p);
     }
     const Index erased = count - kept;
     for (int lane = kept; lane < count; ++lane) points.clear(lane);
@@ -40,13 +40,17 @@ struct VoxelBucket {
 
 /// All points of a voxel map, in one array of buckets. A voxel's buckets form a chain whose first the block knows;
 /// emptied ones are used again, the last freed first. Index of a point: bucket * lanes + lane.
-template <class Scalar>
+template <class Scalar, int Dim>
 class VoxelBuckets {
  public:
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
-  using Bucket = VoxelBucket<Scalar>;
+  using Vector = Eigen::Matrix<Scalar, Dim, 1>;
+  using Bucket = VoxelBucket<Scalar, Dim>;
 
-  [[nodiscard]] Vector3 position(Index i) const { return at(i / Bucket::lanes).points.position(i % Bucket::lanes); }
+  [[nodiscard]] bool contains(Index i) const {
+    return i >= 0 && static_cast<std::size_t>(i / Bucket::lanes) < buckets_.size() &&
+           i % Bucket::lanes < at(i / Bucket::lanes).count;
+  }
+  [[nodiscard]] Vector position(Index i) const { return at(i / Bucket::lanes).points.position(i % Bucket::lanes); }
 
   /// Bytes held, free room included.
   [[nodiscard]] std::size_t memory() const {
@@ -62,7 +66,7 @@ class VoxelBuckets {
 
   /// Offers the chain's points to `found`.
   template <class Collector>
-  void search(Index bucket, const Vector3& query, Collector& found) const {
+  void search(Index bucket, const Vector& query, Collector& found) const {
     for (; bucket != none; bucket = at(bucket).next)
       scan(at(bucket).points, query.data(), found, [bucket](int lane) { return bucket * Bucket::lanes + lane; });
   }
@@ -77,7 +81,7 @@ class VoxelBuckets {
 
   /// Adds a point to a voxel.
   /// @throws std::invalid_argument if there are more points than `Index` counts.
-  void append(VoxelBlock& block, int voxel, const Vector3& point) {
+  void append(VoxelBlock& block, int voxel, const Vector& point) {
     Index bucket = block.first_bucket(voxel);
     if (bucket == none || at(bucket).count == Bucket::lanes) {
       const Index added = take();
@@ -88,14 +92,15 @@ class VoxelBuckets {
     at(bucket).push_back(point);
   }
 
-  /// Erases the voxel's points for which `leaves(position)` holds. Returns how many went.
+  /// Erases the voxel's points for which `leaves(index, position)` holds. Returns how many went.
   template <class Predicate>
   Index erase_if(VoxelBlock& block, int voxel, Predicate&& leaves) {
     Index erased = 0;
     Index* link = block.link(voxel);
     while (*link != none) {
       Bucket& bucket = at(*link);
-      erased += bucket.erase_if(leaves);
+      const Index first = *link * Bucket::lanes;
+      erased += bucket.erase_if([&](int lane, const Vector& p) { return leaves(first + lane, p); });
       if (bucket.count > 0) {
         link = &bucket.next;
         continue;
