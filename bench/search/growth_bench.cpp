@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "chainslam/search/ikd_tree.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "search/ours.hpp"
 #include "search/peers/peers.hpp"
@@ -99,11 +100,13 @@ void grow(benchmark::State& state, const Maker& maker) {
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(in_large.size()));
 }
 
+IkdTree<float> make_ikd_tree(const Points& points) { return IkdTree<float>(points); }
 KdTree<float> make_kd_tree(const Points& points) { return KdTree<float>(points); }
 
 const bool registered = [] {
   static const std::vector<Maker> makers{
-      {"kd_tree", [] { return std::unique_ptr<Structure>(new Ours<KdTree<float>, make_kd_tree>()); }},
+      {"ikd_tree", make_ours<IkdTree<float>, make_ikd_tree>},
+      {"kd_tree", make_ours<KdTree<float>, make_kd_tree>},
   };
   for (const Maker& maker : makers) {
     const std::string name = "search/" + maker.name + "/growth";

@@ -11,7 +11,7 @@
 
 namespace chainslam::bench {
 
-/// One of our structures: `make_map(points)` builds it, of none for an empty one.
+/// One of our structures: `make_search(points)` builds it, of none for an empty one.
 template <class Search, Search (*make_search)(const Points&)>
 class Ours : public Structure {
  public:
@@ -126,5 +126,10 @@ class Ours : public Structure {
   std::optional<Search> search_;
   std::vector<Neighbor<float>> near_;
 };
+
+template <class Search, Search (*make_search)(const Points&)>
+std::unique_ptr<Structure> make_ours() {
+  return std::make_unique<Ours<Search, make_search>>();
+}
 
 }  // namespace chainslam::bench

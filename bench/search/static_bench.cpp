@@ -1,6 +1,7 @@
 #include <array>
 
 #include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/search/ikd_tree.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "clouds.hpp"
 #include "search/ours.hpp"
@@ -10,11 +11,13 @@
 namespace chainslam::bench {
 namespace {
 
+IkdTree<float> make_ikd_tree(const Points& points) { return IkdTree<float>(points); }
 KdTree<float> make_kd_tree(const Points& points) { return KdTree<float>(points); }
 
 const std::vector<Maker>& ours() {
   static const std::vector<Maker> makers{
-      {"kd_tree", [] { return std::unique_ptr<Structure>(new Ours<KdTree<float>, make_kd_tree>()); }},
+      {"ikd_tree", make_ours<IkdTree<float>, make_ikd_tree>},
+      {"kd_tree", make_ours<KdTree<float>, make_kd_tree>},
   };
   return makers;
 }

@@ -1,0 +1,155 @@
+#include "chainslam/search/ikd_tree.hpp"
+#include "chainslam/search/voxel_map.hpp"
+#include "search/ours.hpp"
+#include "search/peers/peers.hpp"
+#include "search/slam_run.hpp"
+
+namespace chainslam::bench {
+namespace {
+
+using Tree = IkdTree<float, NearestToCenter>;
+using Voxels = VoxelMap<float, NearestToCenter>;
+Tree make_tree(const Points& points) { return Tree(points, NearestToCenter{map_voxel}); }
+Voxels make_voxels(const Points& points) { return Voxels(points, NearestToCenter{map_voxel}); }
+
+const std::vector<Maker>& ours() {
+  static const std::vector<Maker> makers{
+      {"ikd_tree", make_ours<Tree, make_tree>},
+      {"voxel_map", make_ours<Voxels, make_voxels>},
+  };
+  return makers;
+}
+
+/// Three runs, or one to see that it runs.
+const std::vector<SlamRun>& runs() {
+  static const std::vector<SlamRun> made = [] {
+    static std::vector<Maker> all = ours();
+    for (const Maker& peer : incremental_peers()) all.push_back(peer);
+    std::vector<SlamRun> runs;
+    for (int i = 0; i < (brief() ? 1 : 3); ++i) runs.emplace_back(all);
+    return runs;
+  }();
+  return made;
+}
+
+/// The time that a case counts, for one scan.
+using Case = Elapsed (*)(const Series& series, std::size_t scan);
+
+double total(const Series& series, Case what) {
+  double sum = 0;
+  for (std::size_t i = 0; i < series.first.size(); ++i) sum += what(series, i).thread;
+  return sum;
+}
+
+double worst(const Series& series, Case what, double Elapsed::*clock) {
+  double longest = 0;
+  for (std::size_t i = 0; i < series.first.size(); ++i) longest = std::max(longest, what(series, i).*clock);
+  return longest;
+}
+
+/// The median over the runs: what one disturbed run has for its longest step does not count.
+template <class Value>
+double over_runs(Value&& value) {
+  std::vector<double> values;
+  for (const SlamRun& run : runs()) values.push_back(value(run.series()));
+  return detail::median(values);
+}
+
+/// What ikd-Tree's own thread took.
+double helper_ms_per_scan() {
+  std::vector<double> values;
+  for (const SlamRun& run : runs()) values.push_back(1e3 * run.helpers_seconds());
+  return detail::median(values) / static_cast<double>(walk().steps().size());
+}
+
+/// A row: the time of each scan, and how much longer the peers took for the whole walk.
+void report(benchmark::State& state, std::size_t place, Case what) {
+  std::vector<double> times;
+  for (const SlamRun& run : runs())
+    for (std::size_t i = 0; i < run.series()[place].first.size(); ++i)
+      if (const Elapsed elapsed = what(run.series()[place], i); elapsed.thread > 0) times.push_back(elapsed.thread);
+  if (times.empty()) return state.SkipWithError("nothing of the kind in so short a walk");
+  std::size_t next = 0;
+  for (auto _ : state) state.SetIterationTime(times[next++ % times.size()]);
+
+  const std::size_t first_peer = ours().size();
+  const auto count = static_cast<double>(times.size()) / static_cast<double>(runs().size());
+  for (std::size_t p = first_peer; p < runs().front().series().size(); ++p) {
+    const std::string& name = runs().front().series()[p].name;
+    const double theirs = over_runs([&](const auto& series) { return total(series[p], what); });
+    if (!(theirs > 0)) continue;
+    state.counters["speedup_vs_" + name] =
+        over_runs([&](const auto& series) { return total(series[p], what) / total(series[place], what); });
+    state.counters[name + "_ms"] = 1e3 * theirs / count;
+  }
+}
+
+/// 5-NN of each point of a scan, in its order.
+void knn5(benchmark::State& state, std::size_t place) {
+  report(state, place, [](const Series& series, std::size_t i) { return series.first[i]; });
+}
+
+/// What an iterated filter asks again, three times, the scan having moved a little: seeded by the last answer.
+void knn5_seeded(benchmark::State& state, std::size_t place) {
+  report(state, place, [](const Series& series, std::size_t i) { return series.again[i]; });
+}
+
+/// All four times that an iterated filter asks.
+void knn5_iterated(benchmark::State& state, std::size_t place) {
+  report(state, place, [](const Series& series, std::size_t i) {
+    Elapsed elapsed = series.again[i];
+    if (elapsed.thread > 0) elapsed += series.first[i];
+    return elapsed;
+  });
+}
+
+void insert(benchmark::State& state, std::size_t place) {
+  report(state, place, [](const Series& series, std::size_t i) { return series.insert[i]; });
+}
+
+void erase_box(benchmark::State& state, std::size_t place) {
+  report(state, place, [](const Series& series, std::size_t i) { return series.erase[i]; });
+}
+
+/// Ask, insert and forget; the longest step, too, and what the map weighs.
+void step(benchmark::State& state, std::size_t place) {
+  const auto whole = [](const Series& series, std::size_t i) { return series.step(i); };
+  report(state, place, whole);
+  const auto& series = runs().front().series();
+  state.counters["bytes_per_point"] = series[place].bytes / series[place].points;
+  const auto longest = [&](std::size_t p, double Elapsed::*clock) {
+    return over_runs([&](const auto& each) { return worst(each[p], whole, clock); });
+  };
+  state.counters["worst_step_ms"] = 1e3 * longest(place, &Elapsed::thread);
+  state.counters["worst_step_wall_ms"] = 1e3 * longest(place, &Elapsed::wall);
+  for (std::size_t p = ours().size(); p < series.size(); ++p) {
+    const std::string& name = series[p].name;
+    state.counters[name + "_bytes_per_point"] = series[p].bytes / series[p].points;
+    state.counters[name + "_worst_step_ms"] = 1e3 * longest(p, &Elapsed::thread);
+    state.counters[name + "_worst_step_wall_ms"] = 1e3 * longest(p, &Elapsed::wall);
+    state.counters["worst_step_speedup_vs_" + name] = longest(p, &Elapsed::thread) / longest(place, &Elapsed::thread);
+    if (name == "ikd_tree") state.counters["ikd_tree_helper_ms"] = helper_ms_per_scan();
+  }
+}
+
+const bool registered = [] {
+  for (std::size_t place = 0; place < ours().size(); ++place) {
+    const auto add = [place](const std::string& what, auto run, bool every_scan) {
+      const int count = brief() ? 1 : every_scan ? 900 : 30;
+      benchmark::RegisterBenchmark(("search/" + ours()[place].name + "/" + what).c_str(), run, place)
+          ->UseManualTime()
+          ->Iterations(count)
+          ->Unit(benchmark::kMillisecond);
+    };
+    add("slam_knn5", knn5, true);
+    add("slam_knn5_seeded", knn5_seeded, false);
+    add("slam_knn5_iterated", knn5_iterated, false);
+    add("slam_insert", insert, true);
+    add("slam_erase_box", erase_box, false);
+    add("slam_step", step, true);
+  }
+  return true;
+}();
+
+}  // namespace
+}  // namespace chainslam::bench
