@@ -110,7 +110,7 @@ TEST_SUITE("simulator/ray_caster") {
     const Eigen::Vector2d at = town.streets.position({1, 1});
     const Eigen::Vector3d eye(at.x(), at.y(), town.terrain.height(at) + 1.9);
     std::vector<Ray> rays;
-    for (int i = 0; i < (test::quick() ? 20 : 150); ++i) {
+    for (int i = 0; i < (chainslam::test::quick() ? 20 : 150); ++i) {
       const double azimuth = rng.uniform(0.0, 2.0 * std::numbers::pi);
       const double elevation = rng.uniform(-0.55, 0.25);
       const Eigen::Vector3d d(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
