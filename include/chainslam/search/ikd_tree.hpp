@@ -19,6 +19,7 @@
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/box_build.hpp"
 #include "chainslam/search/detail/box_erase.hpp"
+#include "chainslam/search/detail/box_insert.hpp"
 #include "chainslam/search/detail/box_search.hpp"
 #include "chainslam/search/detail/box_tree.hpp"
 #include "chainslam/search/detail/box_visit.hpp"
@@ -99,6 +100,14 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   /// Work done since the tree was made, or last asked to start at zero.
   [[nodiscard]] IkdTreeWork work() const { return {tree_.moved_points, tree_.moved_links}; }
   void reset_work() { tree_.moved_points = tree_.moved_links = 0; }
+  /// How many points one insertion may sort anew, once in many; the length of the longest step is bounded by that.
+  [[nodiscard]] Index step_budget() const { return static_cast<Index>(tree_.budget); }
+  /// Fewer points make the longest step shorter, and searches a little slower.
+  /// @throws std::invalid_argument if `points` is negative.
+  void set_step_budget(Index points) {
+    if (points < 0) throw std::invalid_argument("IkdTree: the budget of a step must not be negative");
+    tree_.budget = static_cast<std::size_t>(points);
+  }
   /// Levels of nodes above the leaves.
   [[nodiscard]] std::size_t height() const { return tree_.height; }
 
@@ -171,6 +180,7 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
     std::copy_n(p.data(), Dim, point.at.begin());
     return point;
   }
+  [[nodiscard]] detail::BoxTreeInserter<Tree> inserter() { return detail::BoxTreeInserter<Tree>(tree_); }
   [[nodiscard]] std::optional<InVoxel> in_voxel(const Vector& p) const;
   [[nodiscard]] bool offer(const InVoxel& where, const Vector& p, const Payload& payload);
   [[nodiscard]] bool meet(const InVoxel& where, unsigned& state, const Vector& p, const Payload& payload);
@@ -238,7 +248,7 @@ bool IkdTree<ScalarType, Policy, Dim, Payload>::insert(const Vector& p, const Pa
   if constexpr (downsamples) {
     if (const std::optional<InVoxel> where = in_voxel(p)) return offer(*where, p, payload);
   } else if (is_finite(p)) {
-    tree_.insert(tree_point(p, payload));
+    inserter().insert(tree_point(p, payload));
     return true;
   }
   ++rejected_;
@@ -271,13 +281,13 @@ bool IkdTree<ScalarType, Policy, Dim, Payload>::offer(const InVoxel& where, cons
   const auto place = voxels_.find_or_add(where.cell);
   if (!voxels_.occupied(place)) {
     voxels_.occupy(place, policy_.first_state(where.offset));
-    tree_.insert(tree_point(p, payload));
+    inserter().insert(tree_point(p, payload));
     return true;
   }
   unsigned state = voxels_.state(place);
   const VoxelVerdict verdict = policy_.judge(state, where.offset);
   bool taken = verdict == VoxelVerdict::add;
-  if (taken) tree_.insert(tree_point(p, payload));
+  if (taken) inserter().insert(tree_point(p, payload));
   if (verdict == VoxelVerdict::meet) taken = meet(where, state, p, payload);
   voxels_.set_state(place, state);
   return taken;
@@ -308,7 +318,7 @@ bool IkdTree<ScalarType, Policy, Dim, Payload>::meet(const InVoxel& where, unsig
     const std::optional<InVoxel> now = in_voxel(held);
     if (!now || !(now->cell == where.cell)) return false;  // a mean that rounding took out of its voxel
     const bool replaced = held == p;
-    tree_.replace(path, slot, tree_point(held, replaced ? payload : tree_.runs.payload(slot)));
+    inserter().replace(path, slot, tree_point(held, replaced ? payload : tree_.runs.payload(slot)));
     return replaced;
   } else {
     return false;
@@ -355,9 +365,10 @@ void IkdTree<ScalarType, Policy, Dim, Payload>::forget(const Vector& p) {
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 void IkdTree<ScalarType, Policy, Dim, Payload>::clear() {
-  const Index rejected = rejected_;
-  *this = IkdTree(policy_);
-  rejected_ = rejected;
+  IkdTree empty(policy_);
+  empty.rejected_ = rejected_;
+  empty.set_step_budget(step_budget());
+  swap(empty);
 }
 
 }  // namespace chainslam

@@ -1,9 +1,11 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <span>
 
+#include "chainslam/search/detail/box_split.hpp"
 #include "chainslam/search/detail/box_tree.hpp"
 
 namespace chainslam::detail {
@@ -27,6 +29,15 @@ class BoxTreeBuilder {
     tree.size = points.size();
   }
 
+  /// Two nodes at a level that together hold these points, more than one node at the level below can.
+  [[nodiscard]] static std::array<Entry, 2> two_nodes(Tree& tree, std::span<Point> points, std::size_t level) {
+    BoxTreeBuilder builder(tree);
+    const std::size_t n = points.size(), most = room(level + 1), quarter = n / 4;
+    const std::size_t low = std::max(quarter, n - std::min(n - 1, most));
+    const std::size_t below = split_points(points, low, n - low);
+    return {builder.make_node(points.first(below), level), builder.make_node(points.subspan(below), level)};
+  }
+
  private:
   /// The height is chosen for this many points a leaf, so that splits need not be even.
   static constexpr std::size_t usual_leaf = 20;
@@ -45,7 +56,7 @@ class BoxTreeBuilder {
   [[nodiscard]] Entry make_node(std::span<Point> points, std::size_t level) {
     const auto link = tree_.take_node();
     add_children(link, points, level, Node::width);
-    return {tree_.at(link).box(), link, 0};
+    return tree_.node_entry(link);
   }
 
   /// Divides the points among at most `children` new children of a node.

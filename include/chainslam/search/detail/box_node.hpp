@@ -129,19 +129,33 @@ struct alignas(64) BoxNode {
   }
 
   /// Squared distances of the query to the boxes; never more than what arithmetic in Scalar makes of the distance to a
-  /// point inside.
+  /// point inside, where multiplication and addition may be fused in another way.
   [[nodiscard]] Pack<Scalar> squared_distances(const Scalar* query) const {
-    // Whether multiplication and addition are fused may differ between this sum and a point's.
     constexpr Scalar below_rounding = 1 - 4 * std::numeric_limits<Scalar>::epsilon();
-    const Pack<Scalar> zero = Pack<Scalar>::all(0);
-    Pack<Scalar> sum = zero;
-    for (std::size_t axis = 0; axis < Dim; ++axis) {
+    return sum_of_squares(query, 0) * Pack<Scalar>::all(below_rounding);
+  }
+  /// Those as keys (see `Pack::keys`): below the distance to a point inside, or below `least_bound`.
+  [[nodiscard]] Pack<Scalar> keys(const Scalar* query) const {
+    constexpr Scalar below_rounding = 1 - 12 * std::numeric_limits<Scalar>::epsilon();
+    // Keys of boxes that hold the query differ by their lanes' numbers, and must not be so small that a processor may
+    // take them for zero.
+    constexpr Scalar least_gap = sizeof(Scalar) == 4 ? Scalar(1.5e-19) : Scalar(2e-154);
+    return (sum_of_squares(query, least_gap) * Pack<Scalar>::all(below_rounding)).keys();
+  }
+  static constexpr Scalar least_bound = sizeof(Scalar) == 4 ? Scalar(1e-37) : Scalar(1e-306);
+
+ private:
+  /// Of the gaps along the axes, each taken for `least` at least.
+  [[nodiscard]] Pack<Scalar> sum_of_squares(const Scalar* query, Scalar least) const {
+    Pack<Scalar> sum = Pack<Scalar>::all(0);
+    for (std::size_t axis = 0; axis < static_cast<std::size_t>(Dim); ++axis) {
       const Pack<Scalar> q = Pack<Scalar>::all(query[axis]);
       const Pack<Scalar> beside =
-          max(max(Pack<Scalar>::load(low[axis].data()) - q, q - Pack<Scalar>::load(high[axis].data())), zero);
+          max(max(Pack<Scalar>::load(low[axis].data()) - q, q - Pack<Scalar>::load(high[axis].data())),
+              Pack<Scalar>::all(least));
       sum = axis == 0 ? beside * beside : sum + beside * beside;
     }
-    return sum * Pack<Scalar>::all(below_rounding);
+    return sum;
   }
 };
 

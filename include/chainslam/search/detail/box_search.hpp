@@ -1,33 +1,72 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
 
 #include "chainslam/search/detail/box_tree.hpp"
+#include "chainslam/search/detail/nearest_list.hpp"
 
 namespace chainslam::detail {
+
+/// How many points a collector keeps, if the compiler knows and they are few; otherwise 0.
+template <class Collector>
+inline constexpr int points_kept = 0;
+template <class Scalar, int K>
+inline constexpr int points_kept<FixedNearestList<Scalar, K>> = K <= static_cast<int>(pack_width) ? K : 0;
+
+/// A run's squared distances from a query, and which of them are below a bound.
+template <class Scalar>
+class RunDistances {
+ public:
+  template <int Dim>
+  RunDistances(const PointGroup<Scalar, Dim>* groups, std::size_t count, const Scalar* query) : groups_(count) {
+    for (std::size_t g = 0; g < count; ++g) {
+      Pack<Scalar> sum = Pack<Scalar>::all(0);
+      for (std::size_t axis = 0; axis < static_cast<std::size_t>(Dim); ++axis) {
+        const Pack<Scalar> d = Pack<Scalar>::load(groups[g].at[axis].data()) - Pack<Scalar>::all(query[axis]);
+        sum = axis == 0 ? d * d : sum + d * d;
+      }
+      sum.store(&distances_[pack_width * g]);
+    }
+  }
+
+  [[nodiscard]] Scalar operator[](std::size_t lane) const { return distances_[lane]; }
+  [[nodiscard]] std::uint32_t below(Scalar bound) const {
+    std::uint32_t mask = 0;
+    for (std::size_t g = 0; g < groups_; ++g) mask |= group(g).below(bound) << (pack_width * g);
+    return mask;
+  }
+  /// A bound above the k-th smallest, not far, of a run whose first group is full: each lane of the groups gives its
+  /// smallest.
+  [[nodiscard]] Scalar bound_for(int k) const {
+    Pack<Scalar> nearest = group(0);
+    for (std::size_t g = 1; g < groups_; ++g) nearest = min(nearest, group(g));
+    return next_above(nearest.smallest(k));
+  }
+
+ private:
+  [[nodiscard]] Pack<Scalar> group(std::size_t g) const { return Pack<Scalar>::load(&distances_[pack_width * g]); }
+
+  alignas(64) std::array<Scalar, RunLink::max_points> distances_;
+  std::size_t groups_;
+};
 
 /// Offers the points of a leaf that are nearer than the collector's bound.
 template <class Scalar, int Dim, class Collector>
 void scan_run(const PointGroup<Scalar, Dim>* groups, RunLink run, const Scalar* query, Collector& found) {
-  for (std::uint32_t g = 0; g < run.groups(); ++g) {
-    Pack<Scalar> sum = Pack<Scalar>::all(0);
-    for (std::size_t axis = 0; axis < Dim; ++axis) {
-      const Pack<Scalar> d = Pack<Scalar>::load(groups[g].at[axis].data()) - Pack<Scalar>::all(query[axis]);
-      sum = axis == 0 ? d * d : sum + d * d;
-    }
-    unsigned near = sum.below(found.bound());
-    if (near == 0) continue;
-    alignas(32) std::array<Scalar, pack_width> distances;
-    sum.store(distances.data());
-    const Index first = run.slot(g * static_cast<std::uint32_t>(pack_width));
-    for (; near != 0; near &= near - 1) {
-      const int lane = std::countr_zero(near);
-      const Scalar distance = distances[static_cast<std::size_t>(lane)];
-      if (distance < found.bound()) found.offer(first + lane, distance);  // the bound may have come nearer
-    }
+  const RunDistances<Scalar> distances(groups, run.groups(), query);
+  std::uint32_t near = distances.below(found.bound());
+  if constexpr (points_kept < Collector >> 0) {
+    // The first leaf of a search: most of its points would be put in the list to be put out again.
+    if (std::popcount(near) > 10)
+      near = distances.below(std::min(found.bound(), distances.bound_for(points_kept<Collector>)));
+  }
+  for (; near != 0; near &= near - 1) {
+    const auto lane = static_cast<std::uint32_t>(std::countr_zero(near));
+    if (distances[lane] < found.bound()) found.offer(run.slot(lane), distances[lane]);  // which may have come nearer
   }
 }
 
@@ -36,35 +75,40 @@ void scan_run(const PointGroup<Scalar, Dim>* groups, RunLink run, const Scalar* 
 template <class Tree, class Collector>
 void search_nearest(const Tree& tree, const typename Tree::Scalar* query, Collector& found) {
   using Scalar = typename Tree::Scalar;
-  struct alignas(32) Frame {
-    std::array<Scalar, pack_width> distances;
+  /// A node gone through up to a child, whose key is `last`; keys differ, so those of later ones are larger.
+  struct Frame {
+    Pack<Scalar> keys;
+    Scalar last;
     const typename Tree::Node* node;
   };
   if (tree.height == 0) return;
-  std::array<Frame, Tree::max_height> frames;
-  const auto enter = [&](std::size_t level, typename Tree::Link link) {
-    frames[level].node = &tree.at(link);
-    frames[level].node->squared_distances(query).store(frames[level].distances.data());
+  const auto is_near = [&found](Scalar key) {
+    return key < std::clamp(found.bound(), Tree::Node::least_bound, far_key<Scalar>);
   };
+  std::array<Frame, Tree::max_height> frames;
   std::size_t level = tree.height - 1;
-  enter(level, tree.root);
+  const typename Tree::Node* node = &tree.at(tree.root);
   for (;;) {
-    Frame& frame = frames[level];
-    const Pack<Scalar> distances = Pack<Scalar>::load(frame.distances.data());
-    const Scalar nearest = distances.smallest();
-    if (!(nearest < found.bound())) {
-      if (++level == tree.height) return;
+    const Pack<Scalar> keys = node->keys(query);
+    Scalar key = keys.smallest();
+    if (level == 0) {
+      for (; is_near(key); key = keys.smallest_above(key)) {
+        const RunLink run(node->link[lane_of(key)]);
+        scan_run<Scalar, Tree::Dim>(tree.runs.groups(run), run, query, found);
+      }
+    } else if (is_near(key)) {
+      frames[level] = {keys, key, node};
+      node = &tree.at(node->link[lane_of(key)]);
+      --level;
       continue;
     }
-    const unsigned lane = distances.find(nearest);
-    frame.distances[lane] = std::numeric_limits<Scalar>::infinity();
-    const std::uint32_t link = frame.node->link[lane];
-    if (level == 0) {
-      const RunLink run(link);
-      scan_run<Scalar, Tree::Dim>(tree.runs.groups(run), run, query, found);
-    } else {
-      enter(--level, link);
-    }
+    do {
+      if (++level == tree.height) return;
+      key = frames[level].keys.smallest_above(frames[level].last);
+    } while (!is_near(key));
+    frames[level].last = key;
+    node = &tree.at(frames[level].node->link[lane_of(key)]);
+    --level;
   }
 }
 

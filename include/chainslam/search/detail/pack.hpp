@@ -4,6 +4,8 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
+#include <type_traits>
 
 #if defined(__AVX__) || defined(__SSE2__)
 #include <immintrin.h>
@@ -12,6 +14,20 @@
 namespace chainslam::detail {
 
 inline constexpr std::size_t pack_width = 8;
+
+template <class Scalar>
+using KeyBits = std::conditional_t<sizeof(Scalar) == 4, std::uint32_t, std::uint64_t>;
+
+/// The largest finite number with room for a lane's number: what is farther is never found.
+template <class Scalar>
+inline constexpr Scalar far_key =
+    std::bit_cast<Scalar>(std::bit_cast<KeyBits<Scalar>>(std::numeric_limits<Scalar>::max()) & ~KeyBits<Scalar>{7});
+
+/// The lane whose number a key carries.
+template <class Scalar>
+[[nodiscard]] std::size_t lane_of(Scalar key) {
+  return static_cast<std::size_t>(std::bit_cast<KeyBits<Scalar>>(key) & 7U);
+}
 
 /// Eight numbers at a time, in what registers there are.
 template <class Scalar>
@@ -40,6 +56,9 @@ struct Pack {
   friend Pack operator*(const Pack& a, const Pack& b) {
     return each([&](std::size_t i) { return a.values[i] * b.values[i]; });
   }
+  friend Pack min(const Pack& a, const Pack& b) {
+    return each([&](std::size_t i) { return a.values[i] < b.values[i] ? a.values[i] : b.values[i]; });
+  }
   friend Pack max(const Pack& a, const Pack& b) {
     return each([&](std::size_t i) { return a.values[i] > b.values[i] ? a.values[i] : b.values[i]; });
   }
@@ -60,6 +79,29 @@ struct Pack {
     Scalar least = values[0];
     for (std::size_t i = 1; i < pack_width; ++i) least = values[i] < least ? values[i] : least;
     return least;
+  }
+  /// The values, not negative and not NaN, with their lanes' numbers in the last three bits, which takes a trifle off
+  /// them; all that exceeds `far_key` is taken for that.
+  [[nodiscard]] Pack keys() const {
+    return each([&](std::size_t i) {
+      const Scalar value = values[i] < far_key<Scalar> ? values[i] : far_key<Scalar>;
+      return std::bit_cast<Scalar>((std::bit_cast<KeyBits<Scalar>>(value) & ~KeyBits<Scalar>{7}) |
+                                   static_cast<KeyBits<Scalar>>(i));
+    });
+  }
+  /// The smallest value that exceeds `last`, or `far_key`.
+  [[nodiscard]] Scalar smallest_above(Scalar last) const {
+    return each([&](std::size_t i) { return values[i] > last ? values[i] : far_key<Scalar>; }).smallest();
+  }
+  /// The k-th smallest value, k of 1 to 8; none is NaN.
+  [[nodiscard]] Scalar smallest(int k) const {
+    Pack at_most_so_many = all(std::numeric_limits<Scalar>::infinity());
+    for (std::size_t i = 0; i < pack_width; ++i) {
+      int count = 0;
+      for (std::size_t j = 0; j < pack_width; ++j) count += values[j] <= values[i] ? 1 : 0;
+      if (count >= k) at_most_so_many.values[i] = values[i];
+    }
+    return at_most_so_many.smallest();
   }
   /// Where `value` first stands; it does.
   [[nodiscard]] unsigned find(Scalar value) const {
@@ -89,6 +131,7 @@ struct Pack<float> {
   friend Pack operator+(const Pack& a, const Pack& b) { return {_mm256_add_ps(a.values, b.values)}; }
   friend Pack operator-(const Pack& a, const Pack& b) { return {_mm256_sub_ps(a.values, b.values)}; }
   friend Pack operator*(const Pack& a, const Pack& b) { return {_mm256_mul_ps(a.values, b.values)}; }
+  friend Pack min(const Pack& a, const Pack& b) { return {_mm256_min_ps(a.values, b.values)}; }
   friend Pack max(const Pack& a, const Pack& b) { return {_mm256_max_ps(a.values, b.values)}; }
   [[nodiscard]] unsigned below(float bound) const {
     return static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(values, _mm256_set1_ps(bound), _CMP_LT_OQ)));
@@ -100,6 +143,32 @@ struct Pack<float> {
     __m128 least = _mm_min_ps(_mm256_castps256_ps128(values), _mm256_extractf128_ps(values, 1));
     least = _mm_min_ps(least, _mm_movehl_ps(least, least));
     return _mm_cvtss_f32(_mm_min_ss(least, _mm_shuffle_ps(least, least, 1)));
+  }
+  [[nodiscard]] Pack keys() const {
+    const __m256 high_bits = _mm256_castsi256_ps(_mm256_set1_epi32(~7));
+    const __m256 lanes = _mm256_castsi256_ps(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+    const __m256 near = _mm256_min_ps(values, _mm256_set1_ps(far_key<float>));
+    return {_mm256_or_ps(_mm256_and_ps(near, high_bits), lanes)};
+  }
+  [[nodiscard]] float smallest_above(float last) const {
+    const __m256 above = _mm256_cmp_ps(values, _mm256_set1_ps(last), _CMP_GT_OQ);
+    return Pack{_mm256_blendv_ps(_mm256_set1_ps(far_key<float>), values, above)}.smallest();
+  }
+  [[nodiscard]] float smallest(int k) const {
+    alignas(32) std::array<float, pack_width> each;
+    store(each.data());
+    const __m256 one = _mm256_set1_ps(1);
+    __m256 count = _mm256_setzero_ps(), other_count = _mm256_setzero_ps();
+    for (std::size_t j = 0; j < pack_width; j += 2) {
+      const __m256 first = _mm256_cmp_ps(_mm256_set1_ps(each[j]), values, _CMP_LE_OQ);
+      const __m256 second = _mm256_cmp_ps(_mm256_set1_ps(each[j + 1]), values, _CMP_LE_OQ);
+      count = _mm256_add_ps(count, _mm256_and_ps(first, one));
+      other_count = _mm256_add_ps(other_count, _mm256_and_ps(second, one));
+    }
+    count = _mm256_add_ps(count, other_count);
+    const __m256 enough = _mm256_cmp_ps(count, _mm256_set1_ps(static_cast<float>(k)), _CMP_GE_OQ);
+    const __m256 infinite = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    return Pack{_mm256_blendv_ps(infinite, values, enough)}.smallest();
   }
   [[nodiscard]] unsigned find(float value) const {
     const __m256 equal = _mm256_cmp_ps(values, _mm256_set1_ps(value), _CMP_EQ_OQ);
@@ -122,6 +191,7 @@ struct Pack<float> {
   friend Pack operator+(const Pack& a, const Pack& b) { return {_mm_add_ps(a.low, b.low), _mm_add_ps(a.high, b.high)}; }
   friend Pack operator-(const Pack& a, const Pack& b) { return {_mm_sub_ps(a.low, b.low), _mm_sub_ps(a.high, b.high)}; }
   friend Pack operator*(const Pack& a, const Pack& b) { return {_mm_mul_ps(a.low, b.low), _mm_mul_ps(a.high, b.high)}; }
+  friend Pack min(const Pack& a, const Pack& b) { return {_mm_min_ps(a.low, b.low), _mm_min_ps(a.high, b.high)}; }
   friend Pack max(const Pack& a, const Pack& b) { return {_mm_max_ps(a.low, b.low), _mm_max_ps(a.high, b.high)}; }
   [[nodiscard]] unsigned below(float bound) const {
     const __m128 limit = _mm_set1_ps(bound);
@@ -135,6 +205,39 @@ struct Pack<float> {
     __m128 least = _mm_min_ps(low, high);
     least = _mm_min_ps(least, _mm_movehl_ps(least, least));
     return _mm_cvtss_f32(_mm_min_ss(least, _mm_shuffle_ps(least, least, 1)));
+  }
+  [[nodiscard]] Pack keys() const {
+    const __m128 high_bits = _mm_castsi128_ps(_mm_set1_epi32(~7)), far = _mm_set1_ps(far_key<float>);
+    const __m128 first = _mm_castsi128_ps(_mm_setr_epi32(0, 1, 2, 3));
+    const __m128 second = _mm_castsi128_ps(_mm_setr_epi32(4, 5, 6, 7));
+    return {_mm_or_ps(_mm_and_ps(_mm_min_ps(low, far), high_bits), first),
+            _mm_or_ps(_mm_and_ps(_mm_min_ps(high, far), high_bits), second)};
+  }
+  [[nodiscard]] float smallest_above(float last) const {
+    const __m128 limit = _mm_set1_ps(last), far = _mm_set1_ps(far_key<float>);
+    const auto above = [&](__m128 part) {
+      const __m128 taken = _mm_cmpgt_ps(part, limit);
+      return _mm_or_ps(_mm_and_ps(taken, part), _mm_andnot_ps(taken, far));
+    };
+    return Pack{above(low), above(high)}.smallest();
+  }
+  [[nodiscard]] float smallest(int k) const {
+    alignas(32) std::array<float, pack_width> each;
+    store(each.data());
+    const __m128 one = _mm_set1_ps(1);
+    __m128 count_low = _mm_setzero_ps(), count_high = _mm_setzero_ps();
+    for (std::size_t j = 0; j < pack_width; ++j) {
+      const __m128 value = _mm_set1_ps(each[j]);
+      count_low = _mm_add_ps(count_low, _mm_and_ps(_mm_cmple_ps(value, low), one));
+      count_high = _mm_add_ps(count_high, _mm_and_ps(_mm_cmple_ps(value, high), one));
+    }
+    const __m128 wanted = _mm_set1_ps(static_cast<float>(k));
+    const __m128 infinite = _mm_set1_ps(std::numeric_limits<float>::infinity());
+    const auto enough = [&](__m128 part, __m128 count) {
+      const __m128 taken = _mm_cmpge_ps(count, wanted);
+      return _mm_or_ps(_mm_and_ps(taken, part), _mm_andnot_ps(taken, infinite));
+    };
+    return Pack{enough(low, count_low), enough(high, count_high)}.smallest();
   }
   [[nodiscard]] unsigned find(float value) const {
     const __m128 wanted = _mm_set1_ps(value);
