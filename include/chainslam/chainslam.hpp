@@ -128,6 +128,7 @@
 #include "chainslam/sparse/cholesky.hpp"
 #include "chainslam/sparse/concepts.hpp"
 #include "chainslam/sparse/elimination_tree.hpp"
+#include "chainslam/sparse/incremental_cholesky.hpp"
 #include "chainslam/sparse/ordering.hpp"
 #include "chainslam/trajectory/association.hpp"
 #include "chainslam/trajectory/interpolation.hpp"

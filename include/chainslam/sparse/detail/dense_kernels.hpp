@@ -53,11 +53,13 @@ template <int Count, class Visit>
   (std::make_integer_sequence<int, Count>{});
 }
 
-/// C -= A B^T for a tile of `Registers` x Width rows and `Columns` columns; B has `Columns` rows; A and B have `depth`
-/// columns.
-template <int Width, int Registers, int Columns>
-[[gnu::always_inline]] inline void subtract_tile(const double* a, Offset a_stride, const double* b, Offset b_stride,
-                                                 Offset depth, double* c, Offset c_stride) {
+enum class Accumulate { add, subtract };
+
+/// C += A B^T or C -= A B^T for a tile of `Registers` x Width rows and `Columns` columns; B has `Columns` rows; A and B
+/// have `depth` columns.
+template <Accumulate How, int Width, int Registers, int Columns>
+[[gnu::always_inline]] inline void product_tile(const double* a, Offset a_stride, const double* b, Offset b_stride,
+                                                Offset depth, double* c, Offset c_stride) {
   Register<Width> sum[Registers * Columns] = {};
   for (Offset k = 0; k < depth; ++k, a += a_stride, b += b_stride) {
     Register<Width> left[Registers];
@@ -70,7 +72,11 @@ template <int Width, int Registers, int Columns>
   unroll<Columns>([&](auto j) __attribute__((always_inline)) {
     double* const to = c + j * c_stride;
     unroll<Registers>([&](auto r) __attribute__((always_inline)) {
-      store<Width>(to + r * Width, load<Width>(to + r * Width) - sum[j * Registers + r]);
+      if constexpr (How == Accumulate::add) {
+        store<Width>(to + r * Width, load<Width>(to + r * Width) + sum[j * Registers + r]);
+      } else {
+        store<Width>(to + r * Width, load<Width>(to + r * Width) - sum[j * Registers + r]);
+      }
     });
   });
 }
@@ -89,22 +95,35 @@ template <int Width, int N>
   });
 }
 
-/// C -= A B^T, `rows` x `Columns`, with A `rows` x `depth`, B `Columns` x `depth`. C shares no element with A and B.
-template <int Columns, int Width = register_width>
-void subtract_product(Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride, Offset depth,
-                      double* c, Offset c_stride) {
+/// C += A B^T or C -= A B^T, `rows` x `Columns`, with A `rows` x `depth`, B `Columns` x `depth`. C shares no element
+/// with A and B.
+template <Accumulate How, int Columns, int Width = register_width>
+void accumulate_product(Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride, Offset depth,
+                        double* c, Offset c_stride) {
   // As many rows as leave the sums in registers: 12 of 16 hold them, the others the factors.
   constexpr int registers = Columns >= 12 || Width == 1 ? 1 : 12 / Columns;
   Offset row = 0;
   for (; row + registers * Width <= rows; row += registers * Width)
-    subtract_tile<Width, registers, Columns>(a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+    product_tile<How, Width, registers, Columns>(a + row, a_stride, b, b_stride, depth, c + row, c_stride);
   for (; row + Width <= rows; row += Width)
-    subtract_tile<Width, 1, Columns>(a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+    product_tile<How, Width, 1, Columns>(a + row, a_stride, b, b_stride, depth, c + row, c_stride);
   if constexpr (Width > 1) {
     if (row < rows) {
-      subtract_product<Columns, Width / 2>(rows - row, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+      accumulate_product<How, Columns, Width / 2>(rows - row, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
     }
   }
+}
+
+template <int Columns>
+void subtract_product(Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride, Offset depth,
+                      double* c, Offset c_stride) {
+  accumulate_product<Accumulate::subtract, Columns>(rows, a, a_stride, b, b_stride, depth, c, c_stride);
+}
+
+template <int Columns>
+void add_product(Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride, Offset depth,
+                 double* c, Offset c_stride) {
+  accumulate_product<Accumulate::add, Columns>(rows, a, a_stride, b, b_stride, depth, c, c_stride);
 }
 
 /// X L^T = C, `rows` x N, X in the place of C.
@@ -121,16 +140,25 @@ void solve_from_right(Offset rows, const double* l, Offset l_stride, const doubl
 /// x -= A^T y for N columns of A, with `rows` rows.
 template <int N>
 void subtract_dots(Offset rows, const double* a, Offset a_stride, const double* y, double* x) {
-  constexpr int width = register_width;
-  Register<width> sum[N] = {};
+  // Pairs at the end, since most fronts are a few blocks high.
+  constexpr int width = register_width >= 4 ? 4 : 2;
+  Register<2> pair[N] = {};
   Offset row = 0;
-  for (; row + width <= rows; row += width) {
-    const Register<width> factor = load<width>(y + row);
-    unroll<N>([&](auto j) __attribute__((always_inline)) { sum[j] += load<width>(a + j * a_stride + row) * factor; });
+  if constexpr (width == 4) {
+    Register<4> sum[N] = {};
+    for (; row + 4 <= rows; row += 4) {
+      const Register<4> factor = load<4>(y + row);
+      unroll<N>([&](auto j) __attribute__((always_inline)) { sum[j] += load<4>(a + j * a_stride + row) * factor; });
+    }
+    unroll<N>([&](auto j) __attribute__((always_inline)) {
+      pair[j] = Register<2>{sum[j][0] + sum[j][2], sum[j][1] + sum[j][3]};
+    });
   }
-  unroll<N>([&](auto j) __attribute__((always_inline)) {
-    unroll<width>([&](auto k) __attribute__((always_inline)) { x[j] -= sum[j][k()]; });
-  });
+  for (; row + 2 <= rows; row += 2) {
+    const Register<2> factor = load<2>(y + row);
+    unroll<N>([&](auto j) __attribute__((always_inline)) { pair[j] += load<2>(a + j * a_stride + row) * factor; });
+  }
+  unroll<N>([&](auto j) __attribute__((always_inline)) { x[j] -= pair[j][0] + pair[j][1]; });
   for (; row < rows; ++row) {
     for (int j = 0; j < N; ++j) x[j] -= a[j * a_stride + row] * y[row];
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -20,27 +21,35 @@ namespace chainslam::detail {
 /// than the factor's own pattern. Names in comments as in Amestoy, Davis and Duff 1996, section 3 and 4.
 class QuotientGraph {
  public:
-  explicit QuotientGraph(const BlockPattern& pattern)
+  explicit QuotientGraph(const BlockPattern& pattern) : QuotientGraph(pattern, {}, pattern.size()) {}
+
+  /// Part of a larger graph, whose other nodes are eliminated already.
+  ///
+  /// @param elements  the cliques which those have left among the nodes that remain.
+  /// @param late      nodes from this one on are eliminated after all others (Chen et al. 2008, section 2.3).
+  QuotientGraph(const BlockPattern& pattern, std::span<const std::span<const Index>> elements, Index late)
       : size_(pattern.size()),
-        start_(size_, 0),
-        element_count_(size_, 0),
-        length_(size_, 0),
-        weight_(size_, 1),
-        degree_(size_, 0),
-        stamp_(size_, 0),
+        late_(late),
+        start_(size_ + to_index(elements.size()), 0),
+        element_count_(start_.size(), 0),
+        length_(start_.size(), 0),
+        weight_(start_.size(), 1),
+        degree_(start_.size(), 0),
+        stamp_(start_.size(), 0),
         next_(size_, -1),
         previous_(size_, -1),
-        bucket_(size_, -1),
+        bucket_(Offset{size_} + 1, -1),
         next_member_(size_, -1),
         last_member_(size_),
-        marks_(size_, 0) {
+        marks_(start_.size(), 0) {
     for (Index i = 0; i < size_; ++i) last_member_[i] = i;
-    list_neighbors(pattern);
+    list_neighbors(pattern, elements);
   }
 
   /// The nodes in the order of their elimination.
   [[nodiscard]] std::vector<Index> eliminate() {
     while (eliminated_ < size_ - to_index(dense_.size())) {
+      if (eliminated_ + waiting_ == size_ - to_index(dense_.size())) release_late();
       const Index pivot = take_least_degree();
       make_element(pivot);
       measure_elements(pivot);
@@ -57,13 +66,16 @@ class QuotientGraph {
   /// section 3.2).
   [[nodiscard]] Index dense_limit() const { return std::max(16, static_cast<Index>(10.0 * std::sqrt(size_))); }
 
-  void list_neighbors(const BlockPattern& pattern) {
+  void list_neighbors(const BlockPattern& pattern, std::span<const std::span<const Index>> elements) {
     Table<Index> neighbors(size_, 0);
     for (Index column = 0; column < size_; ++column) {
       for (const Index row : pattern.rows(column).subspan(1)) {
         ++neighbors[column];
         ++neighbors[row];
       }
+    }
+    for (const std::span<const Index> element : elements) {
+      for (const Index i : element) ++neighbors[i];
     }
     Offset total = 0;
     for (Index i = 0; i < size_; ++i) {
@@ -75,21 +87,50 @@ class QuotientGraph {
     }
     list_.reserve(3 * total);
     list_.resize(total);
+    for (Index e = 0; e < to_index(elements.size()); ++e)
+      list_element(size_ + e, elements[static_cast<std::size_t>(e)]);
     for (Index column = 0; column < size_; ++column) {
       for (const Index row : pattern.rows(column).subspan(1)) {
         if (weight_[row] == 0 || weight_[column] == 0) continue;
         list_[start_[column] + length_[column]++] = row;
         list_[start_[row] + length_[row]++] = column;
+        ++degree_[column];
+        ++degree_[row];
       }
     }
     // Backwards, so that among equal degrees the first node is met first.
     for (Index i = size_ - 1; i >= 0; --i) {
-      degree_[i] = length_[i];
+      degree_[i] = std::min(degree_[i], size_ - 1);
+      if (weight_[i] == 0) continue;
+      if (i >= late_) ++waiting_;
+      put_in_bucket(i);
+    }
+  }
+
+  void list_element(Index element, std::span<const Index> variables) {
+    start_[element] = list_.size();
+    for (const Index i : variables) {
+      if (weight_[i] == 0) continue;
+      list_.push_back(i);
+      list_[start_[i] + length_[i]++] = element;
+      ++element_count_[i];
+    }
+    length_[element] = degree_[element] = to_index(list_.size() - start_[element]);
+    for (const Index i : variables) degree_[i] += degree_[element] - 1;
+  }
+
+  /// Whether a node may not yet be eliminated.
+  [[nodiscard]] bool waits(Index i) const { return waiting_ > 0 && i >= late_; }
+
+  void release_late() {
+    waiting_ = 0;
+    for (Index i = size_ - 1; i >= late_; --i) {
       if (weight_[i] > 0) put_in_bucket(i);
     }
   }
 
   void put_in_bucket(Index i) {
+    if (waits(i)) return;
     const Index degree = degree_[i];
     next_[i] = bucket_[degree];
     previous_[i] = -1;
@@ -99,6 +140,7 @@ class QuotientGraph {
   }
 
   void take_from_bucket(Index i) {
+    if (waits(i)) return;
     if (next_[i] != -1) previous_[next_[i]] = previous_[i];
     if (previous_[i] != -1) {
       next_[previous_[i]] = next_[i];
@@ -189,7 +231,7 @@ class QuotientGraph {
         hash += static_cast<std::uint64_t>(j);
         list_[write++] = j;
       }
-      if (write == start_[i]) {  // nothing beside p: i can be eliminated with it (mass elimination)
+      if (write == start_[i] && !waits(i)) {  // nothing beside p: i can be eliminated with it (mass elimination)
         degree_[pivot] += weight_[i];
         eliminated_ -= weight_[i];
         weight_[i] = 0;
@@ -216,6 +258,7 @@ class QuotientGraph {
       for (std::size_t b = a + 1; b < hashes_.size() && hashes_[b].first == hashes_[a].first; ++b) {
         const Index j = hashes_[b].second;
         if (weight_[j] == 0 || length_[j] != length_[i] || element_count_[j] != element_count_[i]) continue;
+        if (waits(i) != waits(j)) continue;
         if (!marked) mark_list(i);
         marked = true;
         if (!list_is_marked(j)) continue;
@@ -283,6 +326,8 @@ class QuotientGraph {
   static constexpr std::int64_t dead = -1;
 
   Index size_;
+  Index late_;         ///< the first node that is to be eliminated late
+  Index waiting_ = 0;  ///< how many of those there are, until their time has come
   Table<Offset> start_;
   Table<Index> element_count_;
   Table<Index> length_;

@@ -40,6 +40,10 @@ class Table {
   void resize(Offset size) { values_.resize(static_cast<std::size_t>(size)); }
   void reserve(Offset size) { values_.reserve(static_cast<std::size_t>(size)); }
   void push_back(const T& value) { values_.push_back(value); }
+  void append(std::span<const T> values) { values_.insert(values_.end(), values.begin(), values.end()); }
+  void pop_back() { values_.pop_back(); }
+  void clear() { values_.clear(); }
+  [[nodiscard]] T& back() { return values_.back(); }
   [[nodiscard]] std::span<const T> range(Offset begin, Offset end) const {
     return {values_.data() + begin, static_cast<std::size_t>(end - begin)};
   }

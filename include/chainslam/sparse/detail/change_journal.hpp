@@ -1,0 +1,76 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/sparse/detail/table.hpp"
+
+namespace chainslam::detail {
+
+enum class Change : std::uint8_t {
+  variable_added,
+  variable_fixed,  ///< or let go
+  term_added,
+  term_removed,
+  term_numbers,  ///< with the numbers before
+  node_removed,  ///< with its children
+  node_created,
+  node_numbers,   ///< with the array before
+  node_solution,  ///< with its excess and the solution of its columns before
+  solution,       ///< with a variable's solution before
+};
+
+/// What changed since a point in time and how it was before, so that it can be undone, last change first.
+class ChangeJournal {
+ public:
+  struct Entry {
+    Change change;
+    Index id;
+    Offset first;  ///< of its numbers or indices
+    Offset count;
+    double* array;
+    double number;
+  };
+
+  void clear() {
+    entries_.clear();
+    numbers_.clear();
+    indices_.clear();
+  }
+  void add(Change change, Index id) { entries_.push_back({change, id, 0, 0, nullptr, 0.0}); }
+  void add_array(Change change, Index id, double* array, double number) {
+    entries_.push_back({change, id, 0, 0, array, number});
+  }
+  void add_numbers(Change change, Index id, std::span<const double> numbers) {
+    entries_.push_back({change, id, numbers_.size(), static_cast<Offset>(numbers.size()), nullptr, 0.0});
+    numbers_.append(numbers);
+  }
+  /// Adds to the last entry's numbers.
+  void append_numbers(std::span<const double> numbers) {
+    numbers_.append(numbers);
+    entries_.back().count += static_cast<Offset>(numbers.size());
+  }
+  /// Starts an entry to which `push_index` adds.
+  void add_indices(Change change, Index id) { entries_.push_back({change, id, indices_.size(), 0, nullptr, 0.0}); }
+  void push_index(Index index) {
+    indices_.push_back(index);
+    ++entries_.back().count;
+  }
+
+  [[nodiscard]] const Table<Entry>& entries() const { return entries_; }
+  [[nodiscard]] std::span<const double> numbers(const Entry& entry) const {
+    return numbers_.range(entry.first, entry.first + entry.count);
+  }
+  [[nodiscard]] std::span<const Index> indices(const Entry& entry) const {
+    return indices_.range(entry.first, entry.first + entry.count);
+  }
+
+ private:
+  Table<Entry> entries_;
+  Table<double> numbers_;
+  Table<Index> indices_;
+};
+
+}  // namespace chainslam::detail

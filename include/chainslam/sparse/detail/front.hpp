@@ -1,0 +1,190 @@
+#pragma once
+
+#include <algorithm>
+#include <span>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/sparse/detail/dense_kernels.hpp"
+#include "chainslam/sparse/detail/table.hpp"
+
+namespace chainslam::detail {
+
+/// The numbers of one front of a multifrontal factorisation, in one array: its columns of the factor, what they leave
+/// to later columns (the update), and the same of the right-hand side.
+///
+/// A front has `columns` block columns of its own and `rows` block rows below them. The panel holds its columns,
+/// column-major, all rows. The update is a lower triangle by block columns, each with the rows from its diagonal on.
+template <int B>
+class Front {
+ public:
+  Front(double* data, Index columns, Index rows) : data_(data), columns_(columns), rows_(rows) {}
+
+  [[nodiscard]] static Offset size(Index columns, Index rows) {
+    return panel_start(columns, rows) + panel_size(columns, rows) + Offset{rows} * (Offset{rows} + 1) / 2 * B * B;
+  }
+  /// Multiplications of a factorisation.
+  [[nodiscard]] static double work(Index columns, Index rows) {
+    const double n = columns * B, m = rows * B;
+    return n * n * n / 6 + n * n * m / 2 + n * m * m / 2;
+  }
+
+  [[nodiscard]] Index columns() const { return columns_; }
+  [[nodiscard]] Index rows() const { return rows_; }
+  [[nodiscard]] Index height() const { return columns_ + rows_; }
+  /// Distance between the columns of the panel.
+  [[nodiscard]] Offset stride() const { return Offset{height()} * B; }
+
+  /// Minus the gradient of all that is eliminated here; `substitute_forward` makes it what back-substitution needs.
+  [[nodiscard]] double* right() const { return data_; }
+  [[nodiscard]] double* reciprocals() const { return right() + stride(); }
+  /// Diagonal of the matrix before any elimination, as far as it is known here.
+  [[nodiscard]] double* scale() const { return reciprocals() + Offset{columns_} * B; }
+  [[nodiscard]] double* panel() const { return data_ + panel_start(columns_, rows_); }
+
+  void set_zero() const { std::fill_n(data_, size(columns_, rows_), 0.0); }
+
+  struct Block {
+    double* data;
+    Offset stride;
+  };
+  /// Block (row, column) of the front, row >= column, own columns first.
+  [[nodiscard]] Block block(Index row, Index column) const {
+    if (column < columns_) return {panel() + Offset{column} * B * stride() + Offset{row} * B, stride()};
+    const Index j = column - columns_;
+    return {update(j) + Offset{row - column} * B, update_stride(j)};
+  }
+
+  /// Factorises the own columns and subtracts them from the update.
+  /// @returns the own column with a bad pivot, or -1.
+  [[nodiscard]] Index eliminate(double pivot_tolerance) const {
+    const Offset step = stride();
+    for (Index j = 0; j < columns_; ++j) {
+      const double* const left = panel() + Offset{j} * B;
+      double* const diagonal = panel() + Offset{j} * B * (step + 1);
+      subtract_product<B>(Offset{height() - j} * B, left, step, left, step, Offset{j} * B, diagonal, step);
+      double* const reciprocal = reciprocals() + Offset{j} * B;
+      if (!factorize_block<B>(diagonal, step, scale() + Offset{j} * B, pivot_tolerance, reciprocal)) return j;
+      solve_from_right<B>(Offset{height() - j - 1} * B, diagonal, step, reciprocal, diagonal + B, step);
+    }
+    for (Index j = 0; j < rows_; ++j) {
+      const double* const left = panel() + Offset{columns_ + j} * B;
+      subtract_product<B>(Offset{rows_ - j} * B, left, step, left, step, Offset{columns_} * B, update(j),
+                          update_stride(j));
+    }
+    return -1;
+  }
+
+  /// Applies the factor's inverse to the own part of a right-hand side and subtracts it from the rest.
+  void substitute_forward(double* right_side) const {
+    const Offset step = stride();
+    for (Index j = 0; j < columns_; ++j) {
+      double* const x = right_side + Offset{j} * B;
+      const double* const diagonal = panel() + Offset{j} * B * (step + 1);
+      const double* const reciprocal = reciprocals() + Offset{j} * B;
+      for (int c = 0; c < B; ++c) {
+        x[c] *= reciprocal[c];
+        for (int r = c + 1; r < B; ++r) x[r] -= diagonal[c * step + r] * x[c];
+      }
+      subtract_product<1>(Offset{height() - j - 1} * B, diagonal + B, step, x, 1, B, x + B, step);
+    }
+  }
+
+  /// First half of the backward substitution: subtracts what the rows' solution, behind the own part of `x`, takes.
+  void subtract_rows(double* x) const {
+    for (Index j = 0; j < columns_ && rows_ > 0; ++j) {
+      subtract_dots<B>(Offset{rows_} * B, panel() + Offset{j} * B * stride() + Offset{columns_} * B, stride(),
+                       x + Offset{columns_} * B, x + Offset{j} * B);
+    }
+  }
+  /// Second half: turns the own part of `x` into the solution.
+  void solve_columns(double* solution) const {
+    const Offset step = stride();
+    for (Index j = columns_ - 1; j >= 0; --j) {
+      double* const x = solution + Offset{j} * B;
+      const double* const diagonal = panel() + Offset{j} * B * (step + 1);
+      const double* const reciprocal = reciprocals() + Offset{j} * B;
+      subtract_dots<B>(Offset{columns_ - j - 1} * B, diagonal + B, step, x + B, x);
+      for (int c = B - 1; c >= 0; --c) {
+        for (int r = c + 1; r < B; ++r) x[c] -= diagonal[c * step + r] * x[r];
+        x[c] *= reciprocal[c];
+      }
+    }
+  }
+  /// What the squared error of the whole system exceeds its minimum by if the own part is `x` instead of the solution,
+  /// given `right` after `subtract_rows`.
+  [[nodiscard]] double excess(const double* right_side, const double* x) const {
+    const Offset step = stride();
+    const Offset own = Offset{columns_} * B;
+    double sum = 0.0;
+    for (Offset c = 0; c < own; ++c) {
+      double rest = right_side[c];
+      for (Offset r = c; r < own; ++r) rest -= panel()[c * step + r] * x[r];
+      sum += rest * rest;
+    }
+    return sum;
+  }
+
+  /// Adds what a child leaves (extend-add). `place[k]` is the child's row k in this front.
+  void add_child(const Front& child, std::span<const Index> place) const {
+    add_update(child, place);
+    add_by_rows(child.right() + Offset{child.columns()} * B, right(), place);
+    add_by_rows(child.scale() + Offset{child.columns()} * B, scale(), place);
+  }
+
+ private:
+  void add_update(const Front& child, std::span<const Index> place) const {
+    const Index count = child.rows();
+    for (Index j = 0; j < count; ++j) {
+      const Index column = place[static_cast<std::size_t>(j)];
+      const double* const from = child.update(j);
+      const Offset from_stride = child.update_stride(j);
+      for (Index i = j; i < count;) {
+        const Index row = place[static_cast<std::size_t>(i)];
+        Index end = i + 1;
+        if (row < column) {
+          add_transposed(from + Offset{i - j} * B, from_stride, block(column, row));
+        } else {
+          while (end < count && place[static_cast<std::size_t>(end)] == row + (end - i)) ++end;
+          add_rows(from + Offset{i - j} * B, from_stride, block(row, column), Offset{end - i} * B);
+        }
+        i = end;
+      }
+    }
+  }
+
+  [[nodiscard]] static Offset panel_start(Index columns, Index rows) { return Offset{3 * columns + 2 * rows} * B; }
+  [[nodiscard]] static Offset panel_size(Index columns, Index rows) {
+    return Offset{columns + rows} * B * Offset{columns} * B;
+  }
+
+  [[nodiscard]] double* update(Index column) const {
+    return panel() + panel_size(columns_, rows_) +
+           (Offset{column} * rows_ - Offset{column} * (Offset{column} - 1) / 2) * B * B;
+  }
+  [[nodiscard]] Offset update_stride(Index column) const { return Offset{rows_ - column} * B; }
+
+  static void add_rows(const double* from, Offset from_stride, Block to, Offset rows) {
+    for (int column = 0; column < B; ++column, from += from_stride, to.data += to.stride) {
+      for (Offset row = 0; row < rows; row += B) {
+        for (int k = 0; k < B; ++k) to.data[row + k] += from[row + k];
+      }
+    }
+  }
+  static void add_transposed(const double* from, Offset from_stride, Block to) {
+    for (int column = 0; column < B; ++column) {
+      for (int row = 0; row < B; ++row) to.data[row * to.stride + column] += from[column * from_stride + row];
+    }
+  }
+  static void add_by_rows(const double* from, double* to, std::span<const Index> place) {
+    for (const Index row : place) {
+      for (int k = 0; k < B; ++k) to[Offset{row} * B + k] += from[k];
+      from += B;
+    }
+  }
+
+  double* data_;
+  Index columns_;
+  Index rows_;
+};
+
+}  // namespace chainslam::detail

@@ -1,0 +1,117 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/sparse/detail/arena.hpp"
+#include "chainslam/sparse/detail/front.hpp"
+#include "chainslam/sparse/detail/table.hpp"
+
+namespace chainslam::detail {
+
+/// What has to be done again at a front: of those that are none, all fronts above are none too.
+enum class Stale : std::uint8_t { none, numbers, order };
+
+/// The fronts of a factorisation whose tree changes, and which variable is eliminated in which.
+template <int B>
+class FrontTree {
+ public:
+  struct Node {
+    Index parent = -1;
+    Index first_child = -1;
+    Index last_child = -1;
+    Index next = -1;  ///< sibling
+    Index previous = -1;
+    Index columns = 0;
+    Index rows = 0;
+    Index waits_for = 0;  ///< children that are not ready
+    Stale stale = Stale::none;
+    Index* variables = nullptr;  ///< own columns, then rows
+    double* data = nullptr;
+    double lowered = 0.0;  ///< what its elimination lowers the squared error by
+    double excess = 0.0;   ///< what keeping an old solution of its columns raises it by
+  };
+
+  void add_variable() { node_of_.push_back(-1); }
+  void drop_last_variable() { node_of_.pop_back(); }
+
+  /// The node in which a variable is eliminated, -1 if it is not.
+  [[nodiscard]] Index node_of(Index variable) const { return node_of_[variable]; }
+  void set_node_of(Index variable, Index node) { node_of_[variable] = node; }
+
+  [[nodiscard]] Node& operator[](Index node) { return nodes_[node]; }
+  [[nodiscard]] const Node& operator[](Index node) const { return nodes_[node]; }
+
+  /// A node without parent and children; its variables and numbers are not yet set.
+  [[nodiscard]] Index create(Index columns, Index rows) {
+    Index node = to_index(nodes_.size());
+    if (free_.size() > 0) {
+      node = free_.back();
+      free_.pop_back();
+    } else {
+      nodes_.push_back({});
+    }
+    Node& created = nodes_[node];
+    created = Node{};
+    created.columns = columns;
+    created.rows = rows;
+    created.variables = lists_.take(columns + rows);
+    created.data = numbers_.take(Front<B>::size(columns, rows));
+    return node;
+  }
+
+  void release(Index node) {
+    Node& released = nodes_[node];
+    lists_.give_back(released.variables, released.columns + released.rows);
+    give_back_numbers(node, released.data);
+    free_.push_back(node);
+  }
+
+  [[nodiscard]] double* take_numbers(Index node) {
+    return numbers_.take(Front<B>::size(nodes_[node].columns, nodes_[node].rows));
+  }
+  void give_back_numbers(Index node, double* data) {
+    numbers_.give_back(data, Front<B>::size(nodes_[node].columns, nodes_[node].rows));
+  }
+
+  void append_child(Index parent, Index child) {
+    Node& above = nodes_[parent];
+    Node& below = nodes_[child];
+    below.parent = parent;
+    below.next = -1;
+    below.previous = above.last_child;
+    (above.last_child == -1 ? above.first_child : nodes_[above.last_child].next) = child;
+    above.last_child = child;
+  }
+  void drop_children(Index node) { nodes_[node].first_child = nodes_[node].last_child = -1; }
+
+  [[nodiscard]] Front<B> front(Index node) const {
+    return Front<B>(nodes_[node].data, nodes_[node].columns, nodes_[node].rows);
+  }
+  [[nodiscard]] std::span<const Index> variables(Index node) const {
+    return {nodes_[node].variables, static_cast<std::size_t>(nodes_[node].columns + nodes_[node].rows)};
+  }
+  [[nodiscard]] std::span<const Index> columns(Index node) const {
+    return variables(node).first(static_cast<std::size_t>(nodes_[node].columns));
+  }
+  [[nodiscard]] std::span<const Index> rows(Index node) const {
+    return variables(node).subspan(static_cast<std::size_t>(nodes_[node].columns));
+  }
+
+  /// Bytes taken from the system for numbers and lists.
+  [[nodiscard]] Offset bytes() const {
+    return numbers_.capacity() * static_cast<Offset>(sizeof(double)) +
+           lists_.capacity() * static_cast<Offset>(sizeof(Index));
+  }
+
+ private:
+  Table<Index> node_of_;
+  Table<Node> nodes_;
+  Table<Index> free_;
+  Arena<Index> lists_;
+  Arena<double> numbers_;
+};
+
+}  // namespace chainslam::detail

@@ -1,0 +1,302 @@
+#include "chainslam/sparse/incremental_cholesky.hpp"
+
+#include <doctest/doctest.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "support/property.hpp"
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+namespace {
+
+constexpr int block = 3;
+using Solver = IncrementalCholesky<block>;
+
+struct Term {
+  std::vector<Index> variables;
+  Index number = -1;
+  Eigen::MatrixXd jacobian;  // transposed
+  Eigen::VectorXd residual;
+};
+
+/// A system that is kept beside the solver, with all its terms, and solved densely.
+struct System {
+  std::vector<Term> terms;
+  std::vector<char> fixed;
+
+  [[nodiscard]] Eigen::VectorXd solution() const {
+    const auto size = static_cast<Eigen::Index>(fixed.size()) * block;
+    Eigen::MatrixXd H = Eigen::MatrixXd::Zero(size, size);
+    Eigen::VectorXd g = Eigen::VectorXd::Zero(size);
+    for (const Term& term : terms) {
+      for (std::size_t a = 0; a < term.variables.size(); ++a) {
+        const auto of_a = term.jacobian.middleRows<block>(static_cast<Eigen::Index>(a) * block);
+        g.segment<block>(Eigen::Index{term.variables[a]} * block) += of_a * term.residual;
+        for (std::size_t b = 0; b < term.variables.size(); ++b) {
+          H.block<block, block>(Eigen::Index{term.variables[a]} * block, Eigen::Index{term.variables[b]} * block) +=
+              of_a * term.jacobian.middleRows<block>(static_cast<Eigen::Index>(b) * block).transpose();
+        }
+      }
+    }
+    for (std::size_t k = 0; k < fixed.size(); ++k) {
+      if (fixed[k] == 0) continue;
+      const auto at = static_cast<Eigen::Index>(k) * block;
+      H.middleRows<block>(at).setZero();
+      H.middleCols<block>(at).setZero();
+      H.block<block, block>(at, at).setIdentity();
+      g.segment<block>(at).setZero();
+    }
+    return -H.llt().solve(g);
+  }
+
+  [[nodiscard]] double squared_error(const Eigen::VectorXd& x) const {
+    double sum = 0.0;
+    for (const Term& term : terms) {
+      Eigen::VectorXd residual = term.residual;
+      for (std::size_t a = 0; a < term.variables.size(); ++a)
+        residual += term.jacobian.middleRows<block>(static_cast<Eigen::Index>(a) * block).transpose() *
+                    x.segment<block>(Eigen::Index{term.variables[a]} * block);
+      sum += residual.squaredNorm();
+    }
+    return sum;
+  }
+};
+
+Eigen::VectorXd solution(const Solver& solver) {
+  Eigen::VectorXd x(Eigen::Index{solver.size()} * block);
+  for (Index k = 0; k < solver.size(); ++k)
+    x.segment<block>(Eigen::Index{k} * block) = Eigen::Map<const Eigen::Vector3d>(solver.solution(k).data());
+  return x;
+}
+
+class History {
+ public:
+  History(Rng& rng, const Solver::Options& options) : rng_(rng), solver(options) {}
+
+  void write(const Term& term) {
+    std::copy_n(term.jacobian.data(), term.jacobian.size(), solver.jacobian(term.number));
+    std::copy_n(term.residual.data(), term.residual.size(), solver.residual(term.number));
+  }
+  void randomize(Term& term) {
+    for (double& value : term.jacobian.reshaped()) value = rng_.normal();
+    for (double& value : term.residual) value = rng_.normal();
+  }
+  void add_term(const std::vector<Index>& variables, Index rows) {
+    Term term{variables, solver.add_term(variables, rows), {}, Eigen::VectorXd(rows)};
+    term.jacobian.resize(static_cast<Eigen::Index>(variables.size()) * block, rows);
+    randomize(term);
+    write(term);
+    system.terms.push_back(term);
+  }
+  void add_variable() {
+    const Index variable = solver.add_variable();
+    system.fixed.push_back(0);
+    add_term({variable}, block);
+    if (variable > 0) add_term({variable - 1, variable}, block);
+  }
+  void close(Index size) {
+    const Index a = rng_.uniform_index(size), b = rng_.uniform_index(size), c = rng_.uniform_index(size);
+    if (a != b) add_term({a, b}, 1 + rng_.uniform_index(4));
+    if (a != b && a != c && b != c) add_term({c, a, b}, 2);
+  }
+  void remove_one() {
+    const auto k = static_cast<std::size_t>(rng_.uniform_index(to_index(system.terms.size())));
+    if (system.terms[k].variables.size() == 1) return;  // they keep the system definite
+    solver.remove_term(system.terms[k].number);
+    system.terms.erase(system.terms.begin() + static_cast<std::ptrdiff_t>(k));
+  }
+  void change_one() {
+    Term& term = system.terms[static_cast<std::size_t>(rng_.uniform_index(to_index(system.terms.size())))];
+    solver.change_term(term.number);
+    randomize(term);
+    write(term);
+  }
+  void fix_one(Index size) {
+    const Index variable = rng_.uniform_index(size);
+    char& fixed = system.fixed[static_cast<std::size_t>(variable)];
+    fixed = fixed == 0 ? 1 : 0;
+    solver.set_fixed(variable, fixed != 0);
+  }
+
+  void step() {
+    solver.begin();
+    for (Index k = rng_.uniform_index(4); k >= 0; --k) add_variable();
+    for (Index k = rng_.uniform_index(3); k > 0; --k) close(solver.size());
+    if (rng_.uniform_index(3) == 0) remove_one();
+    if (rng_.uniform_index(2) == 0) change_one();
+    if (rng_.uniform_index(6) == 0) fix_one(solver.size());
+    REQUIRE(solver.factorize().ok());
+    solver.solve();
+  }
+
+ private:
+  Rng& rng_;
+
+ public:
+  Solver solver;
+  System system;
+};
+
+Solver::Options exact(int seed) {
+  Solver::Options options;
+  options.relative_excess = 0.0;
+  options.late_variables = seed % 3 * 4;
+  options.reorder_work = seed % 2 == 0 ? 1e9 : 10.0;
+  return options;
+}
+
+/// A chain of scalars, each tied to the one before, the first to 1.
+IncrementalCholesky<1> chain(Index size, bool tied) {
+  IncrementalCholesky<1> solver({.relative_excess = 0.0});
+  solver.begin();
+  for (Index k = 0; k < size; ++k) {
+    solver.add_variable();
+    if (k == 0 && !tied) continue;
+    const std::vector<Index> variables = k == 0 ? std::vector<Index>{0} : std::vector<Index>{k - 1, k};
+    const Index term = solver.add_term(variables, 1);
+    solver.jacobian(term)[0] = k == 0 ? 1.0 : -1.0;
+    if (k > 0) solver.jacobian(term)[1] = 1.0;
+    solver.residual(term)[0] = -1.0;
+  }
+  return solver;
+}
+
+}  // namespace
+
+TEST_SUITE("sparse/incremental_cholesky") {
+  TEST_CASE("equals the dense solution at every step of random histories") {
+    for_all(60, [](Rng& rng, int size) {
+      History history(rng, exact(size));
+      for (int k = 0; k < 5 + size / 4; ++k) {
+        history.step();
+        const Eigen::VectorXd expected = history.system.solution();
+        const Eigen::VectorXd found = solution(history.solver);
+        // random systems of up to 200 rows, conditions up to 1e8
+        CHECK((found - expected).norm() <= 1e-7 * (1.0 + expected.norm()));
+        CHECK(history.solver.squared_error() == doctest::Approx(history.system.squared_error(expected)).epsilon(1e-8));
+        CHECK(history.solver.excess() == 0.0);
+      }
+    });
+  }
+
+  TEST_CASE(
+      "the excess of an inexact solution is what its squared error exceeds the least by, and stays within bounds") {
+    for_all(60, [](Rng& rng, int size) {
+      Solver::Options options = exact(size);
+      options.relative_excess = 0.01;
+      History history(rng, options);
+      for (int k = 0; k < 5 + size / 2; ++k) {
+        history.step();
+        const double least = history.system.squared_error(history.system.solution());
+        const double found = history.system.squared_error(solution(history.solver));
+        CHECK(history.solver.squared_error() == doctest::Approx(least).epsilon(1e-8));
+        CHECK(history.solver.excess() == doctest::Approx(found - least).epsilon(1e-6).scale(1.0 + least));
+        CHECK(found <= 1.02 * least + 1e-5);  // least_error at the least
+      }
+    });
+  }
+
+  TEST_CASE("a rollback brings back every bit, and the same history leads on to the same bits") {
+    for_all(40, [](Rng& rng, int size) {
+      Solver::Options options = exact(size);
+      options.relative_excess = 1e-3;
+      Rng other_rng = rng;
+      History history(rng, options);
+      History other(other_rng, options);
+      for (int k = 0; k < 5 + size / 4; ++k) {
+        history.step();
+        other.step();
+        CHECK(solution(history.solver) == solution(other.solver));
+        const System system = other.system;
+        const Rng state = other_rng;
+        other.step();
+        other.solver.rollback();
+        other.system = system;
+        other_rng = state;
+      }
+    });
+  }
+
+  TEST_CASE("a variable that nothing ties fails, is named, and leaves no trace after a rollback") {
+    IncrementalCholesky<1> solver = chain(5, true);
+    REQUIRE(solver.factorize().ok());
+    solver.solve();
+    solver.begin();
+    solver.add_variable();
+    const std::vector<Index> variables{1, 2};
+    const Index term = solver.add_term(variables, 1);
+    solver.jacobian(term)[0] = 1.0;
+    const FactorizationResult result = solver.factorize();
+    CHECK(result.status == FactorizationStatus::not_positive_definite);
+    CHECK(result.block_column == 5);
+    solver.rollback();
+    CHECK(solver.size() == 5);
+    for (Index k = 0; k < 5; ++k) CHECK(solver.solution(k)[0] == doctest::Approx(k + 1.0));
+    solver.begin();
+    solver.change_term(0);
+    solver.residual(0)[0] = -2.0;
+    REQUIRE(solver.factorize().ok());
+    solver.solve();
+    for (Index k = 0; k < 5; ++k) CHECK(solver.solution(k)[0] == doctest::Approx(k + 2.0));
+  }
+
+  TEST_CASE("a chain that floats fails, however long") {
+    IncrementalCholesky<1> solver = chain(1000, false);
+    CHECK(!solver.factorize().ok());
+    solver.rollback();
+    CHECK(solver.size() == 0);
+  }
+
+  TEST_CASE("chains of 100 000 variables are no deeper than memory") {
+    IncrementalCholesky<1> solver = chain(100000, true);
+    REQUIRE(solver.factorize().ok());
+    solver.solve();
+    CHECK(solver.solution(99999)[0] == doctest::Approx(100000.0));
+    solver.begin();
+    solver.reset_work();
+    const std::vector<Index> ends{0, 99999};
+    const Index term = solver.add_term(ends, 1);
+    solver.jacobian(term)[0] = -1.0;
+    solver.jacobian(term)[1] = 1.0;
+    REQUIRE(solver.factorize().ok());
+    solver.solve();
+    // 99999 steps of stiffness 1 and one spring across: each step gives 1 / (1 + 1 / 99999) of itself
+    CHECK(solver.solution(99999)[0] - solver.solution(0)[0] == doctest::Approx(99999.0 / (1.0 + 99999.0)));
+  }
+
+  TEST_CASE("what a change reaches is counted: the end of a chain is near the root") {
+    IncrementalCholesky<1> solver = chain(2000, true);
+    REQUIRE(solver.factorize().ok());
+    solver.solve();
+    Index most = 0;
+    for (Index k = 2000; k < 2200; ++k) {
+      solver.begin();
+      solver.reset_work();
+      solver.add_variable();
+      const std::vector<Index> variables{k - 1, k};
+      const Index term = solver.add_term(variables, 1);
+      solver.jacobian(term)[0] = -1.0;
+      solver.jacobian(term)[1] = 1.0;
+      solver.residual(term)[0] = -1.0;
+      REQUIRE(solver.factorize().ok());
+      solver.solve();
+      CHECK(solver.solution(k)[0] == doctest::Approx(k + 1.0));
+      most = std::max(most, solver.work().reordered);
+    }
+    CHECK(most < 100);
+  }
+
+  TEST_CASE("an empty system has an empty solution") {
+    Solver solver;
+    solver.begin();
+    CHECK(solver.factorize().ok());
+    solver.solve();
+    CHECK(solver.changed().empty());
+    CHECK(solver.squared_error() == 0.0);
+  }
+}
