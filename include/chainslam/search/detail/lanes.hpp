@@ -1,12 +1,14 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdint>
 #include <limits>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/search/detail/nearest_list.hpp"
 
 #if defined(__AVX__) || defined(__SSE2__)
 #include <immintrin.h>
@@ -90,15 +92,41 @@ void squared_distances(const Lanes<Scalar, Count, Dim>& lanes, const Scalar* que
   }
 }
 
+/// Whether a collector keeps at most eight points and refuses those not below its bound by itself, without a branch.
+template <class Collector>
+concept KeepsFew = requires {
+  requires Collector::max_k <= 8;
+};
+
+/// A distance within which there are eight points or more: each eighth lane's nearest.
+template <class Scalar, std::size_t Count>
+[[nodiscard]] Scalar enough_for_eight(const std::array<Scalar, Count>& distances) {
+  std::array<Scalar, 8> nearest;
+  for (std::size_t i = 0; i < 8; ++i) nearest[i] = distances[i];
+  for (std::size_t i = 8; i < Count; ++i) nearest[i % 8] = std::min(nearest[i % 8], distances[i]);
+  return *std::max_element(nearest.begin(), nearest.end());
+}
+
 /// Offers every point of `lanes` nearer than the collector's bound; `index_of(lane)` names it.
 template <class Scalar, int Count, int Dim, class Collector, class IndexOf>
 void scan(const Lanes<Scalar, Count, Dim>& lanes, const Scalar* query, Collector& found, IndexOf&& index_of) {
   alignas(64) std::array<Scalar, static_cast<std::size_t>(Count)> distances;
   squared_distances(lanes, query, distances);
-  for (std::uint32_t near = lanes_below(distances, found.bound()); near != 0; near &= near - 1) {
+  std::uint32_t near = lanes_below(distances, found.bound());
+  if constexpr (KeepsFew<Collector> && Count > 8) {
+    // The first leaf of a search: most of its points would be put in the list to be put out again.
+    if (std::popcount(near) > 12)
+      if (const Scalar enough = enough_for_eight(distances); enough < found.bound())
+        near = lanes_below(distances, next_above(enough));
+  }
+  for (; near != 0; near &= near - 1) {
     const int lane = std::countr_zero(near);
     const Scalar distance = distances[static_cast<std::size_t>(lane)];
-    if (distance < found.bound()) found.offer(index_of(lane), distance);  // the bound may have come nearer
+    if constexpr (KeepsFew<Collector>) {
+      found.offer(index_of(lane), distance);
+    } else if (distance < found.bound()) {  // which may have come nearer
+      found.offer(index_of(lane), distance);
+    }
   }
 }
 

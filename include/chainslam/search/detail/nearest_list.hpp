@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "chainslam/search/concepts.hpp"
+#include "chainslam/search/detail/small_nearest.hpp"
 
 namespace chainslam::detail {
 
@@ -62,42 +62,32 @@ class NearestList {
   Scalar bound_;
 };
 
-/// `NearestList` for a number of neighbours that the compiler knows: places not yet taken hold the bound, so that one
-/// unrolled pass of comparisons without branches puts a point where it belongs.
+/// The K nearest, K known to the compiler.
 template <class Scalar, int K>
-class FixedNearestList {
+class FixedNearestList : public SmallNearest<Scalar> {
  public:
-  explicit FixedNearestList(Scalar bound) {
-    distances_.fill(bound);
-    indices_.fill(-1);
-  }
-
-  [[nodiscard]] Scalar bound() const { return distances_[K - 1]; }
-
-  void offer(Index index, Scalar squared_distance) {
-    for (std::size_t i = K - 1; i > 0; --i) {
-      const bool before = squared_distance < distances_[i - 1];
-      const bool here = squared_distance < distances_[i];
-      indices_[i] = before ? indices_[i - 1] : here ? index : indices_[i];
-      distances_[i] = before ? distances_[i - 1] : here ? squared_distance : distances_[i];
-    }
-    const bool first = squared_distance < distances_[0];
-    indices_[0] = first ? index : indices_[0];
-    distances_[0] = first ? squared_distance : distances_[0];
-  }
+  explicit FixedNearestList(Scalar bound) : SmallNearest<Scalar>(K, bound) {}
 
   [[nodiscard]] KNearest<Scalar, K> result() const {
     KNearest<Scalar, K> found;
-    for (std::size_t i = 0; i < K && indices_[i] >= 0; ++i) {
-      found.neighbors[i] = {indices_[i], distances_[i]};
-      ++found.count;
-    }
+    found.count = this->write(found.neighbors);
     return found;
   }
+};
 
- private:
-  std::array<Scalar, K> distances_;
-  std::array<Index, K> indices_;
+template <class Scalar, int K>
+  requires(K > SmallNearest<Scalar>::max_k)
+class FixedNearestList<Scalar, K> : private KNearest<Scalar, K>, public NearestList<Scalar> {
+ public:
+  explicit FixedNearestList(Scalar bound) : NearestList<Scalar>(this->neighbors, bound) {}
+  FixedNearestList(const FixedNearestList&) = delete;
+  FixedNearestList& operator=(const FixedNearestList&) = delete;
+  ~FixedNearestList() = default;
+
+  [[nodiscard]] KNearest<Scalar, K> result() {
+    this->count = this->size();
+    return *this;
+  }
 };
 
 /// Collects every point within a radius.

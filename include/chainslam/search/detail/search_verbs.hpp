@@ -63,6 +63,11 @@ class SearchVerbs {
   }
 
   [[nodiscard]] Index nearest(const Vector& query, std::span<Neighbor<Scalar>> out, Scalar bound) const {
+    if (out.size() <= static_cast<std::size_t>(SmallNearest<Scalar>::max_k)) {
+      SmallNearest<Scalar> found(out.size(), bound);
+      model().search(query, found);
+      return found.write(out);
+    }
     NearestList<Scalar> found(out, bound);
     model().search(query, found);
     return found.size();
