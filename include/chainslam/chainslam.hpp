@@ -36,6 +36,7 @@
 #include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
+#include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/factor_graph/prior_factor.hpp"
 #include "chainslam/factor_graph/values.hpp"

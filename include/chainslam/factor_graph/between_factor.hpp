@@ -20,6 +20,7 @@ struct BetweenFactor {
   using Value = Group;
   static constexpr std::size_t arity = 2;
   static constexpr int rows = Group::dof;
+  static constexpr bool left_invariant = true;  ///< a motion of both variables from the left changes nothing
   using Residual = Eigen::Matrix<double, rows, 1>;
   using Linearized = LinearizedFactor<rows, Group::dof, arity>;
 

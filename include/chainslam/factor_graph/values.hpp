@@ -25,6 +25,11 @@ class Values {
     return key;
   }
 
+  void drop_last() {
+    assert(!values_.empty());
+    values_.pop_back();
+  }
+
   [[nodiscard]] const Group& operator[](Key key) const {
     assert(contains(key));
     return values_[static_cast<std::size_t>(key)];

@@ -148,7 +148,8 @@ class IncrementalCholesky {
   [[nodiscard]] FactorizationResult factorize();
 
   /// Brings the solution up to date, as far as it changes.
-  void solve();
+  /// @param exact  all that changes at all, whatever the options tolerate.
+  void solve(bool exact = false);
 
   /// The least sum of |r + J x|^2.
   [[nodiscard]] double squared_error() const { return totals_.squared_residuals - totals_.lowered; }

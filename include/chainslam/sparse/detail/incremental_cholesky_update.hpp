@@ -24,10 +24,11 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize() {
 }
 
 template <int BlockSize>
-void IncrementalCholesky<BlockSize>::solve() {
+void IncrementalCholesky<BlockSize>::solve(bool exact) {
   changed_.clear();
   const double error = std::max(squared_error(), options_.least_error);
-  tolerated_ = std::max(0.0, options_.relative_excess * error - totals_.excess) / 100.0;
+  // A hundredth for each node, so that many may keep theirs before the share is used up.
+  tolerated_ = exact ? 0.0 : std::max(0.0, options_.relative_excess * error - totals_.excess) / 100.0;
   for (const Index node : fresh_) {
     if (tree_[node].parent == -1) stack_.push_back(node);
   }

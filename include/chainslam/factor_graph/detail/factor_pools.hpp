@@ -1,0 +1,176 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <span>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/concepts.hpp"
+
+namespace chainslam {
+
+/// Names a factor of an `IncrementalSmoother` for as long as it is there, and never another one after it.
+struct FactorId {
+  Index type = -1;  ///< which of the smoother's types of factors
+  Index slot = -1;
+  Index generation = -1;
+
+  friend bool operator==(const FactorId&, const FactorId&) = default;
+};
+
+}  // namespace chainslam
+
+namespace chainslam::detail {
+
+/// Factors of one type that come and go. Places are used again, with another generation.
+template <Factor F>
+class FactorPool {
+ public:
+  struct Entry {
+    F factor;
+    Index term = -1;  ///< its number in the linear system
+    Index generation = 0;
+    bool alive = false;
+  };
+
+  /// @returns the factor's place.
+  [[nodiscard]] Index add(const F& factor, Index term) {
+    ++alive_;
+    if (free_.empty()) {
+      entries_.push_back({factor, term, 0, true});
+      return to_index(entries_.size()) - 1;
+    }
+    const Index slot = free_.back();
+    free_.pop_back();
+    entries_[static_cast<std::size_t>(slot)] = {factor, term, at(slot).generation, true};
+    return slot;
+  }
+  void set_alive(Index slot, bool alive) {
+    entries_[static_cast<std::size_t>(slot)].alive = alive;
+    alive_ += alive ? 1 : -1;
+  }
+  /// Lets the place of a factor that is not alive be used again.
+  void release(Index slot) {
+    ++entries_[static_cast<std::size_t>(slot)].generation;
+    free_.push_back(slot);
+  }
+  [[nodiscard]] const Entry& at(Index slot) const { return entries_[static_cast<std::size_t>(slot)]; }
+  [[nodiscard]] Index alive() const { return alive_; }
+  [[nodiscard]] bool contains(const FactorId& id) const {
+    return id.slot >= 0 && id.slot < to_index(entries_.size()) && at(id.slot).alive &&
+           at(id.slot).generation == id.generation;
+  }
+
+  /// visit(entry) for each factor that is there.
+  template <class Visit>
+  void for_each(Visit&& visit) const {
+    for (const Entry& entry : entries_) {
+      if (entry.alive) visit(entry);
+    }
+  }
+
+ private:
+  std::vector<Entry> entries_;
+  std::vector<Index> free_;
+  Index alive_ = 0;
+};
+
+/// A pool for each type of factor, and which factor each term of the linear system comes from.
+template <Factor... Factors>
+class FactorPools {
+ public:
+  struct Place {
+    Index type = -1;
+    Index slot = -1;
+  };
+
+  template <Factor F>
+  static constexpr bool has = (std::is_same_v<F, Factors> || ...);
+
+  template <Factor F>
+  FactorId add(const F& factor, Index term) {
+    auto& pool = std::get<FactorPool<F>>(pools_);
+    const Index slot = pool.add(factor, term);
+    if (term >= to_index(of_term_.size())) of_term_.resize(static_cast<std::size_t>(term) + 1);
+    of_term_[static_cast<std::size_t>(term)] = {type_of<F>(), slot};
+    return {type_of<F>(), slot, pool.at(slot).generation};
+  }
+
+  [[nodiscard]] bool contains(const FactorId& id) const {
+    bool found = false;
+    visit_pool(id.type, [&](const auto& pool) { found = pool.contains(id); });
+    return found;
+  }
+  [[nodiscard]] Place place(Index term) const { return of_term_[static_cast<std::size_t>(term)]; }
+
+  /// visit(pool) with the pool of one type.
+  template <class Visit>
+  void visit_pool(Index type, Visit&& visit) {
+    Index k = 0;
+    std::apply([&](auto&... pools) { ((k++ == type ? visit(pools) : void()), ...); }, pools_);
+  }
+  template <class Visit>
+  void visit_pool(Index type, Visit&& visit) const {
+    Index k = 0;
+    std::apply([&](const auto&... pools) { ((k++ == type ? visit(pools) : void()), ...); }, pools_);
+  }
+  /// visit(entry) with the factor of a term.
+  template <class Visit>
+  void visit_term(Index term, Visit&& visit) const {
+    const Place at = place(term);
+    visit_pool(at.type, [&](const auto& pool) { visit(pool.at(at.slot)); });
+  }
+  /// visit(entry) for each factor, type by type.
+  template <class Visit>
+  void for_each(Visit&& visit) const {
+    std::apply([&](const auto&... pools) { (pools.for_each(visit), ...); }, pools_);
+  }
+
+  [[nodiscard]] Index count() const {
+    return std::apply([](const auto&... pools) { return (pools.alive() + ...); }, pools_);
+  }
+
+ private:
+  template <Factor F>
+  [[nodiscard]] static constexpr Index type_of() {
+    constexpr std::array<bool, sizeof...(Factors)> same{std::is_same_v<F, Factors>...};
+    return static_cast<Index>(std::find(same.begin(), same.end(), true) - same.begin());
+  }
+
+  std::tuple<FactorPool<Factors>...> pools_;
+  std::vector<Place> of_term_;
+};
+
+/// A factor's residual and Jacobians, scaled by the root of its kernel's weight.
+template <Factor F>
+[[nodiscard]] auto weighted_linearization(const F& factor, const Values<typename F::Value>& values) {
+  auto result = factor.linearize(values);
+  if constexpr (RobustFactor<F>) {
+    const double scale = std::sqrt(factor.kernel.weight(result.residual.squaredNorm()));
+    result.residual *= scale;
+    for (auto& jacobian : result.jacobians) jacobian *= scale;
+  }
+  return result;
+}
+
+/// A factor's residual, scaled by the root of its kernel's weight.
+template <Factor F>
+[[nodiscard]] Eigen::Matrix<double, F::rows, 1> weighted_residual(const F& factor,
+                                                                  const Values<typename F::Value>& values) {
+  Eigen::Matrix<double, F::rows, 1> residual = factor.residual(values);
+  if constexpr (RobustFactor<F>) residual *= std::sqrt(factor.kernel.weight(residual.squaredNorm()));
+  return residual;
+}
+
+template <Factor F>
+[[nodiscard]] double robust_cost(const F& factor, const Values<typename F::Value>& values) {
+  const double squared = factor.residual(values).squaredNorm();
+  if constexpr (RobustFactor<F>) return factor.kernel.cost(squared);
+  return squared;
+}
+
+}  // namespace chainslam::detail

@@ -1,0 +1,267 @@
+#pragma once
+
+#include "chainslam/factor_graph/incremental_smoother.hpp"
+
+// How `IncrementalSmoother` updates. Included by its header.
+
+namespace chainslam {
+
+template <class Group, class... Extra>
+UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
+  begin();
+  UpdateReport report;
+  solver_.reset_work();
+  report.variables = find_floating();
+  if (!report.variables.empty()) {
+    report.status = UpdateStatus::unconstrained;
+  } else {
+    const std::size_t count =
+        std::min(waiting_.size(), static_cast<std::size_t>(std::max<Index>(options_.largest_relinearization, 0)));
+    for (std::size_t i = 0; i < count; ++i) relinearize_at_estimate(waiting_[i]);
+    waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(count));
+    if (!linearize_touched(report) || !linearize_added(report)) {
+      report.status = UpdateStatus::not_finite;
+    } else if (const FactorizationResult result = solver_.factorize(); !result.ok()) {
+      report.status = UpdateStatus::singular;
+      report.variables = {result.block_column};
+    }
+  }
+  if (!report.ok()) {
+    revert();
+    open_ = false;
+    return report;
+  }
+  solver_.solve(exact);
+  report.squared_error = solver_.squared_error() + solver_.excess();
+  report.gap = solver_.excess();
+  look_at_changed(report);
+  report.waiting = to_index(waiting_.size());
+  report.work = solver_.work();
+  open_ = false;
+  return report;
+}
+
+template <class Group, class... Extra>
+UpdateReport IncrementalSmoother<Group, Extra...>::converge(Index max_updates, double relative_tolerance) {
+  UpdateReport report;
+  for (Index k = 0; k < max_updates; ++k) {
+    for (Key key = 0; key < size(); ++key) {
+      if (!solver_.is_fixed(key)) wait(key);
+    }
+    const double before = report.squared_error;
+    report = update(true);
+    if (!report.ok()) return report;
+    if (k > 0 && std::abs(before - report.squared_error) <= relative_tolerance * report.squared_error) break;
+  }
+  return report;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::begin() {
+  if (open_) return;
+  open_ = true;
+  solver_.begin();
+  for (const Change& change : changes_) {
+    if (change.kind != ChangeKind::factor_removed) continue;
+    const auto place = pools_.place(change.id);
+    pools_.visit_pool(place.type, [&](auto& pool) { pool.release(place.slot); });
+  }
+  changes_.clear();
+  waiting_before_ = waiting_;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::revert() {
+  for (const Index term : touched_terms_) touched_[static_cast<std::size_t>(term)] = 0;
+  touched_terms_.clear();
+  for (const Key key : waiting_) waits_[static_cast<std::size_t>(key)] = 0;
+  for (std::size_t k = changes_.size(); k-- > 0;) undo_change(changes_[k]);
+  changes_.clear();
+  waiting_ = waiting_before_;
+  for (const Key key : waiting_) waits_[static_cast<std::size_t>(key)] = 1;
+  solver_.rollback();
+  components_outdated_ = true;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
+  switch (change.kind) {
+    case ChangeKind::value_added:
+      origins_.drop_last();
+      estimates_.drop_last();
+      look_.pop_back();
+      waits_.pop_back();
+      break;
+    case ChangeKind::factor_added: {
+      touched_[static_cast<std::size_t>(change.id)] = 0;
+      const auto place = pools_.place(change.id);
+      pools_.visit_pool(place.type, [&](auto& pool) {
+        pool.set_alive(place.slot, false);
+        pool.release(place.slot);
+      });
+      break;
+    }
+    case ChangeKind::factor_removed: {
+      const auto place = pools_.place(change.id);
+      pools_.visit_pool(place.type, [&](auto& pool) { pool.set_alive(place.slot, true); });
+      break;
+    }
+    case ChangeKind::origin_moved:
+      origins_[change.id] = change.origin;
+      look_[static_cast<std::size_t>(change.id)] = change.look;
+      break;
+    case ChangeKind::looked:
+      look_[static_cast<std::size_t>(change.id)] = change.look;
+      break;
+  }
+}
+
+/// Only parts that have changed need looking at; after a removal, all may have.
+template <class Group, class... Extra>
+std::vector<Key> IncrementalSmoother<Group, Extra...>::find_floating() {
+  std::vector<Key> floating;
+  if (!components_outdated_) {
+    for (const Change& change : changes_) {
+      if (change.kind != ChangeKind::value_added || components_.is_held(change.id)) continue;
+      floating.push_back(components_.find(change.id));
+    }
+    std::ranges::sort(floating);
+    floating.erase(std::unique(floating.begin(), floating.end()), floating.end());
+    return floating;
+  }
+  components_outdated_ = false;
+  components_.clear();
+  for (Key key = 0; key < size(); ++key) components_.add_variable();
+  pools_.for_each([&](const auto& entry) { connect(entry.factor.keys()); });
+  for (Key key = 0; key < size(); ++key) {
+    if (solver_.is_fixed(key)) components_.hold(key);
+  }
+  for (Key key = 0; key < size(); ++key) {
+    if (components_.find(key) == key && !components_.is_held(key)) floating.push_back(key);
+  }
+  return floating;
+}
+
+/// Moves the point at which a variable's factors are linearised to its estimate.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::relinearize_at_estimate(Key key) {
+  const auto i = static_cast<std::size_t>(key);
+  changes_.push_back({ChangeKind::origin_moved, key, origins_[key], look_[i]});
+  waits_[i] = 0;
+  look_[i] = options_.first_look;
+  origins_[key] = (*this)[key];
+  if constexpr (requires(Group & group) { group.normalize(); }) origins_[key].normalize();
+  solver_.set_solution_zero(key);
+  for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next)
+    touch(solver_.terms().slot(k).term);
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::touch(Index term) {
+  if (touched_[static_cast<std::size_t>(term)] != 0) return;
+  touched_[static_cast<std::size_t>(term)] = 1;
+  touched_terms_.push_back(term);
+}
+
+template <class Group, class... Extra>
+bool IncrementalSmoother<Group, Extra...>::linearize_touched(UpdateReport& report) {
+  bool finite = true;
+  for (const Index term : touched_terms_) {
+    touched_[static_cast<std::size_t>(term)] = 0;
+    pools_.visit_term(term, [&](const auto& entry) {
+      if (!entry.alive) return;
+      solver_.change_term(term);
+      finite = write<std::remove_cvref_t<decltype(entry.factor)>>(entry, report) && finite;
+    });
+  }
+  report.relinearized = to_index(touched_terms_.size());
+  touched_terms_.clear();
+  return finite;
+}
+
+template <class Group, class... Extra>
+bool IncrementalSmoother<Group, Extra...>::linearize_added(UpdateReport& report) {
+  bool finite = true;
+  for (const Change& change : changes_) {
+    if (change.kind != ChangeKind::factor_added) continue;
+    touched_[static_cast<std::size_t>(change.id)] = 0;
+    pools_.visit_term(change.id, [&](const auto& entry) {
+      if (entry.alive) finite = write<std::remove_cvref_t<decltype(entry.factor)>>(entry, report) && finite;
+    });
+  }
+  return finite;
+}
+
+/// Writes a factor's linearisation into its term.
+/// @returns false if it is not finite; the report then names its variables.
+template <class Group, class... Extra>
+template <Factor F>
+bool IncrementalSmoother<Group, Extra...>::write(const typename detail::FactorPool<F>::Entry& entry,
+                                                 UpdateReport& report) {
+  const auto linearized = detail::weighted_linearization(entry.factor, origins_);
+  constexpr int columns = dof * static_cast<int>(F::arity);
+  Eigen::Map<Eigen::Matrix<double, columns, F::rows>> jacobian(solver_.jacobian(entry.term));
+  for (std::size_t a = 0; a < F::arity; ++a)
+    jacobian.template middleRows<dof>(static_cast<int>(a) * dof) = linearized.jacobians[a].transpose();
+  Eigen::Map<Eigen::Matrix<double, F::rows, 1>>(solver_.residual(entry.term)) = linearized.residual;
+  if (std::isfinite(jacobian.sum() + linearized.residual.sum())) return true;
+  const auto keys = entry.factor.keys();
+  report.variables.assign(keys.begin(), keys.end());
+  return false;
+}
+
+/// Finds the factors that the step has carried too far from where they were linearised.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report) {
+  const double error = std::max(report.squared_error, options_.least_error);
+  const double tolerated = options_.nonlinear_tolerance * error / std::max(1, pools_.count());
+  for (const Key key : solver_.changed()) {
+    const auto step = solver_.solution(key);
+    double length = 0.0;
+    for (const double coordinate : step) length = std::max(length, std::abs(coordinate));
+    if (length <= look_[static_cast<std::size_t>(key)]) continue;
+    set_look(key, 1.5 * length);
+    if (length > options_.longest_step) wait(key);
+    for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next)
+      touch(solver_.terms().slot(k).term);
+  }
+  for (const Index term : touched_terms_) {
+    touched_[static_cast<std::size_t>(term)] = 0;
+    const double off = misprediction(term);
+    if (off <= tolerated && options_.nonlinear_tolerance > 0.0) continue;
+    report.gap += off;
+    for (const auto& slot : solver_.terms().slots(term)) wait(slot.variable);
+  }
+  touched_terms_.clear();
+}
+
+/// Squared distance between a factor's residual and what its linearisation predicts.
+template <class Group, class... Extra>
+double IncrementalSmoother<Group, Extra...>::misprediction(Index term) {
+  double squared = 0.0;
+  pools_.visit_term(term, [&](const auto& entry) {
+    using F = std::remove_cvref_t<decltype(entry.factor)>;
+    constexpr int columns = dof * static_cast<int>(F::arity);
+    Eigen::Matrix<double, columns, 1> step;
+    int row = 0;
+    for (const Key key : entry.factor.keys()) {
+      estimates_[key] = (*this)[key];
+      step.template segment<dof>(row) = Eigen::Map<const Tangent>(solver_.solution(key).data());
+      row += dof;
+    }
+    Eigen::Matrix<double, F::rows, 1> difference = detail::weighted_residual(entry.factor, estimates_);
+    difference -= Eigen::Map<const Eigen::Matrix<double, F::rows, 1>>(solver_.terms().residual(term));
+    difference.noalias() -=
+        Eigen::Map<const Eigen::Matrix<double, columns, F::rows>>(solver_.terms().jacobian(term)).transpose() * step;
+    squared = difference.squaredNorm();
+  });
+  return squared;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::set_look(Key key, double look) {
+  changes_.push_back({ChangeKind::looked, key, Group(), look_[static_cast<std::size_t>(key)]});
+  look_[static_cast<std::size_t>(key)] = look;
+}
+
+}  // namespace chainslam

@@ -1,0 +1,379 @@
+#include "chainslam/factor_graph/incremental_smoother.hpp"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/lie/se2.hpp"
+#include "factor_graph/pose_graphs.hpp"
+#include "support/property.hpp"
+#include "support/real_data.hpp"
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+namespace {
+
+using Closure = BetweenFactor<SE3d, Cauchy>;
+using Smoother = IncrementalSmoother<SE3d, Closure>;
+
+/// All is exact: every factor is linearised anew in each update, and every solution computed.
+constexpr SmootherOptions exact{.linear_tolerance = 0.0, .nonlinear_tolerance = 0.0, .first_look = 0.0};
+
+double largest_difference(const Values<SE3d>& a, const Values<SE3d>& b) {
+  double largest = 0.0;
+  for (Key key = 0; key < a.size(); ++key) largest = std::max(largest, a[key].local(b[key]).norm());
+  return largest;
+}
+
+/// A smoother and, beside it, the plain list of what it should hold.
+struct Twin {
+  Smoother smoother;
+  std::vector<PriorFactor<SE3d>> priors;
+  std::vector<BetweenFactor<SE3d>> betweens;
+  std::vector<std::pair<FactorId, Closure>> closures;
+  std::vector<char> fixed;
+
+  void add_value(const SE3d& value) {
+    smoother.add_value(value);
+    fixed.push_back(0);
+  }
+  void add(const PriorFactor<SE3d>& factor) {
+    smoother.add(factor);
+    priors.push_back(factor);
+  }
+  void add(const BetweenFactor<SE3d>& factor) {
+    smoother.add(factor);
+    betweens.push_back(factor);
+  }
+  void add(const Closure& factor) { closures.emplace_back(smoother.add(factor), factor); }
+  void remove(std::size_t k) {
+    smoother.remove(closures[k].first);
+    closures.erase(closures.begin() + static_cast<std::ptrdiff_t>(k));
+  }
+
+  /// The same graph for the batch optimiser, from the smoother's estimate.
+  [[nodiscard]] FactorGraph<SE3d, Closure> graph(const Values<SE3d>& values) const {
+    FactorGraph<SE3d, Closure> result;
+    for (const SE3d& value : values) result.add_value(value);
+    for (const auto& factor : priors) result.add(factor);
+    for (const auto& factor : betweens) result.add(factor);
+    for (const auto& [id, factor] : closures) result.add(factor);
+    for (std::size_t k = 0; k < fixed.size(); ++k) result.set_fixed(static_cast<Key>(k), fixed[k] != 0);
+    return result;
+  }
+};
+
+/// A random walk, with closures that come and go.
+class Walk {
+ public:
+  explicit Walk(Rng& rng) : rng_(rng) {}
+
+  void step(Twin& twin) {
+    const auto noise = Smoother::Noise::from_sigma(0.02).sqrt_information();
+    const Key key = twin.smoother.size();
+    if (key == 0) {
+      truth_.push_back(random_pose<SE3d>(rng_));
+      twin.add_value(truth_.back());
+      twin.add(PriorFactor<SE3d>{0, truth_.back(), Smoother::Noise::from_sigma(1e-2).sqrt_information()});
+      return;
+    }
+    truth_.push_back(truth_.back() * SE3d::exp(random_tangent<SE3d>(rng_, 1.0, 0.3)));
+    const SE3d step = measure(key - 1, key);
+    twin.add_value(twin.smoother[key - 1] * step);
+    twin.add(BetweenFactor<SE3d>{key - 1, key, step, noise});
+    if (key > 2 && rng_.uniform_index(2) == 0) {
+      const Key other = rng_.uniform_index(key - 1);
+      twin.add(Closure{other, key, measure(other, key), noise, Cauchy{.width = 3.0}});
+    }
+  }
+  void remove_one(Twin& twin) {
+    if (!twin.closures.empty())
+      twin.remove(static_cast<std::size_t>(rng_.uniform_index(to_index(twin.closures.size()))));
+  }
+  void fix_one(Twin& twin) {
+    const Key key = rng_.uniform_index(twin.smoother.size());
+    char& fixed = twin.fixed[static_cast<std::size_t>(key)];
+    fixed = fixed == 0 ? 1 : 0;
+    twin.smoother.set_fixed(key, fixed != 0);
+  }
+
+ private:
+  [[nodiscard]] SE3d measure(Key from, Key to) {
+    const auto at = [&](Key key) -> const SE3d& { return truth_[static_cast<std::size_t>(key)]; };
+    return at(from).inverse() * at(to) * SE3d::exp(random_tangent<SE3d>(rng_, 0.02, 0.02));
+  }
+
+  Rng& rng_;
+  std::vector<SE3d> truth_;
+};
+
+/// One step of Gauss and Newton by the batch optimiser, whatever it does to the cost.
+Values<SE3d> gauss_newton_step(FactorGraph<SE3d, Closure> graph) {
+  detail::NormalEquations<FactorGraph<SE3d, Closure>> equations(graph);
+  equations.linearize(graph, graph.values());
+  BlockCholesky<6> solver;
+  solver.analyze(equations.matrix().pattern());
+  REQUIRE(solver.factorize(equations.matrix()).ok());
+  Eigen::VectorXd step = -equations.gradient();
+  solver.solve({step.data(), static_cast<std::size_t>(step.size())});
+  Values<SE3d> values = graph.values();
+  equations.retract(step, values, values);
+  return values;
+}
+
+/// Feeds a graph pose by pose, each with the factors that lead back from it.
+template <class Group>
+IncrementalSmoother<Group> fed(const FactorGraph<Group>& graph, const SmootherOptions& options, bool chain_guess) {
+  IncrementalSmoother<Group> smoother(options);
+  std::vector<std::vector<BetweenFactor<Group>>> by_newest(static_cast<std::size_t>(graph.values().size()));
+  for (const auto& factor : graph.betweens())
+    by_newest[static_cast<std::size_t>(std::max(factor.from, factor.to))].push_back(factor);
+  for (Key key = 0; key < graph.values().size(); ++key) {
+    Group guess = graph[key];
+    bool tied = false;
+    for (const auto& factor : by_newest[static_cast<std::size_t>(key)]) {
+      if (!chain_guess || factor.from != key - 1) continue;
+      guess = smoother[factor.from] * factor.measurement;
+      tied = true;
+    }
+    smoother.add_value(guess);
+    if (key == 0) smoother.set_fixed(0);
+    if (key > 0 && !tied && by_newest[static_cast<std::size_t>(key)].empty())
+      smoother.add_prior(key, guess, NoiseModel<Group::dof>::from_sigma(10.0));
+    for (const auto& factor : by_newest[static_cast<std::size_t>(key)]) smoother.add(factor);
+    REQUIRE(smoother.update().ok());
+  }
+  return smoother;
+}
+
+}  // namespace
+
+TEST_SUITE("factor_graph/incremental_smoother") {
+  TEST_CASE("with tolerances at 0, every step of random histories is the batch optimiser's step") {
+    for_all(30, [](Rng& rng, int size) {
+      Twin twin{Smoother(exact), {}, {}, {}, {}};
+      Walk walk(rng);
+      for (int k = 0; k < 4 + size / 3; ++k) {
+        for (Index count = rng.uniform_index(3); count >= 0; --count) walk.step(twin);
+        if (k % 4 == 3) walk.remove_one(twin);
+        if (k % 5 == 4) walk.fix_one(twin);
+        const Values<SE3d> before = twin.smoother.values();
+        REQUIRE(twin.smoother.update().ok());
+        CHECK(largest_difference(twin.smoother.values(), gauss_newton_step(twin.graph(before))) < 1e-7);
+      }
+    });
+  }
+
+  TEST_CASE("after converge, the estimate is the batch optimum, whatever came and went") {
+    for_all(20, [](Rng& rng, int size) {
+      Twin twin{Smoother(), {}, {}, {}, {}};
+      Walk walk(rng);
+      for (int k = 0; k < 4 + size / 2; ++k) {
+        walk.step(twin);
+        if (k % 5 == 3) walk.remove_one(twin);
+        if (k % 7 == 6) walk.fix_one(twin);
+        REQUIRE(twin.smoother.update().ok());
+        if (k % 8 != 7) continue;
+        const UpdateReport report = twin.smoother.converge();
+        REQUIRE(report.ok());
+        FactorGraph<SE3d, Closure> graph = twin.graph(twin.smoother.values());
+        REQUIRE(optimise(graph).ok());
+        CHECK(twin.smoother.cost() == doctest::Approx(graph.cost()).epsilon(1e-6));
+        CHECK(largest_difference(twin.smoother.values(), graph.values()) < 1e-4);
+      }
+    });
+  }
+
+  TEST_CASE("undo brings back every bit, and leads on to the same bits") {
+    for_all(20, [](Rng& rng, int size) {
+      Rng other_rng = rng;
+      Twin twin{Smoother(), {}, {}, {}, {}};
+      Twin other{Smoother(), {}, {}, {}, {}};
+      Walk walk(rng);
+      Walk other_walk(other_rng);
+      for (int k = 0; k < 3 + size / 4; ++k) {
+        walk.step(twin);
+        other_walk.step(other);
+        REQUIRE(twin.smoother.update().ok());
+        REQUIRE(other.smoother.update().ok());
+      }
+      const Values<SE3d> before = twin.smoother.values();
+      for (int k = 0; k < 5; ++k) walk.step(twin);
+      walk.remove_one(twin);
+      REQUIRE(twin.smoother.update().ok());
+      twin.smoother.undo();
+      CHECK(twin.smoother.values() == before);
+      for (int k = 0; k < 3; ++k) {
+        twin.smoother.add_value(before[0]);
+        twin.smoother.add_between(0, twin.smoother.size() - 1, SE3d(), Smoother::Noise::from_sigma(0.1));
+        other.smoother.add_value(before[0]);
+        other.smoother.add_between(0, other.smoother.size() - 1, SE3d(), Smoother::Noise::from_sigma(0.1));
+        REQUIRE(twin.smoother.update().ok());
+        REQUIRE(other.smoother.update().ok());
+        CHECK(twin.smoother.values() == other.smoother.values());
+      }
+    });
+  }
+
+  TEST_CASE("an update that fails says why, and leaves all as it was") {
+    Smoother smoother;
+    const auto noise = Smoother::Noise::from_sigma(0.1);
+    for (Key key = 0; key < 10; ++key) {
+      smoother.add_value(SE3d());
+      if (key == 0) smoother.add_prior(0, SE3d(), noise);
+      if (key > 0) smoother.add_between(key - 1, key, SE3d::exp(Vector6d::Constant(0.1)), noise);
+    }
+    const FactorId closure = smoother.add_between(2, 7, SE3d::exp(Vector6d::Constant(0.4)), noise);
+    REQUIRE(smoother.update().ok());
+    const Values<SE3d> before = smoother.values();
+    const auto unchanged = [&] {
+      CHECK(smoother.size() == 10);
+      CHECK(smoother.factor_count() == 11);
+      CHECK(smoother.values() == before);
+      CHECK(smoother.contains(closure));
+    };
+
+    SUBCASE("parts that nothing holds, by their least keys") {
+      for (int k = 0; k < 5; ++k) smoother.add_value(SE3d());  // 10 .. 14
+      smoother.add_between(12, 11, SE3d(), noise);
+      smoother.add_between(14, 12, SE3d(), noise);
+      smoother.remove(closure);
+      const UpdateReport report = smoother.update();
+      CHECK(report.status == UpdateStatus::unconstrained);
+      CHECK(report.variables == std::vector<Key>{10, 11, 13});
+      unchanged();
+    }
+    SUBCASE("a direction that is not measured") {
+      smoother.add_value(SE3d());
+      Vector6d sigmas = Vector6d::Ones();
+      sigmas[5] = std::numeric_limits<double>::infinity();  // no yaw
+      smoother.add_between(3, 10, SE3d(), Smoother::Noise::from_sigmas(sigmas));
+      const UpdateReport report = smoother.update();
+      CHECK(report.status == UpdateStatus::singular);
+      CHECK(report.variables == std::vector<Key>{10});
+      unchanged();
+    }
+    SUBCASE("a measurement that is not a number") {
+      smoother.add_value(SE3d());
+      const SE3d nowhere(SO3d(), Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()));
+      smoother.add_between(3, 10, nowhere, noise);
+      const UpdateReport report = smoother.update();
+      CHECK(report.status == UpdateStatus::not_finite);
+      CHECK(report.variables == std::vector<Key>{3, 10});
+      unchanged();
+    }
+    smoother.add_value(SE3d());
+    const FactorId next = smoother.add_between(9, 10, SE3d(), noise);
+    smoother.remove(closure);
+    REQUIRE(smoother.update().ok());
+    CHECK(!smoother.contains(closure));
+    CHECK(smoother.contains(next));
+    CHECK_THROWS_AS(smoother.remove(closure), std::invalid_argument);
+    // without the closure the chain is exact
+    CHECK(smoother[9].local(smoother[10]).norm() < 1e-9);
+  }
+
+  TEST_CASE("a caller's mistakes are refused at the door") {
+    Smoother smoother;
+    smoother.add_value(SE3d());
+    const auto noise = Smoother::Noise::from_sigma(0.1);
+    CHECK_THROWS_AS(smoother.add_between(0, 1, SE3d(), noise), std::invalid_argument);
+    CHECK_THROWS_AS(smoother.add_between(0, 0, SE3d(), noise), std::invalid_argument);
+    CHECK_THROWS_AS(smoother.remove(FactorId{}), std::invalid_argument);
+    CHECK_THROWS_AS(smoother.set_fixed(3), std::invalid_argument);
+  }
+
+  TEST_CASE("only what a closure moves is reported as changed") {
+    Smoother smoother;
+    const auto noise = Smoother::Noise::from_sigma(0.01);
+    for (Key key = 0; key < 400; ++key) {
+      smoother.add_value(SE3d(SO3d(), {key * 1.0, 0, 0}));
+      if (key == 0) smoother.add_prior(0, SE3d(), noise);
+      if (key > 0) smoother.add_between(key - 1, key, SE3d(SO3d(), {1, 0, 0}), noise);
+      REQUIRE(smoother.update().ok());
+    }
+    smoother.add_between(390, 395, SE3d(SO3d(), {5.1, 0, 0}), noise);
+    REQUIRE(smoother.update().ok());
+    const std::vector<Key> changed(smoother.changed().begin(), smoother.changed().end());
+    CHECK(!changed.empty());
+    CHECK(*std::min_element(changed.begin(), changed.end()) >= 380);
+  }
+
+  TEST_CASE("what moves as a whole is not linearised anew") {
+    Smoother smoother;
+    const auto noise = Smoother::Noise::from_sigma(1e-5);
+    const auto weak = Smoother::Noise::from_sigma(50.0);
+    for (Key key = 0; key < 600; ++key) {
+      const bool second = key >= 300;  // a session that starts somewhere
+      const SE3d start = second ? SE3d::exp((Vector6d() << 40, -25, 1, 0, 0, 0.5).finished()) : SE3d();
+      smoother.add_value(start * SE3d(SO3d(), {key % 300 * 1.0, 0, 0}));
+      if (key % 300 == 0) smoother.add_prior(key, start, second ? weak : noise);
+      if (key % 300 > 0) smoother.add_between(key - 1, key, SE3d(SO3d(), {1, 0, 0}), noise);
+      REQUIRE(smoother.update().ok());
+    }
+    smoother.add_between(100, 400, SE3d(SO3d(), {0, 2, 0}), noise);
+    Index relinearized = 0;
+    for (int k = 0; k < 5; ++k) {
+      const UpdateReport report = smoother.update();
+      REQUIRE(report.ok());
+      relinearized += report.relinearized;
+    }
+    CHECK(smoother[400].local(SE3d(SO3d(), {100, 2, 0})).norm() < 1e-3);
+    CHECK(smoother[599].local(SE3d(SO3d(), {299, 2, 0})).norm() < 1e-2);
+    CHECK(relinearized < 700);
+    const double before = smoother.cost();
+    REQUIRE(smoother.converge().ok());
+    CHECK(before <= 1.0001 * smoother.cost());
+  }
+
+  TEST_CASE("chains of 100 000 poses are no deeper than memory") {
+    Smoother smoother;
+    const auto noise = Smoother::Noise::from_sigma(0.01);
+    for (Key key = 0; key < 100000; ++key) {
+      smoother.add_value(SE3d(SO3d(), {key * 1.0, 0, 0}));
+      if (key == 0) smoother.add_prior(0, SE3d(), noise);
+      if (key > 0) smoother.add_between(key - 1, key, SE3d(SO3d(), {1, 0, 0}), noise);
+    }
+    REQUIRE(smoother.update().ok());
+    smoother.add_between(0, 99999, SE3d(SO3d(), {99999, 1, 0}), noise);
+    REQUIRE(smoother.update().ok());
+    REQUIRE(smoother.update().ok());
+    CHECK(std::isfinite(smoother.cost()));
+  }
+
+  TEST_CASE("fed pose by pose, a real graph ends within 1e-4 of its optimum, and converges to it") {
+    const auto path = real_data("pose_graphs/parking-garage.g2o");
+    if (!path) return;
+    constexpr double optimum = 1.2683848;  // from shared/data/pose_graphs/README.md
+    IncrementalSmoother<SE3d> smoother = fed(make_graph(read_g2o(*path).spatial), {}, true);
+    CHECK(smoother.cost() <= 1.0001 * optimum);
+    CHECK(smoother.cost() >= 0.9999999 * optimum);
+    REQUIRE(smoother.converge().ok());
+    CHECK(smoother.cost() == doctest::Approx(optimum).epsilon(1e-6));
+  }
+
+  TEST_CASE("the same calls give the same bits") {
+    Rng rng(7);
+    const FactorGraph<SE3d> graph = random_graph<SE3d>(rng, 120, 0.05);
+    const IncrementalSmoother<SE3d> one = fed(graph, {}, true);
+    const IncrementalSmoother<SE3d> other = fed(graph, {}, true);
+    CHECK(one.values() == other.values());
+  }
+
+  TEST_CASE("planar graphs, too") {
+    Rng rng(8);
+    FactorGraph<SE2d> graph = random_graph<SE2d>(rng, 150, 0.05);
+    IncrementalSmoother<SE2d> smoother = fed(graph, {}, true);
+    graph.set_fixed(0);
+    REQUIRE(optimise(graph).ok());
+    CHECK(smoother.cost() <= 1.0001 * graph.cost());
+    REQUIRE(smoother.converge().ok());
+    CHECK(smoother.cost() == doctest::Approx(graph.cost()).epsilon(1e-7));
+  }
+}
