@@ -1,3 +1,5 @@
+#include <numeric>
+
 #include "chainslam/search/ikd_tree.hpp"
 #include "chainslam/search/voxel_map.hpp"
 #include "search/ours.hpp"
@@ -12,10 +14,17 @@ using Voxels = VoxelMap<float, NearestToCenter>;
 Tree make_tree(const Points& points) { return Tree(points, NearestToCenter{map_voxel}); }
 Voxels make_voxels(const Points& points) { return Voxels(points, NearestToCenter{map_voxel}); }
 
+/// Points half a metre apart wherever the voxels' faces are.
+using SpacedVoxels = VoxelMap<float, VoxelMapOptions>;
+SpacedVoxels make_spaced_voxels(const Points& points) {
+  return SpacedVoxels(points, {.voxel_size = 2.0, .max_points_per_voxel = 100, .min_spacing = map_voxel});
+}
+
 const std::vector<Maker>& ours() {
   static const std::vector<Maker> makers{
       {"ikd_tree", make_ours<Tree, make_tree>},
       {"voxel_map", make_ours<Voxels, make_voxels>},
+      {"voxel_map_spaced", make_ours<SpacedVoxels, make_spaced_voxels>, Thinning::own},
   };
   return makers;
 }
@@ -35,24 +44,27 @@ const std::vector<SlamRun>& runs() {
 /// The time that a case counts, for one scan.
 using Case = Elapsed (*)(const Series& series, std::size_t scan);
 
-double total(const Series& series, Case what) {
+double total(const Series& series, Case what, double Elapsed::*clock = &Elapsed::thread) {
   double sum = 0;
-  for (std::size_t i = 0; i < series.first.size(); ++i) sum += what(series, i).thread;
+  for (std::size_t i = 0; i < series.first.size(); ++i) sum += what(series, i).*clock;
   return sum;
 }
 
-double worst(const Series& series, Case what, double Elapsed::*clock) {
-  double longest = 0;
-  for (std::size_t i = 0; i < series.first.size(); ++i) longest = std::max(longest, what(series, i).*clock);
-  return longest;
-}
-
-/// The median over the runs: what one disturbed run has for its longest step does not count.
+/// The median over the runs.
 template <class Value>
 double over_runs(Value&& value) {
   std::vector<double> values;
   for (const SlamRun& run : runs()) values.push_back(value(run.series()));
   return detail::median(values);
+}
+
+/// The longest step of a walk. A step's time is its median over the runs: a step that is long by itself, is so in each
+/// run; one that another program disturbed, is not.
+double longest_step(std::size_t place, double Elapsed::*clock) {
+  double longest = 0;
+  for (std::size_t i = 0; i < walk().steps().size(); ++i)
+    longest = std::max(longest, over_runs([&](const auto& series) { return series[place].step(i).*clock; }));
+  return longest;
 }
 
 /// What ikd-Tree's own thread took.
@@ -63,7 +75,8 @@ double helper_ms_per_scan() {
 }
 
 /// A row: the time of each scan, and how much longer the peers took for the whole walk.
-void report(benchmark::State& state, std::size_t place, Case what) {
+/// @param asked  how often the case goes through a scan's points; 0 where they are not its measure
+void report(benchmark::State& state, std::size_t place, Case what, int asked = 0) {
   std::vector<double> times;
   for (const SlamRun& run : runs())
     for (std::size_t i = 0; i < run.series()[place].first.size(); ++i)
@@ -71,6 +84,13 @@ void report(benchmark::State& state, std::size_t place, Case what) {
   if (times.empty()) return state.SkipWithError("nothing of the kind in so short a walk");
   std::size_t next = 0;
   for (auto _ : state) state.SetIterationTime(times[next++ % times.size()]);
+  if (asked > 0) {
+    std::size_t points = 0;
+    for (const Step& step : walk().steps()) points += step.scan.size();
+    const double per_scan = static_cast<double>(points) / static_cast<double>(walk().steps().size());
+    state.counters["ns_per_point"] =
+        1e9 * std::accumulate(times.begin(), times.end(), 0.0) / static_cast<double>(times.size()) / (asked * per_scan);
+  }
 
   const std::size_t first_peer = ours().size();
   const auto count = static_cast<double>(times.size()) / static_cast<double>(runs().size());
@@ -81,30 +101,40 @@ void report(benchmark::State& state, std::size_t place, Case what) {
     state.counters["speedup_vs_" + name] =
         over_runs([&](const auto& series) { return total(series[p], what) / total(series[place], what); });
     state.counters[name + "_ms"] = 1e3 * theirs / count;
+    if (name != "ikd_tree") continue;  // the one that waits for a thread of its own
+    constexpr auto wall = &Elapsed::wall;
+    state.counters["wall_speedup_vs_" + name] =
+        over_runs([&](const auto& series) { return total(series[p], what, wall) / total(series[place], what, wall); });
   }
 }
 
 /// 5-NN of each point of a scan, in its order.
 void knn5(benchmark::State& state, std::size_t place) {
-  report(state, place, [](const Series& series, std::size_t i) { return series.first[i]; });
+  report(
+      state, place, [](const Series& series, std::size_t i) { return series.first[i]; }, 1);
 }
 
 /// What an iterated filter asks again, three times, the scan having moved a little: seeded by the last answer.
 void knn5_seeded(benchmark::State& state, std::size_t place) {
-  report(state, place, [](const Series& series, std::size_t i) { return series.again[i]; });
+  report(
+      state, place, [](const Series& series, std::size_t i) { return series.again[i]; }, 3);
 }
 
 /// All four times that an iterated filter asks.
 void knn5_iterated(benchmark::State& state, std::size_t place) {
-  report(state, place, [](const Series& series, std::size_t i) {
-    Elapsed elapsed = series.again[i];
-    if (elapsed.thread > 0) elapsed += series.first[i];
-    return elapsed;
-  });
+  report(
+      state, place,
+      [](const Series& series, std::size_t i) {
+        Elapsed elapsed = series.again[i];
+        if (elapsed.thread > 0) elapsed += series.first[i];
+        return elapsed;
+      },
+      4);
 }
 
 void insert(benchmark::State& state, std::size_t place) {
-  report(state, place, [](const Series& series, std::size_t i) { return series.insert[i]; });
+  report(
+      state, place, [](const Series& series, std::size_t i) { return series.insert[i]; }, 1);
 }
 
 void erase_box(benchmark::State& state, std::size_t place) {
@@ -113,21 +143,18 @@ void erase_box(benchmark::State& state, std::size_t place) {
 
 /// Ask, insert and forget; the longest step, too, and what the map weighs.
 void step(benchmark::State& state, std::size_t place) {
-  const auto whole = [](const Series& series, std::size_t i) { return series.step(i); };
-  report(state, place, whole);
+  report(state, place, [](const Series& series, std::size_t i) { return series.step(i); });
   const auto& series = runs().front().series();
   state.counters["bytes_per_point"] = series[place].bytes / series[place].points;
-  const auto longest = [&](std::size_t p, double Elapsed::*clock) {
-    return over_runs([&](const auto& each) { return worst(each[p], whole, clock); });
-  };
-  state.counters["worst_step_ms"] = 1e3 * longest(place, &Elapsed::thread);
-  state.counters["worst_step_wall_ms"] = 1e3 * longest(place, &Elapsed::wall);
+  const double ours_longest = longest_step(place, &Elapsed::thread);
+  state.counters["worst_step_ms"] = 1e3 * ours_longest;
+  state.counters["worst_step_wall_ms"] = 1e3 * longest_step(place, &Elapsed::wall);
   for (std::size_t p = ours().size(); p < series.size(); ++p) {
     const std::string& name = series[p].name;
     state.counters[name + "_bytes_per_point"] = series[p].bytes / series[p].points;
-    state.counters[name + "_worst_step_ms"] = 1e3 * longest(p, &Elapsed::thread);
-    state.counters[name + "_worst_step_wall_ms"] = 1e3 * longest(p, &Elapsed::wall);
-    state.counters["worst_step_speedup_vs_" + name] = longest(p, &Elapsed::thread) / longest(place, &Elapsed::thread);
+    state.counters[name + "_worst_step_ms"] = 1e3 * longest_step(p, &Elapsed::thread);
+    state.counters[name + "_worst_step_wall_ms"] = 1e3 * longest_step(p, &Elapsed::wall);
+    state.counters["worst_step_speedup_vs_" + name] = longest_step(p, &Elapsed::thread) / ours_longest;
     if (name == "ikd_tree") state.counters["ikd_tree_helper_ms"] = helper_ms_per_scan();
   }
 }
