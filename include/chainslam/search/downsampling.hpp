@@ -27,6 +27,7 @@ enum class VoxelVerdict {
 /// - `first_state(offset)`: the state of a voxel whose first point this is.
 /// - `judge(state, offset)`: what becomes of a further point; may change the state.
 /// - `forget(state)`: a point was erased; whether the voxel holds others. May change the state.
+/// - `state_beyond_points`, if there: the state cannot be told from the points, and is saved with them.
 /// A policy that answers `meet` keeps one point a voxel and has
 /// - `meet(state, held, held_offset, offered, offset)`: whether the voxel's point changes; if so `held` is what it
 ///   becomes. The state is adapted.
@@ -88,6 +89,7 @@ struct MeanOfVoxel {
   double voxel_size = 0.5;  ///< edge, metres
 
   static constexpr int state_bits = 16;
+  static constexpr bool state_beyond_points = true;
   [[nodiscard]] unsigned first_state(double) const { return 1; }
   [[nodiscard]] VoxelVerdict judge(unsigned&, double) const { return VoxelVerdict::meet; }
   [[nodiscard]] bool forget(unsigned&) const { return false; }

@@ -6,15 +6,16 @@
 #include <array>
 #include <cassert>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <span>
 #include <stdexcept>
+#include <string>
 #include <type_traits>
 #include <utility>
 #include <vector>
 
-#include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/box_build.hpp"
@@ -24,7 +25,8 @@
 #include "chainslam/search/detail/box_tree.hpp"
 #include "chainslam/search/detail/box_visit.hpp"
 #include "chainslam/search/detail/search_verbs.hpp"
-#include "chainslam/search/detail/voxel_states.hpp"
+#include "chainslam/search/detail/thinning.hpp"
+#include "chainslam/search/detail/tree_archive.hpp"
 #include "chainslam/search/downsampling.hpp"
 
 namespace chainslam {
@@ -67,7 +69,7 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   using typename Base::Vector;
 
   /// @throws std::invalid_argument if the policy's numbers are out of range.
-  explicit IkdTree(const Policy& policy = {}) : policy_(policy) { require_valid(policy); }
+  explicit IkdTree(const Policy& policy = {}) : thinning_(policy) {}
 
   /// A tree of these points: `build(points)`.
   template <detail::PointSource<Dim> Points>
@@ -77,26 +79,25 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
 
   IkdTree(const IkdTree&) = default;
   /// Leaves `other` empty.
-  IkdTree(IkdTree&& other) noexcept : policy_(other.policy_) { swap(other); }
+  IkdTree(IkdTree&& other) noexcept : thinning_(other.thinning_.policy()) { swap(other); }
   IkdTree& operator=(IkdTree other) noexcept {
     swap(other);
     return *this;
   }
   ~IkdTree() = default;
   void swap(IkdTree& other) noexcept {
-    std::swap(policy_, other.policy_);
+    std::swap(thinning_, other.thinning_);
     std::swap(tree_, other.tree_);
-    std::swap(voxels_, other.voxels_);
     std::swap(rejected_, other.rejected_);
   }
 
-  [[nodiscard]] const Policy& downsampling() const { return policy_; }
+  [[nodiscard]] const Policy& downsampling() const { return thinning_.policy(); }
   [[nodiscard]] std::size_t size() const { return tree_.size; }
   /// Points refused because a coordinate is NaN or infinite, or, when downsampling, 2^31 or more voxels from the
   /// origin.
   [[nodiscard]] Index rejected() const { return rejected_; }
   /// Bytes held, the voxels and free room included.
-  [[nodiscard]] std::size_t memory() const { return tree_.memory() + voxels_.memory(); }
+  [[nodiscard]] std::size_t memory() const { return tree_.memory() + thinning_.memory(); }
   /// Work done since the tree was made, or last asked to start at zero.
   [[nodiscard]] IkdTreeWork work() const { return {tree_.moved_points, tree_.moved_links}; }
   void reset_work() { tree_.moved_points = tree_.moved_links = 0; }
@@ -147,6 +148,16 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   }
   void clear();
 
+  /// The points with all that goes with them, as bytes that are the same on every machine (but for payloads, which are
+  /// taken as they lie in memory); see detail/tree_archive.hpp.
+  [[nodiscard]] std::vector<std::byte> save() const;
+  /// A tree of what was saved: the same points, in places of its own.
+  ///
+  /// @param name  of where the bytes came from, for messages.
+  /// @throws IoError if the bytes are not whole, or were saved with other template parameters or voxels.
+  [[nodiscard]] static IkdTree load(std::span<const std::byte> bytes, const Policy& policy = {},
+                                    const std::string& name = "saved IkdTree");
+
   /// Calls `visit(index, position)` for every point.
   template <class Visit>
   void for_each_point(Visit&& visit) const {
@@ -154,26 +165,9 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   }
 
  private:
-  static constexpr bool downsamples = VoxelPolicy<Policy>;
-  struct NoVoxels {
-    [[nodiscard]] std::size_t memory() const { return 0; }
-  };
-  template <class P>
-  struct VoxelsOf {
-    using Type = NoVoxels;
-  };
-  template <VoxelPolicy P>
-  struct VoxelsOf<P> {
-    using Type = detail::VoxelStates<P::state_bits>;
-  };
   using Tree = detail::BoxTree<Scalar, Dim, Payload>;
   using Point = typename Tree::Point;
-
-  /// A point's voxel, and its squared distance from the voxel's centre in voxel sizes.
-  struct InVoxel {
-    Cell cell;
-    double offset;
-  };
+  using Thinning = detail::Thinning<Scalar, Dim, Policy>;
 
   [[nodiscard]] static Point tree_point(const Vector& p, const Payload& payload) {
     Point point{{}, payload};
@@ -181,10 +175,8 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
     return point;
   }
   [[nodiscard]] detail::BoxTreeInserter<Tree> inserter() { return detail::BoxTreeInserter<Tree>(tree_); }
-  [[nodiscard]] std::optional<InVoxel> in_voxel(const Vector& p) const;
-  [[nodiscard]] bool offer(const InVoxel& where, const Vector& p, const Payload& payload);
-  [[nodiscard]] bool meet(const InVoxel& where, unsigned& state, const Vector& p, const Payload& payload);
-  void forget(const Vector& p);
+  [[nodiscard]] bool meet(const typename Thinning::Where& at, const Vector& p, const Payload& payload);
+  [[nodiscard]] detail::TreeHeader header() const;
 
   template <class Collector>
   void search(const Vector& query, Collector& found) const {
@@ -202,9 +194,8 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
     if (tree_.height > 0) detail::visit_below(tree_, tree_.root, tree_.height - 1, region, visit);
   }
 
-  [[no_unique_address]] Policy policy_;
+  [[no_unique_address]] Thinning thinning_;
   Tree tree_;
-  [[no_unique_address]] typename VoxelsOf<Policy>::Type voxels_;
   Index rejected_ = 0;
 };
 static_assert(IncrementalSearch<IkdTree<float>> && IncrementalSearch<IkdTree<double, NearestToCenter, 2>>);
@@ -226,7 +217,7 @@ template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 template <detail::PointSource<Dim> Points>
 void IkdTree<ScalarType, Policy, Dim, Payload>::build(const Points& points) {
   clear();
-  if constexpr (downsamples) {
+  if constexpr (Thinning::thins) {
     insert(points);
   } else {
     const Index count = detail::source_size<Dim>(points);
@@ -245,14 +236,14 @@ void IkdTree<ScalarType, Policy, Dim, Payload>::build(const Points& points) {
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 bool IkdTree<ScalarType, Policy, Dim, Payload>::insert(const Vector& p, const Payload& payload) {
-  if constexpr (downsamples) {
-    if (const std::optional<InVoxel> where = in_voxel(p)) return offer(*where, p, payload);
-  } else if (is_finite(p)) {
-    inserter().insert(tree_point(p, payload));
-    return true;
+  const auto at = thinning_.where(p);
+  if (!at) {
+    ++rejected_;
+    return false;
   }
-  ++rejected_;
-  return false;
+  const VoxelVerdict verdict = thinning_.offer(*at);
+  if (verdict == VoxelVerdict::add) inserter().insert(tree_point(p, payload));
+  return verdict == VoxelVerdict::add || (verdict == VoxelVerdict::meet && meet(*at, p, payload));
 }
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
@@ -267,56 +258,17 @@ Index IkdTree<ScalarType, Policy, Dim, Payload>::insert(const Points& points, st
   return static_cast<Index>(size() - before);
 }
 
+/// Returns whether p has taken the place of its voxel's point.
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
-auto IkdTree<ScalarType, Policy, Dim, Payload>::in_voxel(const Vector& p) const -> std::optional<InVoxel> {
-  Eigen::Vector3d scaled = Eigen::Vector3d::Constant(0.5);
-  scaled.head<Dim>() = p.template cast<double>() * (1.0 / policy_.voxel_size);
-  const std::optional<Cell> cell = cell_of(scaled);
-  if (!cell) return std::nullopt;
-  return InVoxel{*cell, (scaled - Eigen::Vector3d(cell->x + 0.5, cell->y + 0.5, cell->z + 0.5)).squaredNorm()};
-}
-
-template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
-bool IkdTree<ScalarType, Policy, Dim, Payload>::offer(const InVoxel& where, const Vector& p, const Payload& payload) {
-  const auto place = voxels_.find_or_add(where.cell);
-  if (!voxels_.occupied(place)) {
-    voxels_.occupy(place, policy_.first_state(where.offset));
-    inserter().insert(tree_point(p, payload));
-    return true;
-  }
-  unsigned state = voxels_.state(place);
-  const VoxelVerdict verdict = policy_.judge(state, where.offset);
-  bool taken = verdict == VoxelVerdict::add;
-  if (taken) inserter().insert(tree_point(p, payload));
-  if (verdict == VoxelVerdict::meet) taken = meet(where, state, p, payload);
-  voxels_.set_state(place, state);
-  return taken;
-}
-
-template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
-bool IkdTree<ScalarType, Policy, Dim, Payload>::meet(const InVoxel& where, unsigned& state, const Vector& p,
+bool IkdTree<ScalarType, Policy, Dim, Payload>::meet(const typename Thinning::Where& at, const Vector& p,
                                                      const Payload& payload) {
-  if constexpr (requires(Vector & held) { policy_.meet(state, held, 0.0, p, 0.0); }) {
-    const std::array<double, 3> corner{1.0 * where.cell.x, 1.0 * where.cell.y, 1.0 * where.cell.z};
-    typename Tree::Box box;
-    for (std::size_t axis = 0; axis < Dim; ++axis) {
-      const double slack =
-          4 * static_cast<double>(std::numeric_limits<Scalar>::epsilon()) * (std::abs(corner[axis]) + 1);
-      box.low[axis] = static_cast<Scalar>((corner[axis] - slack) * policy_.voxel_size);
-      box.high[axis] = static_cast<Scalar>((corner[axis] + 1 + slack) * policy_.voxel_size);
-    }
+  if constexpr (Thinning::thins) {
     typename Tree::Path path;
-    double held_offset = 0;
-    const Index slot = detail::find_point(tree_, box, path, [&](Index i) {
-      const std::optional<InVoxel> found = in_voxel(tree_.runs.position(i));
-      held_offset = found->offset;
-      return found->cell == where.cell;
-    });
+    const Index slot = detail::find_point(tree_, thinning_.box_of(at), path,
+                                          [&](Index i) { return thinning_.in_voxel(tree_.runs.position(i), at); });
     assert(slot >= 0);
     Vector held = tree_.runs.position(slot);
-    if (!policy_.meet(state, held, held_offset, p, where.offset)) return false;
-    const std::optional<InVoxel> now = in_voxel(held);
-    if (!now || !(now->cell == where.cell)) return false;  // a mean that rounding took out of its voxel
+    if (!thinning_.meet(at, held, p)) return false;
     const bool replaced = held == p;
     inserter().replace(path, slot, tree_point(held, replaced ? payload : tree_.runs.payload(slot)));
     return replaced;
@@ -330,18 +282,12 @@ bool IkdTree<ScalarType, Policy, Dim, Payload>::meet(const InVoxel& where, unsig
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 template <class Region, class Leaves>
 Index IkdTree<ScalarType, Policy, Dim, Payload>::erase_where(const Region& region, Leaves& leaves) {
-  if constexpr (downsamples) {
-    constexpr double block_and_rounding = 1.001 * detail::VoxelStates<Policy::state_bits>::edge;
-    const auto gone = [this](const Vector& p) { forget(p); };
-    detail::BoxTreeEraser eraser(tree_, region, leaves, gone, block_and_rounding * policy_.voxel_size);
-    const std::size_t erased = eraser.run();
-    if (eraser.erased_untold()) voxels_.template vacate_inside<Dim>(region, policy_.voxel_size);
-    return static_cast<Index>(erased);
-  } else {
-    const auto gone = [](const Vector&) {};
-    detail::BoxTreeEraser eraser(tree_, region, leaves, gone, 0.0);
-    return static_cast<Index>(eraser.run());
-  }
+  const auto gone = [this](const Vector& p) { thinning_.forget(p); };
+  const auto around = [this](const typename Tree::Box& box) { return thinning_.around(box); };
+  detail::BoxTreeEraser eraser(tree_, region, leaves, gone, around);
+  const std::size_t erased = eraser.run();
+  if (eraser.erased_untold()) thinning_.forget_inside(region, eraser.untold());
+  return static_cast<Index>(erased);
 }
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
@@ -354,21 +300,63 @@ bool IkdTree<ScalarType, Policy, Dim, Payload>::erase(Index i) {
 }
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
-void IkdTree<ScalarType, Policy, Dim, Payload>::forget(const Vector& p) {
-  const auto place = voxels_.find(in_voxel(p)->cell);
-  unsigned state = voxels_.state(place);
-  if (policy_.forget(state))
-    voxels_.set_state(place, state);
-  else
-    voxels_.vacate(place);
-}
-
-template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 void IkdTree<ScalarType, Policy, Dim, Payload>::clear() {
-  IkdTree empty(policy_);
+  IkdTree empty(downsampling());
   empty.rejected_ = rejected_;
   empty.set_step_budget(step_budget());
   swap(empty);
+}
+
+// ---- saving ----
+
+template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
+detail::TreeHeader IkdTree<ScalarType, Policy, Dim, Payload>::header() const {
+  detail::TreeHeader header;
+  header.scalar_bytes = sizeof(Scalar);
+  header.dimension = Dim;
+  header.state_bytes = Thinning::saves_states ? 2 : 0;
+  header.payload_bytes = Tree::Runs::has_payload ? sizeof(Payload) : 0;
+  header.rejected = static_cast<std::uint32_t>(rejected_);
+  header.voxel_size = thinning_.voxel_size();
+  header.points = size();
+  return header;
+}
+
+template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
+std::vector<std::byte> IkdTree<ScalarType, Policy, Dim, Payload>::save() const {
+  const detail::TreeHeader head = header();
+  detail::ByteSink out(detail::TreeHeader::bytes + head.bytes_per_point() * size());
+  put_header(out, head);
+  for_each_point([&](Index, const Vector& p) {
+    for (Eigen::Index axis = 0; axis < Dim; ++axis) out.put(p[axis]);
+  });
+  if constexpr (Thinning::saves_states)
+    for_each_point([&](Index, const Vector& p) { out.put(static_cast<std::uint16_t>(thinning_.state_of(p))); });
+  if constexpr (Tree::Runs::has_payload) for_each_point([&](Index i, const Vector&) { out.put_raw(payload(i)); });
+  detail::seal(out.bytes());
+  return std::move(out.bytes());
+}
+
+template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
+auto IkdTree<ScalarType, Policy, Dim, Payload>::load(std::span<const std::byte> bytes, const Policy& policy,
+                                                     const std::string& name) -> IkdTree {
+  IkdTree tree(policy);
+  const detail::TreeHeader head = detail::check_tree(bytes, tree.header(), name);
+  const auto count = static_cast<std::size_t>(head.points);
+  detail::ByteSource coordinates(bytes.subspan(detail::TreeHeader::bytes));
+  detail::ByteSource states(bytes.subspan(detail::TreeHeader::bytes + count * sizeof(Scalar) * Dim));
+  detail::ByteSource payloads(bytes.last(count * head.payload_bytes));
+  std::vector<Point> points(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    for (Scalar& coordinate : points[i].at) coordinate = coordinates.take<Scalar>();
+    const unsigned state = Thinning::saves_states ? states.take<std::uint16_t>() : 0;
+    if constexpr (Tree::Runs::has_payload) points[i].payload = payloads.take_raw<Payload>();
+    if (!tree.thinning_.restore(Vector(points[i].at.data()), state))
+      detail::refuse_tree(name, detail::TreeHeader::bytes + i * sizeof(Scalar) * Dim, "a point that cannot be there");
+  }
+  detail::BoxTreeBuilder<Tree>::build(tree.tree_, points);
+  tree.rejected_ = static_cast<Index>(head.rejected);
+  return tree;
 }
 
 }  // namespace chainslam

@@ -12,11 +12,11 @@
 namespace chainslam::detail {
 
 template <class Scalar, int Dim>
-[[nodiscard]] Eigen::AlignedBox<double, Dim> wide_box(const Bounds<Scalar, Dim>& box, double margin = 0) {
+[[nodiscard]] Eigen::AlignedBox<double, Dim> wide_box(const Bounds<Scalar, Dim>& box) {
   Eigen::AlignedBox<double, Dim> wide;
-  for (std::size_t axis = 0; axis < Dim; ++axis) {
-    wide.min()[static_cast<Eigen::Index>(axis)] = static_cast<double>(box.low[axis]) - margin;
-    wide.max()[static_cast<Eigen::Index>(axis)] = static_cast<double>(box.high[axis]) + margin;
+  for (std::size_t axis = 0; axis < static_cast<std::size_t>(Dim); ++axis) {
+    wide.min()[static_cast<Eigen::Index>(axis)] = static_cast<double>(box.low[axis]);
+    wide.max()[static_cast<Eigen::Index>(axis)] = static_cast<double>(box.high[axis]);
   }
   return wide;
 }
@@ -25,8 +25,8 @@ template <class Scalar, int Dim>
 /// by point. Small leaves and nodes left over join a sibling.
 ///
 /// `region.overlap(box)` says how a box lies to the region, `leaves(slot, p)` decides for a point, `gone(p)` is told of
-/// points that go, but not of those that lie more than `margin` inside.
-template <class Tree, class Region, class Leaves, class Gone>
+/// points that go, but not of those in a box for which all of `around(box)` lies in the region.
+template <class Tree, class Region, class Leaves, class Gone, class Around>
 class BoxTreeEraser {
  public:
   using Scalar = typename Tree::Scalar;
@@ -34,8 +34,8 @@ class BoxTreeEraser {
   using Link = typename Tree::Link;
   using Box = typename Tree::Box;
 
-  BoxTreeEraser(Tree& tree, const Region& region, Leaves& leaves, Gone& gone, double margin)
-      : tree_(tree), region_(region), leaves_(leaves), gone_(gone), margin_(margin) {}
+  BoxTreeEraser(Tree& tree, const Region& region, Leaves& leaves, Gone& gone, Around& around)
+      : tree_(tree), region_(region), leaves_(leaves), gone_(gone), around_(around) {}
 
   /// Returns how many points went.
   std::size_t run() {
@@ -55,8 +55,9 @@ class BoxTreeEraser {
     return before - tree_.size;
   }
 
-  /// Whether there were points of which `gone` was not told.
-  [[nodiscard]] bool erased_untold() const { return deep_; }
+  /// Whether there were points of which `gone` was not told, and a box around them.
+  [[nodiscard]] bool erased_untold() const { return untold_.low[0] <= untold_.high[0]; }
+  [[nodiscard]] const Box& untold() const { return untold_; }
 
  private:
   static constexpr std::size_t small_leaf = 8, joined_leaf = 24, small_node = 3, joined_node = Node::width;
@@ -115,30 +116,31 @@ class BoxTreeEraser {
     return kept > 0;
   }
 
-  /// Frees all below a child that is erased as a whole.
+  /// Frees all below a child that is erased as a whole; tells of the points unless all lie deep in the region.
   void drop(const typename Tree::Entry& child, std::size_t level) {
-    const bool deep = region_.overlap(wide_box(child.box, margin_)) == Overlap::inside;
-    deep_ = deep_ || deep;
-    deep ? drop(child, level, [](const auto&) {}) : drop(child, level, gone_);
+    const bool deep = region_.overlap(around_(child.box)) == Overlap::inside;
+    if (deep) {
+      untold_.include(child.box);
+      return free_all(child, level);
+    }
+    if (level > 0) {
+      const Node& node = tree_.at(child.link);
+      for (std::size_t lane = 0; lane < node.count; ++lane) drop(node.entry(lane), level - 1);
+      return tree_.release_node(child.link);
+    }
+    const RunLink run(child.link);
+    for (std::uint32_t i = 0; i < child.points; ++i) gone_(tree_.runs.position(run.slot(i)));
+    free_all(child, level);
   }
 
-  template <class Tell>
-  void drop(const typename Tree::Entry& child, std::size_t level, const Tell& tell) {
+  void free_all(const typename Tree::Entry& child, std::size_t level) {
     if (level == 0) {
-      const RunLink run(child.link);
-      if constexpr (std::is_same_v<Tell, Gone>)
-        for (std::uint32_t i = 0; i < child.points; ++i) tell(tree_.runs.position(run.slot(i)));
-      tree_.runs.release(run);
+      tree_.runs.release(RunLink(child.link));
       tree_.size -= child.points;
       return;
     }
     const Node& node = tree_.at(child.link);
-    for (std::size_t lane = 0; lane < node.count; ++lane) {
-      if constexpr (std::is_same_v<Tell, Gone>)
-        drop(node.entry(lane), level - 1);
-      else
-        drop(node.entry(lane), level - 1, tell);
-    }
+    for (std::size_t lane = 0; lane < node.count; ++lane) free_all(node.entry(lane), level - 1);
     tree_.release_node(child.link);
   }
 
@@ -203,8 +205,8 @@ class BoxTreeEraser {
   const Region& region_;
   Leaves& leaves_;
   Gone& gone_;
-  double margin_;
-  bool deep_ = false;
+  Around& around_;
+  Box untold_;
 };
 
 }  // namespace chainslam::detail

@@ -47,16 +47,17 @@ class BoxTreeInserter {
 
   /// Puts a point in the place of the one at the path's end, whose leaf it then shares.
   void replace(const Path& path, Index slot, const Point& point) {
+    const std::array<Scalar, Tree::Dim> old = tree_.runs.get(slot).at;
     tree_.runs.set(slot, point);
     ++tree_.moved_points;
-    const Node& last = tree_.at(path.node[0]);
-    const std::size_t lane = path.lane[0];
-    const RunLink run(last.link[lane]);
-    Box box;
-    for (std::uint32_t i = 0; i < last.points[lane]; ++i) box.include(tree_.runs.get(run.slot(i)).at);
-    tree_.at(path.node[0]).set_box(lane, box);
-    for (std::size_t level = 1; level < tree_.height; ++level)
-      tree_.at(path.node[level]).set_box(path.lane[level], tree_.at(path.node[level - 1]).box());
+    for (std::size_t level = 0; level < tree_.height; ++level) {
+      Node& node = tree_.at(path.node[level]);
+      const std::size_t lane = path.lane[level];
+      node.include(lane, point.at);
+      if (!node.box(lane).touches_rim(old)) continue;
+      const RunLink run(node.link[lane]);
+      node.set_box(lane, level > 0 ? tree_.at(path.node[level - 1]).box() : tree_.box_of(run, node.points[lane]));
+    }
   }
 
  private:

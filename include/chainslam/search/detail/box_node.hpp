@@ -31,6 +31,12 @@ struct Bounds {
     include(other.low);
     include(other.high);
   }
+  /// Whether a side of the box goes through a point of it.
+  [[nodiscard]] bool touches_rim(const std::array<Scalar, Dim>& p) const {
+    bool touches = false;
+    for (std::size_t axis = 0; axis < Dim; ++axis) touches |= p[axis] <= low[axis] || p[axis] >= high[axis];
+    return touches;
+  }
   /// The sum of the sides: what boxes of points on surfaces are compared by, whose volumes are near zero.
   [[nodiscard]] Scalar margin() const {
     Scalar sum = 0;

@@ -56,6 +56,11 @@ struct BoxTree {
   }
   void release_node(Link link) { free_nodes.push_back(link); }
 
+  [[nodiscard]] Box box_of(RunLink run, std::uint32_t points) const {
+    Box box;
+    for (std::uint32_t lane = 0; lane < points; ++lane) box.include(runs.get(run.slot(lane)).at);
+    return box;
+  }
   [[nodiscard]] Entry leaf_entry(std::span<const Point> points) {
     Entry entry{{}, runs.store(points).packed(), static_cast<std::uint32_t>(points.size())};
     for (const Point& p : points) entry.box.include(p.at);

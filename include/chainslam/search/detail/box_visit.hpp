@@ -10,6 +10,22 @@
 
 namespace chainslam::detail {
 
+/// Bit i is set where the point in lane i of a leaf lies in a box.
+template <class Scalar, int Dim>
+[[nodiscard]] std::uint32_t lanes_inside(const PointGroup<Scalar, Dim>* groups, RunLink run,
+                                         const Bounds<Scalar, Dim>& box) {
+  std::uint32_t mask = 0;
+  for (std::uint32_t g = 0; g < run.groups(); ++g) {
+    Pack<Scalar> outside = Pack<Scalar>::all(0);
+    for (std::size_t axis = 0; axis < static_cast<std::size_t>(Dim); ++axis) {
+      const Pack<Scalar> p = Pack<Scalar>::load(groups[g].at[axis].data());
+      outside = max(outside, max(Pack<Scalar>::all(box.low[axis]) - p, p - Pack<Scalar>::all(box.high[axis])));
+    }
+    mask |= outside.at_most(0) << (pack_width * g);
+  }
+  return mask;
+}
+
 /// Finds a point in a box for which `accept(slot)` holds. Returns its slot and fills the way to it; -1 if there is
 /// none.
 template <class Tree, class Accept>
@@ -28,15 +44,17 @@ template <class Tree, class Accept>
     const auto lane = static_cast<std::size_t>(std::countr_zero(waiting[level]));
     waiting[level] &= waiting[level] - 1;
     path.lane[level] = lane;
-    const auto& node = tree.at(path.node[level]);
+    const std::uint32_t link = tree.at(path.node[level]).link[lane];
     if (level > 0) {
-      path.node[--level] = node.link[lane];
-      waiting[level] = tree.at(path.node[level]).touching(box);
+      path.node[--level] = link;
+      waiting[level] = tree.at(link).touching(box);
       continue;
     }
-    const RunLink run(node.link[lane]);
-    for (std::uint32_t i = 0; i < node.points[lane]; ++i)
-      if (accept(run.slot(i))) return run.slot(i);
+    const RunLink run(link);
+    for (std::uint32_t near = lanes_inside(tree.runs.groups(run), run, box); near != 0; near &= near - 1) {
+      const Index slot = run.slot(static_cast<std::uint32_t>(std::countr_zero(near)));
+      if (accept(slot)) return slot;
+    }
   }
 }
 

@@ -2,7 +2,9 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -37,11 +39,18 @@ class VoxelStates {
 
   /// The voxel, or block -1 if none of its block holds a point.
   [[nodiscard]] Place find(const Cell& cell) const { return {find_block(block_of(cell)), voxel_of(cell)}; }
+  /// Likewise, faster after a neighbour.
+  [[nodiscard]] Place find_again(const Cell& cell) {
+    const Cell block = block_of(cell);
+    if (!(last_ >= 0 && key(last_).block == block)) last_ = find_block(block);
+    return {last_, voxel_of(cell)};
+  }
   /// The voxel; its block is made if need be, and must get a point.
   [[nodiscard]] Place find_or_add(const Cell& cell) {
-    Place place = find(cell);
-    if (place.block < 0) place.block = add_block(block_of(cell));
-    return place;
+    const Place place = find_again(cell);
+    if (place.block >= 0) return place;
+    last_ = add_block(block_of(cell));
+    return {last_, place.voxel};
   }
 
   [[nodiscard]] bool occupied(Place place) const { return (body(place).occupied >> place.voxel & 1U) != 0; }
@@ -76,14 +85,22 @@ class VoxelStates {
     }
   }
 
-  /// Takes the blocks that lie in a region as a whole for empty.
+  /// Takes the blocks for empty that lie in a region as a whole and touch a box.
   template <int Dim, class Region>
-  void vacate_inside(const Region& region, double voxel_size) {
-    for (std::size_t i = 0; i < keys_.size(); ++i)
-      if (bodies_[i].occupied != 0 && region.overlap(box<Dim>(keys_[i].block, voxel_size)) == Overlap::inside) {
-        bodies_[i].occupied = 0;
-        remove_block(static_cast<Index>(i));
-      }
+  void vacate_inside(const Region& region, const Eigen::AlignedBox<double, Dim>& bounds, double voxel_size) {
+    const BlockRange range(bounds, voxel_size * edge);
+    for (std::size_t i = 0; i < keys_.size(); ++i) {
+      const Key& key = keys_[i];
+      if (!range.contains(key.block) || is_free(key)) continue;
+      if (region.overlap(box<Dim>(key.block, voxel_size)) == Overlap::inside) remove_block(static_cast<Index>(i));
+    }
+  }
+
+  /// The box of the blocks from one voxel's to another's.
+  template <int Dim>
+  [[nodiscard]] static Eigen::AlignedBox<double, Dim> blocks_between(const Cell& low, const Cell& high,
+                                                                     double voxel_size) {
+    return box<Dim>(block_of(low), voxel_size).merged(box<Dim>(block_of(high), voxel_size));
   }
 
   [[nodiscard]] std::size_t memory() const { return heads_.memory() + keys_.memory() + bodies_.memory(); }
@@ -92,7 +109,36 @@ class VoxelStates {
   static constexpr Index none = -1;
   struct Key {
     Cell block;
-    Index next;  ///< in the same bucket, or in the list of free places
+    Index next;  ///< in the same bucket; of a free place, `-3 -` the next one
+  };
+  [[nodiscard]] static bool is_free(const Key& key) { return key.next < none; }
+
+  /// Blocks between two corners.
+  class BlockRange {
+   public:
+    template <int Dim>
+    BlockRange(const Eigen::AlignedBox<double, Dim>& box, double block_size) {
+      for (int axis = 0; axis < Dim; ++axis) {
+        const auto i = static_cast<std::size_t>(axis);
+        low_[i] = block(box.min()[axis] / block_size - 1);
+        span_[i] =
+            static_cast<std::uint32_t>(block(box.max()[axis] / block_size + 1)) - static_cast<std::uint32_t>(low_[i]);
+      }
+    }
+    [[nodiscard]] bool contains(const Cell& cell) const {
+      const auto within = [&](std::int32_t at, std::size_t axis) {
+        return static_cast<std::uint32_t>(at) - static_cast<std::uint32_t>(low_[axis]) <= span_[axis];
+      };
+      return (int{within(cell.x, 0)} & int{within(cell.y, 1)} & int{within(cell.z, 2)}) != 0;
+    }
+
+   private:
+    static std::int32_t block(double coordinate) {
+      constexpr double most = 2147483647;
+      return static_cast<std::int32_t>(std::clamp(std::floor(coordinate), -most, most));
+    }
+    std::array<std::int32_t, 3> low_{};
+    std::array<std::uint32_t, 3> span_{};
   };
   struct NoStates {};
   struct Body {
@@ -149,7 +195,7 @@ class VoxelStates {
       bodies_.resize(bodies_.size() + 1);
       add_bucket();
     } else {
-      free_ = key(place).next;
+      free_ = -3 - key(place).next;
     }
     Index& head = heads_[bucket_of(block)];
     keys_[static_cast<std::size_t>(place)] = {block, head};
@@ -162,8 +208,9 @@ class VoxelStates {
     Index* link = &heads_[bucket_of(key(place).block)];
     while (*link != place) link = &key(*link).next;
     *link = key(place).next;
-    key(place).next = free_;
+    key(place).next = -3 - free_;
     free_ = place;
+    last_ = none;
   }
 
   /// One more bucket, which takes its blocks from the one that held them.
@@ -192,6 +239,7 @@ class VoxelStates {
   GrowingArray<Body> bodies_;
   std::size_t mask_ = 0;
   Index free_ = none;
+  Index last_ = none;  ///< the block that a point was last offered to
 };
 
 }  // namespace chainslam::detail

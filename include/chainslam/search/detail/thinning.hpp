@@ -1,0 +1,158 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+
+#include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/core/finite.hpp"
+#include "chainslam/search/detail/box_erase.hpp"
+#include "chainslam/search/detail/box_node.hpp"
+#include "chainslam/search/detail/voxel_states.hpp"
+#include "chainslam/search/downsampling.hpp"
+
+namespace chainslam::detail {
+
+/// What a tree asks before it takes a point, for policies that thin: knows which voxels hold points.
+template <class Scalar, int Dim, class Policy>
+class Thinning {
+ public:
+  using Vector = Eigen::Matrix<Scalar, Dim, 1>;
+  static constexpr bool thins = true;
+  static constexpr bool saves_states = requires { Policy::state_beyond_points; };
+
+  /// A point's voxel, and its squared distance from the voxel's centre in voxel sizes.
+  struct Where {
+    Cell cell;
+    double offset;
+  };
+
+  explicit Thinning(const Policy& policy) : policy_(policy) { require_valid(policy); }
+
+  [[nodiscard]] const Policy& policy() const { return policy_; }
+  [[nodiscard]] double voxel_size() const { return policy_.voxel_size; }
+  [[nodiscard]] std::size_t memory() const { return voxels_.memory(); }
+
+  /// Nothing if the point is not finite or too far away.
+  [[nodiscard]] std::optional<Where> where(const Vector& p) const {
+    Eigen::Vector3d scaled = Eigen::Vector3d::Constant(0.5);
+    scaled.head<Dim>() = p.template cast<double>() * (1.0 / policy_.voxel_size);
+    const std::optional<Cell> cell = cell_of(scaled);
+    if (!cell) return std::nullopt;
+    return Where{*cell, (scaled - Eigen::Vector3d(cell->x + 0.5, cell->y + 0.5, cell->z + 0.5)).squaredNorm()};
+  }
+
+  /// What becomes of a point. If it is added, its voxel is marked.
+  [[nodiscard]] VoxelVerdict offer(const Where& at) {
+    const auto place = voxels_.find_or_add(at.cell);
+    if (!voxels_.occupied(place)) {
+      voxels_.occupy(place, policy_.first_state(at.offset));
+      return VoxelVerdict::add;
+    }
+    unsigned state = voxels_.state(place);
+    const VoxelVerdict verdict = policy_.judge(state, at.offset);
+    if (verdict == VoxelVerdict::add) voxels_.set_state(place, state);
+    return verdict;
+  }
+
+  /// Lets the point of a voxel meet one that is offered. Returns whether `held` has changed.
+  [[nodiscard]] bool meet(const Where& at, Vector& held, const Vector& offered) {
+    if constexpr (requires(Vector & p, unsigned& state) { policy_.meet(state, p, 0.0, offered, 0.0); }) {
+      const auto place = voxels_.find_again(at.cell);
+      unsigned state = voxels_.state(place);
+      Vector result = held;
+      const bool changed = policy_.meet(state, result, where(held)->offset, offered, at.offset);
+      voxels_.set_state(place, state);
+      if (!changed || !in_voxel(result, at)) return false;  // a mean may be rounded out of its voxel
+      held = result;
+      return true;
+    } else {
+      return false;
+    }
+  }
+
+  [[nodiscard]] bool in_voxel(const Vector& p, const Where& at) const {
+    const std::optional<Where> other = where(p);
+    return other && other->cell == at.cell;
+  }
+  /// A box that holds all points of a voxel.
+  [[nodiscard]] Bounds<Scalar, Dim> box_of(const Where& at) const {
+    const std::array<double, 3> corner{1.0 * at.cell.x, 1.0 * at.cell.y, 1.0 * at.cell.z};
+    Bounds<Scalar, Dim> box;
+    for (std::size_t axis = 0; axis < static_cast<std::size_t>(Dim); ++axis) {
+      const double slack = 4.0 * std::numeric_limits<Scalar>::epsilon() * (std::abs(corner[axis]) + 1);
+      box.low[axis] = static_cast<Scalar>((corner[axis] - slack) * policy_.voxel_size);
+      box.high[axis] = static_cast<Scalar>((corner[axis] + 1 + slack) * policy_.voxel_size);
+    }
+    return box;
+  }
+
+  /// A point has been erased.
+  void forget(const Vector& p) {
+    const auto place = voxels_.find_again(where(p)->cell);
+    unsigned state = voxels_.state(place);
+    if (policy_.forget(state))
+      voxels_.set_state(place, state);
+    else
+      voxels_.vacate(place);
+  }
+  /// The blocks of voxels that hold what lies in a box.
+  [[nodiscard]] Eigen::AlignedBox<double, Dim> around(const Bounds<Scalar, Dim>& box) const {
+    return voxels_.template blocks_between<Dim>(where(Vector(box.low.data()))->cell,
+                                                where(Vector(box.high.data()))->cell, policy_.voxel_size);
+  }
+  /// All points of a region that lie in a box have been erased, and all that share their blocks.
+  template <class Region>
+  void forget_inside(const Region& region, const Bounds<Scalar, Dim>& box) {
+    voxels_.template vacate_inside<Dim>(region, around(box), policy_.voxel_size);
+  }
+
+  /// What is saved with a point beside itself.
+  [[nodiscard]] unsigned state_of(const Vector& p) const { return voxels_.state(voxels_.find(where(p)->cell)); }
+  /// Marks the voxel of a point that is loaded. Returns false if the policy would not have kept it.
+  [[nodiscard]] bool restore(const Vector& p, unsigned saved) {
+    const std::optional<Where> at = where(p);
+    if (!at || (saves_states && saved == 0) || offer(*at) != VoxelVerdict::add) return false;
+    if constexpr (saves_states) voxels_.set_state(voxels_.find_again(at->cell), saved);
+    return true;
+  }
+
+ private:
+  Policy policy_;
+  VoxelStates<Policy::state_bits> voxels_;
+};
+
+/// Takes every finite point.
+template <class Scalar, int Dim>
+class Thinning<Scalar, Dim, KeepAll> {
+ public:
+  using Vector = Eigen::Matrix<Scalar, Dim, 1>;
+  static constexpr bool thins = false;
+  static constexpr bool saves_states = false;
+  struct Where {};
+
+  explicit Thinning(const KeepAll&) {}
+
+  [[nodiscard]] const KeepAll& policy() const { return policy_; }
+  [[nodiscard]] double voxel_size() const { return 0; }
+  [[nodiscard]] std::size_t memory() const { return 0; }
+  [[nodiscard]] std::optional<Where> where(const Vector& p) const {
+    return is_finite(p) ? std::optional<Where>(Where{}) : std::nullopt;
+  }
+  [[nodiscard]] VoxelVerdict offer(const Where&) const { return VoxelVerdict::add; }
+  void forget(const Vector&) const {}
+  [[nodiscard]] Eigen::AlignedBox<double, Dim> around(const Bounds<Scalar, Dim>& box) const { return wide_box(box); }
+  template <class Region>
+  void forget_inside(const Region&, const Bounds<Scalar, Dim>&) const {}
+  [[nodiscard]] unsigned state_of(const Vector&) const { return 0; }
+  [[nodiscard]] bool restore(const Vector& p, unsigned) const { return is_finite(p); }
+
+ private:
+  [[no_unique_address]] KeepAll policy_;
+};
+
+}  // namespace chainslam::detail
