@@ -3,10 +3,13 @@
 #include <doctest/doctest.h>
 
 #include <array>
+#include <cmath>
+#include <limits>
 #include <vector>
 
 #include "chainslam/search/brute_force.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
+#include "search/search_laws.hpp"
 #include "support/property.hpp"
 
 namespace chainslam {
@@ -49,6 +52,18 @@ TEST_SUITE("search/kd_tree") {
     a.knn({0, 0, 0}, from_a);
     b.knn({0, 0, 0}, from_b);
     for (std::size_t k = 0; k < 10; ++k) CHECK(from_a[k].index == from_b[k].index);
+  }
+
+  TEST_CASE("in two dimensions it agrees with brute force, too") {
+    test::for_all(60, [](Rng& rng, int size) {
+      std::vector<Eigen::Vector2d> points;
+      for (int i = 0; i < 20 * size; ++i) points.emplace_back(rng.uniform(-9, 9), std::round(rng.uniform(-9, 9)));
+      const KdTree<double, 2> tree(points);
+      const BruteForce<double, 2> reference(points);
+      const double infinity = std::numeric_limits<double>::infinity();
+      for (const Index k : {1, 2, 8, 9, 30})
+        test::check_query(tree, reference, {rng.uniform(-10, 10), rng.uniform(-10, 10)}, k, infinity, infinity);
+    });
   }
 
   TEST_CASE("an unbuilt tree finds nothing") {

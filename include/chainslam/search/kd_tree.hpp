@@ -20,23 +20,23 @@ namespace chainslam {
 ///
 /// A cell is split across its widest side in the middle of its points' box, which keeps cells compact where LiDAR
 /// leaves lines of points (a median would make slivers), but gives neither side less than a quarter of the points,
-/// which bounds the depth. Nodes lie in preorder with 32-bit links, leaves hold up to 16 points in columns. Searching
+/// which bounds the depth. Nodes lie in preorder with 32-bit links, leaves hold up to 32 points in columns. Searching
 /// prunes by the distance to the cell, kept axis by axis (Arya and Mount 1993), with a stack of its own. All together
 /// about 30 bytes a point for float.
 ///
 /// Const calls may run on several threads. Indices are the cloud's.
-template <class ScalarType = float>
-class KdTree : public detail::SearchVerbs<KdTree<ScalarType>, ScalarType, 3> {
-  friend detail::SearchVerbs<KdTree, ScalarType, 3>;
+template <class ScalarType = float, int Dim = 3>
+class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, Dim> {
+  friend detail::SearchVerbs<KdTree, ScalarType, Dim>;
 
  public:
   using Scalar = ScalarType;
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
+  using Vector = Eigen::Matrix<Scalar, Dim, 1>;
 
   KdTree() = default;
 
   /// @param cloud  points in any frame, metres; NaN and infinite ones are left out and counted.
-  template <Cloud Points>
+  template <detail::PointSource<Dim> Points>
   explicit KdTree(const Points& cloud);
 
   /// Points that can be found.
@@ -50,16 +50,17 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType>, ScalarType, 3> {
            slot_of_point_[static_cast<std::size_t>(i)] >= 0;
   }
   /// Position of a point that is in the tree.
-  [[nodiscard]] Vector3 position(Index i) const {
+  [[nodiscard]] Vector position(Index i) const {
     const Index slot = slot_of_point_[static_cast<std::size_t>(i)];
     assert(slot >= 0);
     return leaves_[static_cast<std::size_t>(slot / leaf_size)].points.position(slot % leaf_size);
   }
 
  private:
-  static constexpr int leaf_size = 16;
-  /// No side of a split gets less than a quarter: depth <= log(2^31 / 16) / log(4 / 3) = 65.
-  static constexpr std::size_t max_depth = 66;
+  static constexpr auto dim = static_cast<std::size_t>(Dim);
+  static constexpr int leaf_size = 32;
+  /// No side of a split gets less than a quarter: depth <= log(2^31 / 32) / log(4 / 3) = 63.
+  static constexpr std::size_t max_depth = 64;
   static constexpr std::uint32_t leaf_axis = 3;
 
   /// A split, or a reference to a leaf. The lower side of a split is the next node.
@@ -70,27 +71,27 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType>, ScalarType, 3> {
     [[nodiscard]] std::uint32_t axis() const { return packed & 3; }
     [[nodiscard]] std::uint32_t link() const { return packed >> 2; }
   };
-  struct Leaf {
-    detail::Lanes<Scalar, leaf_size> points;
+  struct alignas(64) Leaf {
+    detail::Lanes<Scalar, leaf_size, Dim> points;
     std::array<Index, leaf_size> indices;
   };
   struct Item {
-    std::array<Scalar, 3> p;
+    std::array<Scalar, dim> p;
     Index index;
   };
   /// A subtree put aside: how far the query lies from its cell, axis by axis, and that distance squared.
   struct Pending {
-    std::array<Scalar, 3> offset;
+    std::array<Scalar, dim> offset;
     Scalar bound;
     std::uint32_t node;
   };
 
-  template <Cloud Points>
+  template <detail::PointSource<Dim> Points>
   [[nodiscard]] std::vector<Item> finite_items(const Points& cloud);
   void build(std::span<Item> items);
   void add_leaf(std::span<const Item> items);
   template <class Collector>
-  void search(const Vector3& query, Collector& found) const;
+  void search(const Vector& query, Collector& found) const;
 
   /// Where and across which axis to split, and how many items lie below; reorders the items.
   struct Split {
@@ -100,8 +101,10 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType>, ScalarType, 3> {
   };
   [[nodiscard]] static Split split(std::span<Item> items);
   /// The same sum in the same order as for points, so that rounding never makes a cell farther than what it holds.
-  [[nodiscard]] static Scalar squared(const std::array<Scalar, 3>& v) {
-    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+  [[nodiscard]] static Scalar squared(const std::array<Scalar, dim>& v) {
+    Scalar sum = v[0] * v[0] + v[1] * v[1];
+    if constexpr (Dim == 3) sum += v[2] * v[2];
+    return sum;
   }
 
   std::vector<Node> nodes_;
@@ -109,11 +112,11 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType>, ScalarType, 3> {
   std::vector<Index> slot_of_point_;  ///< leaf * leaf_size + lane, or -1 if left out
   Index rejected_ = 0;
 };
-static_assert(NearestNeighborSearch<KdTree<float>> && NearestNeighborSearch<KdTree<double>>);
+static_assert(SeededSearch<KdTree<float>> && FixedSizeSearch<KdTree<double, 2>>);
 
-template <class ScalarType>
-template <Cloud Points>
-KdTree<ScalarType>::KdTree(const Points& cloud) {
+template <class ScalarType, int Dim>
+template <detail::PointSource<Dim> Points>
+KdTree<ScalarType, Dim>::KdTree(const Points& cloud) {
   std::vector<Item> items = finite_items(cloud);
   if (items.empty()) return;
   const std::size_t expected_leaves = items.size() / 10 + 1;
@@ -122,34 +125,37 @@ KdTree<ScalarType>::KdTree(const Points& cloud) {
   build(items);
 }
 
-template <class ScalarType>
-template <Cloud Points>
-auto KdTree<ScalarType>::finite_items(const Points& cloud) -> std::vector<Item> {
-  const Index count = to_index(cloud_size(cloud), "cloud");
+template <class ScalarType, int Dim>
+template <detail::PointSource<Dim> Points>
+auto KdTree<ScalarType, Dim>::finite_items(const Points& cloud) -> std::vector<Item> {
+  const Index count = detail::source_size<Dim>(cloud);
   slot_of_point_.resize(static_cast<std::size_t>(count), -1);
   std::vector<Item> items;
   items.reserve(static_cast<std::size_t>(count));
   for (Index i = 0; i < count; ++i) {
-    const Vector3 p = chainslam::position(cloud, static_cast<std::size_t>(i)).template cast<Scalar>();
-    if (is_finite(p))
-      items.push_back({{p[0], p[1], p[2]}, i});
-    else
+    const Vector p = detail::source_position<Scalar, Dim>(cloud, i);
+    if (!is_finite(p)) {
       ++rejected_;
+      continue;
+    }
+    Item& item = items.emplace_back();
+    std::copy_n(p.data(), Dim, item.p.begin());
+    item.index = i;
   }
   return items;
 }
 
-template <class ScalarType>
-auto KdTree<ScalarType>::split(std::span<Item> items) -> Split {
-  std::array<Scalar, 3> low = items[0].p, high = items[0].p;
+template <class ScalarType, int Dim>
+auto KdTree<ScalarType, Dim>::split(std::span<Item> items) -> Split {
+  std::array<Scalar, dim> low = items[0].p, high = items[0].p;
   for (const Item& item : items) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (std::size_t axis = 0; axis < dim; ++axis) {
       low[axis] = std::min(low[axis], item.p[axis]);
       high[axis] = std::max(high[axis], item.p[axis]);
     }
   }
   std::uint32_t axis = 0;
-  for (std::uint32_t other : {1U, 2U})
+  for (std::uint32_t other = 1; other < dim; ++other)
     if (high[other] - low[other] > high[axis] - low[axis]) axis = other;
   const Scalar middle = low[axis] / 2 + high[axis] / 2;
   const auto first_above =
@@ -163,8 +169,8 @@ auto KdTree<ScalarType>::split(std::span<Item> items) -> Split {
   return {items[moved].p[axis], axis, moved};
 }
 
-template <class ScalarType>
-void KdTree<ScalarType>::build(std::span<Item> items) {
+template <class ScalarType, int Dim>
+void KdTree<ScalarType, Dim>::build(std::span<Item> items) {
   if (items.size() <= leaf_size) return add_leaf(items);
   const Split here = split(items);
   const std::size_t node = nodes_.size();
@@ -174,27 +180,28 @@ void KdTree<ScalarType>::build(std::span<Item> items) {
   build(items.subspan(here.below));
 }
 
-template <class ScalarType>
-void KdTree<ScalarType>::add_leaf(std::span<const Item> items) {
+template <class ScalarType, int Dim>
+void KdTree<ScalarType, Dim>::add_leaf(std::span<const Item> items) {
   const Index first_slot = to_index((leaves_.size() + 1) * leaf_size, "KdTree") - leaf_size;
   nodes_.push_back({0, 4 * static_cast<std::uint32_t>(leaves_.size()) + leaf_axis});
   Leaf& leaf = leaves_.emplace_back();
   for (std::size_t lane = 0; lane < items.size(); ++lane) {
     const Item& item = items[lane];
-    leaf.points.set(static_cast<int>(lane), {item.p[0], item.p[1], item.p[2]});
+    leaf.points.set(static_cast<int>(lane), Eigen::Map<const Vector>(item.p.data()));
     leaf.indices[lane] = item.index;
     slot_of_point_[static_cast<std::size_t>(item.index)] = first_slot + static_cast<Index>(lane);
   }
 }
 
-template <class ScalarType>
+template <class ScalarType, int Dim>
 template <class Collector>
-void KdTree<ScalarType>::search(const Vector3& query, Collector& found) const {
+void KdTree<ScalarType, Dim>::search(const Vector& query, Collector& found) const {
   if (nodes_.empty()) return;
-  const std::array<Scalar, 3> q{query[0], query[1], query[2]};
+  std::array<Scalar, dim> q;
+  std::copy_n(query.data(), dim, q.begin());
   std::array<Pending, max_depth> stack;
   std::size_t pending = 0;
-  std::array<Scalar, 3> offset{};
+  std::array<Scalar, dim> offset{};
   std::uint32_t node = 0;
   for (;;) {
     Node here = nodes_[node];

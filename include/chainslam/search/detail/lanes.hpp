@@ -98,13 +98,15 @@ concept KeepsFew = requires {
   requires Collector::max_k <= 8;
 };
 
-/// A distance within which there are eight points or more: each eighth lane's nearest.
+/// A distance within which there are k <= 8 points or more, and not many more: each eighth lane's nearest, or for one
+/// point the nearest of all.
 template <class Scalar, std::size_t Count>
-[[nodiscard]] Scalar enough_for_eight(const std::array<Scalar, Count>& distances) {
+[[nodiscard]] Scalar enough_for(std::size_t k, const std::array<Scalar, Count>& distances) {
   std::array<Scalar, 8> nearest;
   for (std::size_t i = 0; i < 8; ++i) nearest[i] = distances[i];
   for (std::size_t i = 8; i < Count; ++i) nearest[i % 8] = std::min(nearest[i % 8], distances[i]);
-  return *std::max_element(nearest.begin(), nearest.end());
+  const auto [least, most] = std::minmax_element(nearest.begin(), nearest.end());
+  return k == 1 ? *least : *most;
 }
 
 /// Offers every point of `lanes` nearer than the collector's bound; `index_of(lane)` names it.
@@ -115,8 +117,8 @@ void scan(const Lanes<Scalar, Count, Dim>& lanes, const Scalar* query, Collector
   std::uint32_t near = lanes_below(distances, found.bound());
   if constexpr (KeepsFew<Collector> && Count > 8) {
     // The first leaf of a search: most of its points would be put in the list to be put out again.
-    if (std::popcount(near) > 12)
-      if (const Scalar enough = enough_for_eight(distances); enough < found.bound())
+    if (std::popcount(near) > (found.k() == 1 ? 2 : 12))
+      if (const Scalar enough = enough_for(found.k(), distances); enough < found.bound())
         near = lanes_below(distances, next_above(enough));
   }
   for (; near != 0; near &= near - 1) {

@@ -20,7 +20,7 @@ class SmallNearest {
   static constexpr int max_k = 8;
 
   /// @param k  0 to `max_k`.
-  SmallNearest(std::size_t k, Scalar bound) {
+  SmallNearest(std::size_t k, Scalar bound) : k_(k) {
     for (int i = 0; i < max_k; ++i) {
       distances_[i] = i < max_k - static_cast<int>(k) ? -1 : bound;
       indices_[i] = -1;
@@ -29,6 +29,7 @@ class SmallNearest {
   }
 
   [[nodiscard]] Scalar bound() const { return distances_[max_k - 1]; }
+  [[nodiscard]] std::size_t k() const { return k_; }
 
   void offer(Index index, Scalar squared_distance) {
     const Distances offered = squared_distance - Distances{};
@@ -59,6 +60,7 @@ class SmallNearest {
   typedef Scalar Distances __attribute__((vector_size(max_k * sizeof(Scalar))));
   typedef Integer Indices __attribute__((vector_size(max_k * sizeof(Integer))));
 
+  std::size_t k_;
   Distances distances_;
   Indices indices_;
 };
