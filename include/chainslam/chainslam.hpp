@@ -97,6 +97,7 @@
 #include "chainslam/registration/point_to_plane.hpp"
 #include "chainslam/registration/point_to_point.hpp"
 #include "chainslam/registration/ransac.hpp"
+#include "chainslam/search/batch.hpp"
 #include "chainslam/search/brute_force.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/downsampling.hpp"
