@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 
@@ -11,11 +12,12 @@
 
 namespace chainslam::detail {
 
-/// How many points a collector keeps, if the compiler knows and they are few; otherwise 0.
+/// A collector that keeps few points and says how many.
 template <class Collector>
-inline constexpr int points_kept = 0;
-template <class Scalar, int K>
-inline constexpr int points_kept<FixedNearestList<Scalar, K>> = K <= static_cast<int>(pack_width) ? K : 0;
+concept KeepsFew = requires(const Collector& found) {
+  { found.k() } -> std::convertible_to<std::size_t>;
+  requires Collector::max_k <= static_cast<int>(pack_width);
+};
 
 /// A run's squared distances from a query, and which of them are below a bound.
 template <class Scalar>
@@ -59,10 +61,11 @@ template <class Scalar, int Dim, class Collector>
 void scan_run(const PointGroup<Scalar, Dim>* groups, RunLink run, const Scalar* query, Collector& found) {
   const RunDistances<Scalar> distances(groups, run.groups(), query);
   std::uint32_t near = distances.below(found.bound());
-  if constexpr (points_kept < Collector >> 0) {
+  if constexpr (KeepsFew<Collector>) {
     // The first leaf of a search: most of its points would be put in the list to be put out again.
-    if (std::popcount(near) > 10)
-      near = distances.below(std::min(found.bound(), distances.bound_for(points_kept<Collector>)));
+    constexpr int many = 10;
+    if (std::popcount(near) > many)
+      near = distances.below(std::min(found.bound(), distances.bound_for(static_cast<int>(found.k()))));
   }
   for (; near != 0; near &= near - 1) {
     const auto lane = static_cast<std::uint32_t>(std::countr_zero(near));
