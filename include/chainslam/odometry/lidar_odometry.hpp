@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <type_traits>
 #include <utility>
 #include <variant>
 
@@ -22,14 +23,29 @@
 
 namespace chainslam {
 
+namespace detail {
+
+/// Points of the local map about half a metre apart.
+template <class Downsampling>
+[[nodiscard]] constexpr Downsampling half_metre_apart() {
+  if constexpr (std::is_same_v<Downsampling, VoxelMapOptions>)
+    return {.voxel_size = 1.0, .max_points_per_voxel = 8, .min_spacing = 0.35};
+  else
+    return {.voxel_size = 0.5};
+}
+
+}  // namespace detail
+
 /// Settings of `LidarOdometry`; the defaults serve spinning LiDARs of 16 to 128 rings on cars and robots.
-template <class Kernel = GemanMcClure, class MapOptions = VoxelMapOptions>
+///
+/// @tparam Downsampling  how the local map thins what it is given, such as `NearestToCenter`.
+template <class Kernel = GemanMcClure, class Downsampling = VoxelMapOptions>
 struct LidarOdometryOptions {
   SE3d T_body_lidar;  ///< mounting; body = the IMU, or the LiDAR itself if there is none
   ScanFilter filter{};
   double map_voxel = 0.5;    ///< metres; points of a scan offered to the map
   double scan_voxel = 0.75;  ///< metres; points of a scan given to registration
-  MapOptions map{.voxel_size = 1.0, .max_points_per_voxel = 8, .min_spacing = 0.35};
+  Downsampling map = detail::half_metre_apart<Downsampling>();
   double map_radius = 150;          ///< metres around the body; farther points leave the local map
   Index min_points = 50;            ///< after the voxel filter; scans with fewer count as empty
   double min_match_ratio = 0.2;     ///< of the points given to registration; with less the scan is lost
@@ -64,10 +80,17 @@ struct LidarOdometryCounts {
 ///   grows with every lost scan; its points do not enter the map;
 /// - more than `max_lost_scans` lost in a row: the local map starts anew at the predicted pose.
 /// Same packets, same bits, whatever the executor. Poses are always finite.
+///
+/// @tparam Map  a map that grows and thins itself, made from its `downsampling()`: `VoxelMap`, `IkdTree`. One point a
+///              voxel is lighter and drifts less in streets, but a wall in the very faces of the voxels leaves two
+///              layers of points, of which planes are poor; points at a spacing know no faces.
 template <class Map = VoxelMap<float>, class Kernel = GemanMcClure>
 class LidarOdometry {
+  static_assert(IncrementalSearch<Map>, "LidarOdometry: Map needs what grows, forgets and finds, as in VoxelMap");
+
  public:
-  using Options = LidarOdometryOptions<Kernel>;
+  using Options =
+      LidarOdometryOptions<Kernel, std::remove_cvref_t<decltype(std::declval<const Map&>().downsampling())>>;
 
   explicit LidarOdometry(Options options = {})
       : options_(std::move(options)), map_(options_.map), motion_(options_.motion) {}

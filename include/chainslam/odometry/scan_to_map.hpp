@@ -130,6 +130,7 @@ template <Cloud Scan, NearestNeighborSearch Map, Executor E>
 ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d& guess, double guess_error,
                                    const E& executor) const {
   ScanMatch match{.T_map_body = guess};
+  std::vector<detail::FormerNeighbors<typename Map::Scalar, neighbors>> found;
   std::vector<detail::MatchedPlane> planes;
   double error = guess_error;
   double moved = 0;  // metres at the lever arm, since planes were looked up
@@ -140,7 +141,7 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
       if (matchings++ == max_matchings) break;
       const detail::PlaneRule rule{std::max(max_neighbor_distance, error), max_plane_deviation, min_plane_width,
                                    residual_floor};
-      detail::match_planes<neighbors>(scan, map, match.T_map_body, rule, planes, executor);
+      detail::match_planes<neighbors>(scan, map, match.T_map_body, rule, found, planes, executor);
       moved = 0;
     }
     const double unit = std::max(residual_scale, 0.5 * error);

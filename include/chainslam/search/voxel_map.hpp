@@ -52,7 +52,7 @@ class VoxelMap : public detail::IncrementalVerbs<VoxelMap<ScalarType, Downsampli
     insert(points);
   }
 
-  [[nodiscard]] const Downsampling& options() const { return options_; }
+  [[nodiscard]] const Downsampling& downsampling() const { return options_; }
   [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(voxels_.size()); }
   /// Points refused because a coordinate is NaN, infinite, or 2^31 or more voxels from the origin (where there may be
   /// many a voxel, blocks of four voxels).

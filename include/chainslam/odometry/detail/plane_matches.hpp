@@ -36,15 +36,37 @@ struct PlaneRule {
 
 inline constexpr Index scan_grain = 512;  ///< points a chunk
 
+/// A point's neighbours in the map when they were last asked for; none if there were fewer than `Neighbors`.
+template <class Scalar, std::size_t Neighbors>
+struct FormerNeighbors {
+  std::array<Neighbor<Scalar>, Neighbors> found;
+  bool any = false;
+};
+
+/// Finds the neighbours of `p`, sooner where the map can start from those of a place nearby. False if there are fewer.
+template <std::size_t Neighbors, NearestNeighborSearch Map>
+[[nodiscard]] bool find_neighbors(const Map& map, const Eigen::Matrix<typename Map::Scalar, 3, 1>& p,
+                                  typename Map::Scalar max_distance,
+                                  FormerNeighbors<typename Map::Scalar, Neighbors>& neighbors) {
+  const std::span found(neighbors.found);
+  const auto search = [&] {
+    if constexpr (SeededSearch<Map>)
+      if (neighbors.any) return map.knn(p, found, max_distance, found);
+    return map.knn(p, found, max_distance);
+  };
+  return neighbors.any = search() == static_cast<Index>(Neighbors);
+}
+
 /// The plane through the nearest neighbours of `p`, or none if they are too few, too far, uneven or on one line.
 template <std::size_t Neighbors, NearestNeighborSearch Map>
-[[nodiscard]] MatchedPlane match_plane(const Map& map, const Eigen::Vector3d& p, const PlaneRule& rule) {
+[[nodiscard]] MatchedPlane match_plane(const Map& map, const Eigen::Vector3d& p, const PlaneRule& rule,
+                                       FormerNeighbors<typename Map::Scalar, Neighbors>& neighbors) {
   using Scalar = typename Map::Scalar;
-  std::array<Neighbor<Scalar>, Neighbors> found;
-  const Index count = map.knn(p.cast<Scalar>(), std::span(found), static_cast<Scalar>(rule.max_neighbor_distance));
-  if (count < static_cast<Index>(Neighbors)) return {};
+  if (!find_neighbors(map, p.cast<Scalar>().eval(), static_cast<Scalar>(rule.max_neighbor_distance), neighbors))
+    return {};
   std::array<Eigen::Vector3d, Neighbors> points;
-  for (std::size_t i = 0; i < Neighbors; ++i) points[i] = map.position(found[i].index).template cast<double>();
+  for (std::size_t i = 0; i < Neighbors; ++i)
+    points[i] = map.position(neighbors.found[i].index).template cast<double>();
   const PlaneFit plane = fit_plane(std::span<const Eigen::Vector3d>(points));
   if (!plane.good() || plane.eigenvalues[1] < rule.min_width * rule.min_width) return {};
   // Points of one ring and a single one beside it make an exact plane of nothing. The leverage of a point, its diagonal
@@ -66,15 +88,19 @@ template <std::size_t Neighbors, NearestNeighborSearch Map>
 }
 
 /// Matches all points of a scan, lying at T_map_body.
+///
+/// @param neighbors  of the scan's points, kept from matching to matching while neither scan nor map changes.
 template <std::size_t Neighbors, Cloud Scan, NearestNeighborSearch Map, Executor E>
 void match_planes(const Scan& scan, const Map& map, const SE3d& T_map_body, const PlaneRule& rule,
+                  std::vector<FormerNeighbors<typename Map::Scalar, Neighbors>>& neighbors,
                   std::vector<MatchedPlane>& planes, const E& executor) {
   const Eigen::Matrix3d R = T_map_body.rotation().matrix();
   const Eigen::Vector3d& t = T_map_body.translation();
   planes.resize(cloud_size(scan));
+  neighbors.resize(planes.size());
   executor.for_chunks(to_index(planes.size()), scan_grain, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      planes[i] = match_plane<Neighbors>(map, R * position(scan, i) + t, rule);
+      planes[i] = match_plane<Neighbors>(map, R * position(scan, i) + t, rule, neighbors[i]);
   });
 }
 
