@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <concepts>
 #include <cstddef>
 #include <cstdint>
 
@@ -11,13 +10,6 @@
 #include "chainslam/search/detail/nearest_list.hpp"
 
 namespace chainslam::detail {
-
-/// A collector that keeps few points and says how many.
-template <class Collector>
-concept KeepsFew = requires(const Collector& found) {
-  { found.k() } -> std::convertible_to<std::size_t>;
-  requires Collector::max_k <= static_cast<int>(pack_width);
-};
 
 /// A run's squared distances from a query, and which of them are below a bound.
 template <class Scalar>

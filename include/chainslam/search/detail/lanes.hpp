@@ -92,12 +92,6 @@ void squared_distances(const Lanes<Scalar, Count, Dim>& lanes, const Scalar* que
   }
 }
 
-/// Whether a collector keeps at most eight points and refuses those not below its bound by itself, without a branch.
-template <class Collector>
-concept KeepsFew = requires {
-  requires Collector::max_k <= 8;
-};
-
 /// A distance within which there are k <= 8 points or more, and not many more: each eighth lane's nearest, or for one
 /// point the nearest of all.
 template <class Scalar, std::size_t Count>

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -63,6 +64,13 @@ class SmallNearest {
   std::size_t k_;
   Distances distances_;
   Indices indices_;
+};
+
+/// A collector that keeps k() <= 8 points, and refuses those not below its bound by itself, without a branch.
+template <class Collector>
+concept KeepsFew = requires(const Collector& found) {
+  { found.k() } -> std::convertible_to<std::size_t>;
+  requires Collector::max_k <= 8;
 };
 
 }  // namespace chainslam::detail
