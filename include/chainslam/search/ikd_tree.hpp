@@ -44,10 +44,11 @@ struct NoPayload {};
 /// 2022 (FAST-LIO2's ikd-Tree) in what it does, but a balanced tree of buckets in how.
 ///
 /// Points lie in leaves of up to 32, in columns of eight, under nodes that hold the tight boxes of eight children side
-/// by side. A full leaf or node is split in two, as in a B-tree: no insertion moves more than one leaf's points and
-/// some links a level, there is nothing to rebuild, now or later, no second thread, and depth is bounded for points in
-/// any order. Erasing frees whole subtrees. With a downsampling policy a table of voxels settles most insertions
-/// without a look at the tree.
+/// by side, all leaves equally deep. A full leaf or node is split in two, as in a B-tree, so that the depth is bounded
+/// for points in any order. A full node with few points below it is sorted anew, points and all, as a k-d tree is
+/// built; one with many is parted by a plane that cuts what it crosses. Either is done at once, by the calling thread,
+/// and to at most `step_budget()` points a level: no step is long and no work waits. Erasing frees whole subtrees. With
+/// a downsampling policy a table of voxels settles most insertions without a look at the tree.
 ///
 /// Const calls may run on several threads, but not during a change; copying costs a copy of `memory()` bytes, so a
 /// `Snapshot<IkdTree<...>>` lets readers go on while a writer changes its own. What is found and where points lie
@@ -101,7 +102,7 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   /// Work done since the tree was made, or last asked to start at zero.
   [[nodiscard]] IkdTreeWork work() const { return {tree_.moved_points, tree_.moved_links}; }
   void reset_work() { tree_.moved_points = tree_.moved_links = 0; }
-  /// How many points one insertion may sort anew, once in many; the length of the longest step is bounded by that.
+  /// How many points one insertion may sort anew or cut at each level, once in many; the longest step is bounded by it.
   [[nodiscard]] Index step_budget() const { return static_cast<Index>(tree_.budget); }
   /// Fewer points make the longest step shorter, and searches a little slower.
   /// @throws std::invalid_argument if `points` is negative.
@@ -131,7 +132,13 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   template <detail::PointSource<Dim> Points>
   void build(const Points& points);
 
-  using Base::insert;
+  /// Inserts the points in their order; into an empty tree that keeps all, at once. Returns by how much `size()` grew.
+  template <detail::PointSource<Dim> Points>
+  Index insert(const Points& points) {
+    if (Thinning::thins || size() > 0) return Base::insert(points);
+    build(points);
+    return static_cast<Index>(size());
+  }
   /// Takes a point as the policy says. Returns whether p has become a point.
   bool insert(const Vector& p, const Payload& payload = {});
   /// Inserts the points in their order, each with its payload. Returns by how much `size()` grew.

@@ -67,7 +67,7 @@ class BoxTreeCutter {
     }
     if (!best) return best;
     std::size_t crossed = 0;
-    for (const Entry& child : children) crossed += count_crossed(child, level, *best);
+    for (const Entry& child : children) count_crossed(child, level, *best, crossed);
     return crossed <= tree_.budget ? best : std::nullopt;
   }
 
@@ -91,13 +91,15 @@ class BoxTreeCutter {
   /// Leaves room for two more, so that a node that has been cut is not full again at once.
   static constexpr std::size_t most_children = Node::width - 1;
 
-  [[nodiscard]] std::size_t count_crossed(const Entry& child, std::size_t level, const Plane<Scalar>& plane) const {
-    if (!plane.crosses(child.box)) return 0;
-    if (level == 0) return child.points;
+  /// Adds the points in leaves that the plane crosses; stops counting beyond the budget.
+  void count_crossed(const Entry& child, std::size_t level, const Plane<Scalar>& plane, std::size_t& count) const {
+    if (count > tree_.budget || !plane.crosses(child.box)) return;
+    if (level == 0) {
+      count += child.points;
+      return;
+    }
     const Node& node = tree_.at(child.link);
-    std::size_t count = 0;
-    for (std::size_t lane = 0; lane < node.count; ++lane) count += count_crossed(node.entry(lane), level - 1, plane);
-    return count;
+    for (std::size_t lane = 0; lane < node.count; ++lane) count_crossed(node.entry(lane), level - 1, plane, count);
   }
 
   [[nodiscard]] std::array<Entry, 2> cut_leaf(const Entry& leaf, const Plane<Scalar>& plane) {

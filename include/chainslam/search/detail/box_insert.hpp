@@ -106,14 +106,15 @@ class BoxTreeInserter {
         tree_.at(path.node[level + 1]).set(path.lane[level + 1], halves[0]);
       else
         tree_.root = halves[0].link;
-      more = halves[1];
       if (level + 1 == tree_.height) return grow_root(halves);
+      more = halves[1];
     }
   }
 
   /// Makes two nodes of a full one and one more child.
   [[nodiscard]] std::array<Entry, 2> split_node(Link link, const Entry& more, std::size_t level) {
-    const std::size_t points = tree_.count_below(link, level) + tree_.count_below(more, level);
+    const std::size_t points =
+        tree_.count_below(link, level, tree_.budget) + tree_.count_below(more, level, tree_.budget);
     if (points <= tree_.budget) return sort_anew(link, more, level, points);
     typename BoxTreeCutter<Tree>::Children children;
     for (std::size_t lane = 0; lane < Node::width; ++lane) children[lane] = tree_.at(link).entry(lane);
@@ -142,10 +143,18 @@ class BoxTreeInserter {
   }
 
   void grow_root(const std::array<Entry, 2>& halves) {
+    if (tree_.height == Tree::max_height) return build_anew(halves);
     tree_.root = tree_.take_node();
     ++tree_.height;
     for (const Entry& half : halves) tree_.at(tree_.root).push_back(half);
     tree_.moved_links += 2;
+  }
+
+  void build_anew(const std::array<Entry, 2>& halves) {
+    std::vector<Point> points;
+    points.reserve(tree_.size);
+    for (const Entry& half : halves) tree_.take_points(half, tree_.height, points);
+    BoxTreeBuilder<Tree>::build(tree_, points);
   }
 
   Tree& tree_;

@@ -29,7 +29,7 @@ struct BoxTree {
   using Point = typename Runs::Point;
   using Link = std::uint32_t;
 
-  /// Each level has at least a third more children than the one above: 3^32 exceeds every count.
+  /// A level takes twice the points of the one below, or more: beyond this the tree is built anew.
   static constexpr std::size_t max_height = 32;
 
   /// A child and the way to it: node and lane at each level.
@@ -70,16 +70,16 @@ struct BoxTree {
 
   [[nodiscard]] Entry node_entry(Link link) const { return {at(link).box(), link, 0}; }
 
-  /// Points below a child of a node at a level.
-  [[nodiscard]] std::size_t count_below(const Entry& child, std::size_t level) const {
-    return level == 0 ? child.points : count_below(child.link, level - 1);
+  /// Points below a child of a node at a level; stops counting beyond a limit.
+  [[nodiscard]] std::size_t count_below(const Entry& child, std::size_t level, std::size_t limit) const {
+    return level == 0 ? child.points : count_below(child.link, level - 1, limit);
   }
   /// Points below a node.
-  [[nodiscard]] std::size_t count_below(Link link, std::size_t level) const {
+  [[nodiscard]] std::size_t count_below(Link link, std::size_t level, std::size_t limit) const {
     const Node& node = at(link);
     std::size_t count = 0;
-    for (std::size_t lane = 0; lane < node.count; ++lane)
-      count += level == 0 ? node.points[lane] : count_below(node.link[lane], level - 1);
+    for (std::size_t lane = 0; lane < node.count && count <= limit; ++lane)
+      count += level == 0 ? node.points[lane] : count_below(node.link[lane], level - 1, limit - count);
     return count;
   }
   /// Appends the points below a child of a node at a level, and frees what held them.
