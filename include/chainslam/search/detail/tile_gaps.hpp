@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -23,6 +24,34 @@ namespace chainslam::detail {
 [[nodiscard]] inline std::int64_t steps_apart(const Cell& a, const Cell& b) {
   const auto apart = [](std::int32_t u, std::int32_t v) { return std::abs(std::int64_t{u} - std::int64_t{v}); };
   return std::max({apart(a.x, b.x), apart(a.y, b.y), apart(a.z, b.z)});
+}
+
+/// A cell's box in the map, grown by what rounding may have moved its points.
+template <int Dim>
+[[nodiscard]] Eigen::AlignedBox<double, Dim> cell_box(const Cell& cell, double size) {
+  const Eigen::Vector3d low(cell.x, cell.y, cell.z);
+  const Eigen::Vector3d slack = low.unaryExpr([](double v) { return rounding_slack(v); });
+  return {((low - slack) * size).template head<Dim>(),
+          ((low + Eigen::Vector3d::Ones() + slack) * size).template head<Dim>()};
+}
+
+/// Calls `visit(cell)` for the cells that a box touches and those beside them, for rounding. Does nothing and returns
+/// false if they are more than `at_most`.
+template <int Dim, class Visit>
+bool for_each_cell_near(const Eigen::AlignedBox<double, Dim>& box, double size, std::size_t at_most, Visit&& visit) {
+  if (box.isEmpty()) return true;
+  Eigen::Vector3d low = Eigen::Vector3d::Zero(), high = low;
+  low.head<Dim>() = box.min() / size;
+  high.head<Dim>() = box.max() / size;
+  constexpr double farthest = 1 << 28;
+  const bool near = low.cwiseAbs().maxCoeff() < farthest && high.cwiseAbs().maxCoeff() < farthest;
+  if (!near || (high - low + Eigen::Vector3d::Constant(4)).prod() > static_cast<double>(at_most)) return false;
+  const Cell first = *cell_of(low), last = *cell_of(high);
+  constexpr int flat = Dim == 3 ? 1 : 0;
+  for (std::int32_t z = first.z - flat; z <= last.z + flat; ++z)
+    for (std::int32_t y = first.y - 1; y <= last.y + 1; ++y)
+      for (std::int32_t x = first.x - 1; x <= last.x + 1; ++x) visit(Cell{x, y, z});
+  return true;
 }
 
 /// Squared distances along each axis from a query to the four slabs of blocks of a tile; never more than those to the

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <optional>
 #include <stdexcept>
 #include <vector>
@@ -91,13 +91,14 @@ class VoxelTiles {
   Index erase_region(const Region& region) {
     const Index before = size_;
     for_each_tile_near(region, [&](std::size_t t) {
-      const Overlap whole = region.overlap(box(tiles_[t].cell, tile_size_));
+      const Overlap whole = region.overlap(cell_box<Dim>(tiles_[t].cell, tile_size_));
       if (whole == Overlap::outside) return;
       for (std::uint64_t blocks = tiles_[t].blocks; blocks != 0; blocks &= blocks - 1) {
         const int place = std::countr_zero(blocks);
         const Index owner = tiles_[t].block[static_cast<std::size_t>(place)];
-        const Overlap part =
-            whole == Overlap::inside ? whole : region.overlap(box(child(tiles_[t].cell, place), block_size()));
+        const Overlap part = whole == Overlap::inside
+                                 ? whole
+                                 : region.overlap(cell_box<Dim>(child(tiles_[t].cell, place), tile_size_ / edge));
         if (part == Overlap::inside)
           drop(owner);
         else if (part == Overlap::partly)
@@ -110,7 +111,7 @@ class VoxelTiles {
   template <class Region, class Visit>
   void visit_region(const Region& region, Visit&& visit) const {
     for_each_tile_near(region, [&](std::size_t t) {
-      if (region.overlap(box(tiles_[t].cell, tile_size_)) == Overlap::outside) return;
+      if (region.overlap(cell_box<Dim>(tiles_[t].cell, tile_size_)) == Overlap::outside) return;
       for_each_point_of_tile(tiles_[t], [&](Index i, const Vector& p) {
         if (region.contains(p)) visit(i, p);
       });
@@ -125,7 +126,7 @@ class VoxelTiles {
   [[nodiscard]] Eigen::AlignedBox<Scalar, Dim> bounding_box() const {
     Eigen::AlignedBox<Scalar, Dim> bounds;
     for (std::size_t t = 0; t < tiles_.size(); ++t) {
-      if (bounds.template cast<double>().contains(box(tiles_[t].cell, tile_size_))) continue;
+      if (bounds.template cast<double>().contains(cell_box<Dim>(tiles_[t].cell, tile_size_))) continue;
       for_each_point_of_tile(tiles_[t], [&](Index, const Vector& p) { bounds.extend(p); });
     }
     return bounds;
@@ -171,8 +172,6 @@ class VoxelTiles {
   using Slabs = BlockSlabs<Scalar, Dim>;
   using Runs = VoxelRuns<Scalar, Dim, Policy::state_bits>;
 
-  [[nodiscard]] double block_size() const { return tile_size_ / edge; }
-
   [[nodiscard]] Eigen::Vector3d in_voxels(const Vector& p) const {
     Eigen::Vector3d scaled = Eigen::Vector3d::Zero();
     scaled.head<Dim>() = p.template cast<double>() * inverse_voxel_;
@@ -181,14 +180,6 @@ class VoxelTiles {
   [[nodiscard]] static double offset_from_center(const Eigen::Vector3d& scaled, const Cell& cell) {
     const Eigen::Vector3d center(cell.x + 0.5, cell.y + 0.5, cell.z + 0.5);
     return (scaled - center).template head<Dim>().squaredNorm();
-  }
-
-  /// A cell's box in the map, grown by what rounding may have moved its points.
-  [[nodiscard]] static Eigen::AlignedBox<double, Dim> box(const Cell& cell, double size) {
-    const Eigen::Vector3d low(cell.x, cell.y, cell.z);
-    const Eigen::Vector3d slack = low.unaryExpr([](double v) { return rounding_slack(v); });
-    return {((low - slack) * size).template head<Dim>(),
-            ((low + Eigen::Vector3d::Ones() + slack) * size).template head<Dim>()};
   }
 
   // ---- changing ----
@@ -313,28 +304,12 @@ class VoxelTiles {
   template <class Region, class Visit>
   void for_each_tile_near(const Region& region, Visit&& visit) const {
     if constexpr (requires { region.bounds(); }) {
-      const Eigen::AlignedBox<double, Dim> bounds = region.bounds();
-      if (bounds.isEmpty()) return;
-      Eigen::Vector3d low = Eigen::Vector3d::Zero(), high = low;
-      low.head<Dim>() = bounds.min() / tile_size_;
-      high.head<Dim>() = bounds.max() / tile_size_;
-      constexpr double farthest_tile = 1 << 28;
-      const bool near = low.cwiseAbs().maxCoeff() < farthest_tile && high.cwiseAbs().maxCoeff() < farthest_tile;
-      const double cells = (high - low + Eigen::Vector3d::Constant(4)).prod();
-      if (near && cells < static_cast<double>(tiles_.size()))
-        return for_each_tile_between(*cell_of(low), *cell_of(high), visit);
+      const auto look = [&](const Cell& cell) {
+        if (const Index t = table_.find(cell); t >= 0) visit(static_cast<std::size_t>(t));
+      };
+      if (for_each_cell_near<Dim>(region.bounds(), tile_size_, tiles_.size(), look)) return;
     }
     for (std::size_t t = 0; t < tiles_.size(); ++t) visit(t);
-  }
-
-  /// One cell more on each side than the corners lie in, for rounding.
-  template <class Visit>
-  void for_each_tile_between(const Cell& first, const Cell& last, Visit&& visit) const {
-    constexpr int flat = Dim == 3 ? 1 : 0;
-    for (std::int32_t z = first.z - flat; z <= last.z + flat; ++z)
-      for (std::int32_t y = first.y - 1; y <= last.y + 1; ++y)
-        for (std::int32_t x = first.x - 1; x <= last.x + 1; ++x)
-          if (const Index t = table_.find({x, y, z}); t >= 0) visit(static_cast<std::size_t>(t));
   }
 
   // ---- searching ----
