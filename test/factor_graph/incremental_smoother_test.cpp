@@ -10,7 +10,7 @@
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/lie/se2.hpp"
-#include "factor_graph/pose_graphs.hpp"
+#include "factor_graph/smoother_twin.hpp"
 #include "support/property.hpp"
 #include "support/real_data.hpp"
 
@@ -18,100 +18,6 @@ using namespace chainslam;
 using namespace chainslam::test;
 
 namespace {
-
-using Closure = BetweenFactor<SE3d, Cauchy>;
-using Smoother = IncrementalSmoother<SE3d, Closure>;
-
-/// All is exact: every factor is linearised anew in each update, and every solution computed.
-constexpr SmootherOptions exact{.linear_tolerance = 0.0, .nonlinear_tolerance = 0.0, .first_look = 0.0};
-
-double largest_difference(const Values<SE3d>& a, const Values<SE3d>& b) {
-  double largest = 0.0;
-  for (Key key = 0; key < a.size(); ++key) largest = std::max(largest, a[key].local(b[key]).norm());
-  return largest;
-}
-
-/// A smoother and, beside it, the plain list of what it should hold.
-struct Twin {
-  Smoother smoother;
-  std::vector<PriorFactor<SE3d>> priors;
-  std::vector<BetweenFactor<SE3d>> betweens;
-  std::vector<std::pair<FactorId, Closure>> closures;
-  std::vector<char> fixed;
-
-  void add_value(const SE3d& value) {
-    smoother.add_value(value);
-    fixed.push_back(0);
-  }
-  void add(const PriorFactor<SE3d>& factor) {
-    smoother.add(factor);
-    priors.push_back(factor);
-  }
-  void add(const BetweenFactor<SE3d>& factor) {
-    smoother.add(factor);
-    betweens.push_back(factor);
-  }
-  void add(const Closure& factor) { closures.emplace_back(smoother.add(factor), factor); }
-  void remove(std::size_t k) {
-    smoother.remove(closures[k].first);
-    closures.erase(closures.begin() + static_cast<std::ptrdiff_t>(k));
-  }
-
-  /// The same graph for the batch optimiser, from the smoother's estimate.
-  [[nodiscard]] FactorGraph<SE3d, Closure> graph(const Values<SE3d>& values) const {
-    FactorGraph<SE3d, Closure> result;
-    for (const SE3d& value : values) result.add_value(value);
-    for (const auto& factor : priors) result.add(factor);
-    for (const auto& factor : betweens) result.add(factor);
-    for (const auto& [id, factor] : closures) result.add(factor);
-    for (std::size_t k = 0; k < fixed.size(); ++k) result.set_fixed(static_cast<Key>(k), fixed[k] != 0);
-    return result;
-  }
-};
-
-/// A random walk, with closures that come and go.
-class Walk {
- public:
-  explicit Walk(Rng& rng) : rng_(rng) {}
-
-  void step(Twin& twin) {
-    const auto noise = Smoother::Noise::from_sigma(0.02).sqrt_information();
-    const Key key = twin.smoother.size();
-    if (key == 0) {
-      truth_.push_back(random_pose<SE3d>(rng_));
-      twin.add_value(truth_.back());
-      twin.add(PriorFactor<SE3d>{0, truth_.back(), Smoother::Noise::from_sigma(1e-2).sqrt_information()});
-      return;
-    }
-    truth_.push_back(truth_.back() * SE3d::exp(random_tangent<SE3d>(rng_, 1.0, 0.3)));
-    const SE3d step = measure(key - 1, key);
-    twin.add_value(twin.smoother[key - 1] * step);
-    twin.add(BetweenFactor<SE3d>{key - 1, key, step, noise});
-    if (key > 2 && rng_.uniform_index(2) == 0) {
-      const Key other = rng_.uniform_index(key - 1);
-      twin.add(Closure{other, key, measure(other, key), noise, Cauchy{.width = 3.0}});
-    }
-  }
-  void remove_one(Twin& twin) {
-    if (!twin.closures.empty())
-      twin.remove(static_cast<std::size_t>(rng_.uniform_index(to_index(twin.closures.size()))));
-  }
-  void fix_one(Twin& twin) {
-    const Key key = rng_.uniform_index(twin.smoother.size());
-    char& fixed = twin.fixed[static_cast<std::size_t>(key)];
-    fixed = fixed == 0 ? 1 : 0;
-    twin.smoother.set_fixed(key, fixed != 0);
-  }
-
- private:
-  [[nodiscard]] SE3d measure(Key from, Key to) {
-    const auto at = [&](Key key) -> const SE3d& { return truth_[static_cast<std::size_t>(key)]; };
-    return at(from).inverse() * at(to) * SE3d::exp(random_tangent<SE3d>(rng_, 0.02, 0.02));
-  }
-
-  Rng& rng_;
-  std::vector<SE3d> truth_;
-};
 
 /// One step of Gauss and Newton by the batch optimiser, whatever it does to the cost.
 Values<SE3d> gauss_newton_step(FactorGraph<SE3d, Closure> graph) {
@@ -157,7 +63,7 @@ IncrementalSmoother<Group> fed(const FactorGraph<Group>& graph, const SmootherOp
 TEST_SUITE("factor_graph/incremental_smoother") {
   TEST_CASE("with tolerances at 0, every step of random histories is the batch optimiser's step") {
     for_all(30, [](Rng& rng, int size) {
-      Twin twin{Smoother(exact), {}, {}, {}, {}};
+      Twin twin(exact);
       Walk walk(rng);
       for (int k = 0; k < 4 + size / 3; ++k) {
         for (Index count = rng.uniform_index(3); count >= 0; --count) walk.step(twin);
@@ -172,7 +78,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
 
   TEST_CASE("after converge, the estimate is the batch optimum, whatever came and went") {
     for_all(20, [](Rng& rng, int size) {
-      Twin twin{Smoother(), {}, {}, {}, {}};
+      Twin twin;
       Walk walk(rng);
       for (int k = 0; k < 4 + size / 2; ++k) {
         walk.step(twin);
@@ -193,8 +99,8 @@ TEST_SUITE("factor_graph/incremental_smoother") {
   TEST_CASE("undo brings back every bit, and leads on to the same bits") {
     for_all(20, [](Rng& rng, int size) {
       Rng other_rng = rng;
-      Twin twin{Smoother(), {}, {}, {}, {}};
-      Twin other{Smoother(), {}, {}, {}, {}};
+      Twin twin;
+      Twin other;
       Walk walk(rng);
       Walk other_walk(other_rng);
       for (int k = 0; k < 3 + size / 4; ++k) {

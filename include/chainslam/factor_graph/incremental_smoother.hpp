@@ -26,10 +26,10 @@ namespace chainslam {
 /// How `IncrementalSmoother` trades accuracy for time. Shares are of the squared error (chi^2).
 struct SmootherOptions {
   /// By this share the estimate may be worse than the best one of the linearised factors.
-  double linear_tolerance = 1e-5;
+  double linear_tolerance = 3e-5;
   /// A factor is linearised anew when its residual differs from the linear prediction by more than its part of this
   /// share. 0: always.
-  double nonlinear_tolerance = 1e-4;
+  double nonlinear_tolerance = 3e-5;
   /// A variable's factors are not looked at before its estimate has moved by this much (in the tangent space's units)
   /// since they were linearised, and then whenever it has moved half as far again.
   double first_look = 5e-3;
@@ -61,6 +61,14 @@ struct UpdateReport {
   FactorizationWork work;
 
   [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
+};
+
+/// What a factor would do if it were added.
+struct FactorForecast {
+  double squared_residual = 0.0;  ///< at the estimate as it is
+  /// What the squared error would rise by, with the factor and the rest giving way to each other: chi^2 distributed
+  /// with as many degrees of freedom as the factor has rows, if it agrees with the rest.
+  double rise = 0.0;
 };
 
 /// Keeps the best estimate of a growing factor graph (Kaess et al. 2012, "iSAM2", on `IncrementalCholesky`).
@@ -152,6 +160,11 @@ class IncrementalSmoother {
   /// Takes in what was added and removed since the last update, and makes the estimate better.
   [[nodiscard]] UpdateReport update() { return update(false); }
 
+  /// Moves variables as one body: x becomes motion * x. Factors between them that see no change cost nothing, so that a
+  /// session is carried into another frame in closed form. Takes part in the next `update`.
+  /// @throws std::invalid_argument if a key is unknown.
+  void move(std::span<const Key> keys, const Group& motion);
+
   /// Makes all as it was before the last successful `update` and what was added for it, bit for bit; what was added
   /// since is dropped too. Only the last update can be undone.
   void undo() {
@@ -187,6 +200,17 @@ class IncrementalSmoother {
     pools_.for_each([&](const auto& entry) { sum += detail::robust_cost(entry.factor, all); });
     return sum;
   }
+  /// Covariance of the estimates of some variables together, as right perturbations, in the order of `keys` (without
+  /// repetitions): by the linearised factors of the last update. Fixed variables have none. Costs the way to the root.
+  /// @throws std::invalid_argument if a key is unknown.
+  [[nodiscard]] Eigen::MatrixXd covariance(std::span<const Key> keys) const;
+  [[nodiscard]] Eigen::MatrixXd covariance(Key key) const { return covariance(std::span<const Key>(&key, 1)); }
+
+  /// What would happen if a factor on known variables were added, by the linearised factors of the last update.
+  /// @throws std::invalid_argument if a key is unknown or repeated.
+  template <Factor F>
+  [[nodiscard]] FactorForecast what_if(const F& factor) const;
+
   /// The linear system behind.
   [[nodiscard]] const IncrementalCholesky<Group::dof>& solver() const { return solver_; }
 
@@ -216,6 +240,10 @@ class IncrementalSmoother {
   }
 
   [[nodiscard]] UpdateReport update(bool exact);
+  /// Derivative of a right perturbation of the estimate with respect to the linear system's step.
+  [[nodiscard]] typename Group::Jacobian at_estimate(Key key) const {
+    return Group::right_jacobian(Eigen::Map<const Tangent>(solver_.solution(key).data()));
+  }
   void begin();
   void revert();
   void undo_change(const Change& change);
@@ -262,4 +290,5 @@ class IncrementalSmoother {
 
 }  // namespace chainslam
 
+#include "chainslam/factor_graph/detail/incremental_smoother_queries.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_update.hpp"

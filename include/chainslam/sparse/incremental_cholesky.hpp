@@ -60,7 +60,6 @@ class IncrementalCholesky {
   void begin() {
     for (const Journal::Entry& entry : journal_.entries()) {
       if (entry.change == detail::Change::term_removed) terms_.release(entry.id);
-      if (entry.change == detail::Change::node_numbers) tree_.give_back_numbers(entry.id, entry.array);
       if (entry.change == detail::Change::node_removed) tree_.release(entry.id);
     }
     journal_.clear();
@@ -69,12 +68,7 @@ class IncrementalCholesky {
   }
 
   /// Makes everything as it was at `begin`, bit for bit.
-  void rollback() {
-    clear_changes();
-    for (Offset k = journal_.entries().size() - 1; k >= 0; --k) undo(journal_.entries()[k]);
-    journal_.clear();
-    totals_ = totals_before_;
-  }
+  void rollback();
 
   /// @returns the new variable: 0, 1, ... Its solution is 0 until the next `solve`.
   Index add_variable() {
@@ -222,8 +216,6 @@ class IncrementalCholesky {
   /// Computes the nodes that stay in the tree and are stale, children first.
   [[nodiscard]] FactorizationResult refresh_nodes();
 
-  [[nodiscard]] FactorizationResult refresh(Index node);
-
   /// Orders the affected variables, makes their nodes, and computes them.
   [[nodiscard]] FactorizationResult eliminate_affected();
 
@@ -258,6 +250,7 @@ class IncrementalCholesky {
   detail::Table<Index> stack_;
   detail::Table<Index> changed_;
   detail::Table<Index> written_;
+  detail::Table<Index> recomputed_;  ///< nodes whose numbers a rollback has to compute again, last first
   detail::Table<double> gathered_;
   Totals totals_;
   Totals totals_before_;

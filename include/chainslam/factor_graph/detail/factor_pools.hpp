@@ -145,6 +145,13 @@ class FactorPools {
   std::vector<Place> of_term_;
 };
 
+/// Whether a motion of all its variables from the left changes nothing for a factor, as its member says.
+template <class F>
+inline constexpr bool is_left_invariant = [] {
+  if constexpr (requires { F::left_invariant; }) return static_cast<bool>(F::left_invariant);
+  return false;
+}();
+
 /// A factor's residual and Jacobians, scaled by the root of its kernel's weight.
 template <Factor F>
 [[nodiscard]] auto weighted_linearization(const F& factor, const Values<typename F::Value>& values) {

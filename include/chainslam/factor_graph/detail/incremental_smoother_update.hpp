@@ -204,7 +204,9 @@ bool IncrementalSmoother<Group, Extra...>::write(const typename detail::FactorPo
   for (std::size_t a = 0; a < F::arity; ++a)
     jacobian.template middleRows<dof>(static_cast<int>(a) * dof) = linearized.jacobians[a].transpose();
   Eigen::Map<Eigen::Matrix<double, F::rows, 1>>(solver_.residual(entry.term)) = linearized.residual;
-  if (std::isfinite(jacobian.sum() + linearized.residual.sum())) return true;
+  double sum = linearized.residual.squaredNorm();
+  for (Eigen::Index k = 0; k < jacobian.size(); ++k) sum += std::abs(jacobian.data()[k]);
+  if (std::isfinite(sum)) return true;
   const auto keys = entry.factor.keys();
   report.variables.assign(keys.begin(), keys.end());
   return false;

@@ -17,7 +17,7 @@ enum class Change : std::uint8_t {
   term_numbers,  ///< with the numbers before
   node_removed,  ///< with its children
   node_created,
-  node_numbers,   ///< with the array before
+  node_numbers,   ///< computed anew in place
   node_solution,  ///< with its excess and the solution of its columns before
   solution,       ///< with a variable's solution before
 };
@@ -30,8 +30,6 @@ class ChangeJournal {
     Index id;
     Offset first;  ///< of its numbers or indices
     Offset count;
-    double* array;
-    double number;
   };
 
   void clear() {
@@ -39,12 +37,9 @@ class ChangeJournal {
     numbers_.clear();
     indices_.clear();
   }
-  void add(Change change, Index id) { entries_.push_back({change, id, 0, 0, nullptr, 0.0}); }
-  void add_array(Change change, Index id, double* array, double number) {
-    entries_.push_back({change, id, 0, 0, array, number});
-  }
+  void add(Change change, Index id) { entries_.push_back({change, id, 0, 0}); }
   void add_numbers(Change change, Index id, std::span<const double> numbers) {
-    entries_.push_back({change, id, numbers_.size(), static_cast<Offset>(numbers.size()), nullptr, 0.0});
+    entries_.push_back({change, id, numbers_.size(), static_cast<Offset>(numbers.size())});
     numbers_.append(numbers);
   }
   /// Adds to the last entry's numbers.
@@ -53,7 +48,7 @@ class ChangeJournal {
     entries_.back().count += static_cast<Offset>(numbers.size());
   }
   /// Starts an entry to which `push_index` adds.
-  void add_indices(Change change, Index id) { entries_.push_back({change, id, indices_.size(), 0, nullptr, 0.0}); }
+  void add_indices(Change change, Index id) { entries_.push_back({change, id, indices_.size(), 0}); }
   void push_index(Index index) {
     indices_.push_back(index);
     ++entries_.back().count;

@@ -65,15 +65,8 @@ class FrontTree {
   void release(Index node) {
     Node& released = nodes_[node];
     lists_.give_back(released.variables, released.columns + released.rows);
-    give_back_numbers(node, released.data);
+    numbers_.give_back(released.data, Front<B>::size(released.columns, released.rows));
     free_.push_back(node);
-  }
-
-  [[nodiscard]] double* take_numbers(Index node) {
-    return numbers_.take(Front<B>::size(nodes_[node].columns, nodes_[node].rows));
-  }
-  void give_back_numbers(Index node, double* data) {
-    numbers_.give_back(data, Front<B>::size(nodes_[node].columns, nodes_[node].rows));
   }
 
   void append_child(Index parent, Index child) {

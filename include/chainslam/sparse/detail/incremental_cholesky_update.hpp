@@ -97,18 +97,14 @@ FactorizationResult IncrementalCholesky<BlockSize>::refresh_nodes() {
   FactorizationResult result;
   for (Offset k = 0; k < ready_.size(); ++k) {
     const Index node = ready_[k];
-    if (result.ok()) result = refresh(node);
+    if (result.ok()) {
+      journal_.add(detail::Change::node_numbers, node);
+      result = compute(node);
+    }
     const Index parent = tree_[node].parent;
     if (parent != -1 && --tree_[parent].waits_for == 0 && tree_[parent].stale != Stale::order) ready_.push_back(parent);
   }
   return result;
-}
-
-template <int BlockSize>
-FactorizationResult IncrementalCholesky<BlockSize>::refresh(Index node) {
-  journal_.add_array(detail::Change::node_numbers, node, tree_[node].data, tree_[node].lowered);
-  tree_[node].data = tree_.take_numbers(node);
-  return compute(node);
 }
 
 template <int BlockSize>
@@ -208,6 +204,17 @@ void IncrementalCholesky<BlockSize>::substitute(Index node) {
   }
 }
 
+/// What was computed in place is computed again from what it came from, in the same order: to the same bits.
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::rollback() {
+  clear_changes();
+  recomputed_.clear();
+  for (Offset k = journal_.entries().size() - 1; k >= 0; --k) undo(journal_.entries()[k]);
+  journal_.clear();
+  for (Offset k = recomputed_.size() - 1; k >= 0; --k) static_cast<void>(compute(recomputed_[k]));
+  totals_ = totals_before_;
+}
+
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::undo(const Journal::Entry& entry) {
   const std::span<const double> numbers = journal_.numbers(entry);
@@ -245,9 +252,7 @@ void IncrementalCholesky<BlockSize>::undo(const Journal::Entry& entry) {
       tree_.release(entry.id);
       break;
     case detail::Change::node_numbers:
-      tree_.give_back_numbers(entry.id, tree_[entry.id].data);
-      tree_[entry.id].data = entry.array;
-      tree_[entry.id].lowered = entry.number;
+      recomputed_.push_back(entry.id);
       break;
     case detail::Change::node_solution: {
       tree_[entry.id].excess = numbers[0];

@@ -1,0 +1,88 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+
+#include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/sparse/detail/path_solver.hpp"
+
+// What can be asked of `IncrementalSmoother`, and moves of whole sessions. Included by its header.
+
+namespace chainslam {
+
+/// Between factors among moved variables see no change; the others are linearised anew at their estimate.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const Group& motion) {
+  for (const Key key : keys) require_keys(std::array<Key, 1>{key});
+  begin();
+  std::vector<char> moved(static_cast<std::size_t>(size()), 0);
+  for (const Key key : keys) {
+    if (moved[static_cast<std::size_t>(key)] != 0) continue;
+    moved[static_cast<std::size_t>(key)] = 1;
+    changes_.push_back({ChangeKind::origin_moved, key, origins_[key], look_[static_cast<std::size_t>(key)]});
+    origins_[key] = motion * origins_[key];
+  }
+  std::vector<Key> outside;
+  for (const Key key : keys) {
+    for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next) {
+      const auto slots = solver_.terms().slots(solver_.terms().slot(k).term);
+      const bool inside = std::ranges::all_of(
+          slots, [&](const auto& slot) { return moved[static_cast<std::size_t>(slot.variable)] != 0; });
+      bool invariant = false;
+      pools_.visit_term(solver_.terms().slot(k).term, [&](const auto& entry) {
+        invariant = detail::is_left_invariant<std::remove_cvref_t<decltype(entry.factor)>>;
+      });
+      if (inside && invariant) continue;
+      for (const auto& slot : slots) outside.push_back(slot.variable);
+    }
+  }
+  std::ranges::sort(outside);
+  outside.erase(std::unique(outside.begin(), outside.end()), outside.end());
+  for (const Key key : outside) relinearize_at_estimate(key);
+}
+
+template <class Group, class... Extra>
+Eigen::MatrixXd IncrementalSmoother<Group, Extra...>::covariance(std::span<const Key> keys) const {
+  std::vector<Key> free;
+  for (const Key key : keys) {
+    require_keys(std::array<Key, 1>{key});
+    if (!solver_.is_fixed(key) && solver_.tree().node_of(key) != -1) free.push_back(key);
+  }
+  // From the coordinates of the linear system to right perturbations of the estimates.
+  const auto size_of = [](const auto& list) { return static_cast<Eigen::Index>(list.size()) * dof; };
+  Eigen::MatrixXd E = Eigen::MatrixXd::Zero(size_of(free), size_of(keys));
+  Eigen::Index row = 0, column = 0;
+  for (const Key key : keys) {
+    if (row < E.rows() && free[static_cast<std::size_t>(row / dof)] == key) {
+      E.template block<dof, dof>(row, column) = at_estimate(key).transpose();
+      row += dof;
+    }
+    column += dof;
+  }
+  return detail::PathSolver<dof>(solver_.tree(), free).inverse_product(free, E);
+}
+
+template <class Group, class... Extra>
+template <Factor F>
+FactorForecast IncrementalSmoother<Group, Extra...>::what_if(const F& factor) const {
+  const auto keys = factor.keys();
+  require_keys(keys);
+  Values<Group> values;  // a factor reads its own keys alone
+  for (Key key = 0; key <= *std::max_element(keys.begin(), keys.end()); ++key) values.add(Group());
+  for (const Key key : keys) values[key] = (*this)[key];
+  const auto linearized = detail::weighted_linearization(factor, values);
+  std::vector<Key> free;
+  Eigen::MatrixXd E(static_cast<Eigen::Index>(keys.size()) * dof, F::rows);
+  for (std::size_t k = 0; k < keys.size(); ++k) {
+    if (solver_.is_fixed(keys[k])) continue;
+    E.middleRows<dof>(static_cast<Eigen::Index>(free.size()) * dof) =
+        at_estimate(keys[k]).transpose() * linearized.jacobians[k].transpose();
+    free.push_back(keys[k]);
+  }
+  E.conservativeResize(static_cast<Eigen::Index>(free.size()) * dof, F::rows);
+  Eigen::MatrixXd innovation = detail::PathSolver<dof>(solver_.tree(), free).inverse_product(free, E);
+  innovation.diagonal().array() += 1.0;
+  const Eigen::VectorXd residual = linearized.residual;
+  return {residual.squaredNorm(), residual.dot(innovation.llt().solve(residual))};
+}
+
+}  // namespace chainslam

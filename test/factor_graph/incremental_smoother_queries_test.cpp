@@ -1,0 +1,120 @@
+#include <doctest/doctest.h>
+
+#include <Eigen/Cholesky>
+#include <vector>
+
+#include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "factor_graph/smoother_twin.hpp"
+#include "support/property.hpp"
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+TEST_SUITE("factor_graph/incremental_smoother_queries") {
+  TEST_CASE("covariances are blocks of the dense inverse, also between variables; fixed ones have none") {
+    for_all(10, [](Rng& rng, int size) {
+      Twin twin;
+      Walk walk(rng);
+      for (int k = 0; k < 5 + size; ++k) walk.step(twin);
+      REQUIRE(twin.smoother.converge().ok());
+      const FactorGraph<SE3d, Closure> graph = twin.graph(twin.smoother.values());
+      detail::NormalEquations<FactorGraph<SE3d, Closure>> equations(graph);
+      equations.linearize(graph, graph.values());
+      const Eigen::Index rows = Eigen::Index{twin.smoother.size()} * 6;
+      Eigen::MatrixXd H(rows, rows);
+      for (Eigen::Index k = 0; k < rows; ++k) H.col(k) = equations.matrix() * Eigen::VectorXd::Unit(rows, k);
+      const Eigen::MatrixXd inverse = H.llt().solve(Eigen::MatrixXd::Identity(rows, rows));
+      const Key last = twin.smoother.size() - 1;
+      const std::vector<Key> keys{last, 1, 2};
+      const Eigen::MatrixXd found = twin.smoother.covariance(keys);
+      for (Eigen::Index a = 0; a < 3; ++a) {
+        for (Eigen::Index b = 0; b < 3; ++b) {
+          const Matrix6d expected = inverse.block<6, 6>(Eigen::Index{keys[static_cast<std::size_t>(a)]} * 6,
+                                                        Eigen::Index{keys[static_cast<std::size_t>(b)]} * 6);
+          CHECK((found.block<6, 6>(6 * a, 6 * b) - expected).norm() < 1e-5 * inverse.norm());
+        }
+      }
+      CHECK(twin.smoother.covariance(1) == twin.smoother.covariance(std::vector<Key>{1}));
+      twin.smoother.set_fixed(1);
+      REQUIRE(twin.smoother.update().ok());
+      CHECK(twin.smoother.covariance(1).isZero(0));
+    });
+  }
+
+  TEST_CASE("what a factor would raise the squared error by is what it does") {
+    for_all(20, [](Rng& rng, int size) {
+      Twin twin;
+      Walk walk(rng);
+      for (int k = 0; k < 5 + size; ++k) walk.step(twin);
+      REQUIRE(twin.smoother.converge().ok());
+      const double before = twin.smoother.cost();
+      const Key last = twin.smoother.size() - 1;
+      BetweenFactor<SE3d> factor{1, last, twin.smoother[1].inverse() * twin.smoother[last], {}};
+      factor.measurement = factor.measurement * SE3d::exp(random_tangent<SE3d>(rng, 0.003, 0.003));
+      factor.sqrt_information = Smoother::Noise::from_sigma(0.02).sqrt_information();
+      const FactorForecast forecast = twin.smoother.what_if(factor);
+      CHECK(forecast.squared_residual == doctest::Approx(factor.residual(twin.smoother.values()).squaredNorm()));
+      CHECK(forecast.rise <= forecast.squared_residual);
+      const FactorId id = twin.smoother.add(factor);
+      REQUIRE(twin.smoother.converge().ok());
+      // kernels and curvature are not in the forecast
+      CHECK(twin.smoother.cost() - before == doctest::Approx(forecast.rise).epsilon(0.05).scale(0.1));
+      twin.smoother.remove(id);
+      REQUIRE(twin.smoother.converge().ok());
+      CHECK(twin.smoother.cost() == doctest::Approx(before).epsilon(1e-6));
+    });
+  }
+
+  TEST_CASE("a session moved as one body costs its ties alone, and leads to the same optimum") {
+    Rng rng(5);
+    Twin twin;
+    const auto noise = Smoother::Noise::from_sigma(0.01).sqrt_information();
+    const auto weak = Smoother::Noise::from_sigma(100.0).sqrt_information();
+    const SE3d offset = SE3d::exp((Vector6d() << 40, -25, 1, 0.1, 0.2, 2.5).finished());
+    std::vector<Key> second;
+    for (Key key = 0; key < 400; ++key) {
+      const bool later = key >= 200;
+      const SE3d guess = (later ? offset : SE3d()) * SE3d(SO3d(), {key % 200 * 1.0, 0, 0});
+      twin.add_value(guess);
+      if (later) second.push_back(key);
+      if (key % 200 == 0) twin.add(PriorFactor<SE3d>{key, guess, later ? weak : noise});
+      const SE3d step = SE3d(SO3d(), {1, 0, 0}) * SE3d::exp(random_tangent<SE3d>(rng, 0.01, 0.001));
+      if (key % 200 > 0) twin.add(BetweenFactor<SE3d>{key - 1, key, step, noise});
+    }
+    REQUIRE(twin.smoother.update().ok());
+    REQUIRE(twin.smoother.converge().ok());
+    const Values<SE3d> before = twin.smoother.values();
+    twin.smoother.move(second, offset.inverse());
+    for (const Key key : second) CHECK(twin.smoother[key].local(offset.inverse() * before[key]).norm() < 1e-9);
+    twin.add(BetweenFactor<SE3d>{50, 250, SE3d(SO3d(), {0, 1, 0}), noise});
+    twin.add(BetweenFactor<SE3d>{150, 350, SE3d(SO3d(), {0, 1, 0}), noise});
+    const UpdateReport report = twin.smoother.update();
+    REQUIRE(report.ok());
+    CHECK(report.relinearized < 10);
+    REQUIRE(twin.smoother.converge().ok());
+    FactorGraph<SE3d, Closure> graph = twin.graph(twin.smoother.values());
+    REQUIRE(optimise(graph).ok());
+    CHECK(twin.smoother.cost() == doctest::Approx(graph.cost()).epsilon(1e-6));
+    CHECK(largest_difference(twin.smoother.values(), graph.values()) < 1e-3);
+    CHECK_THROWS_AS(twin.smoother.move(std::vector<Key>{400}, offset), std::invalid_argument);
+  }
+
+  TEST_CASE("a move can be undone before and after its update") {
+    Rng rng(6);
+    Twin twin;
+    Walk walk(rng);
+    for (int k = 0; k < 30; ++k) walk.step(twin);
+    REQUIRE(twin.smoother.update().ok());
+    const Values<SE3d> before = twin.smoother.values();
+    const std::vector<Key> keys{20, 21, 22, 23, 24, 25, 26, 27, 28, 29};
+    twin.smoother.move(keys, random_pose<SE3d>(rng));
+    CHECK(!(twin.smoother.values() == before));
+    twin.smoother.undo();
+    CHECK(twin.smoother.values() == before);
+    twin.smoother.move(keys, random_pose<SE3d>(rng));
+    REQUIRE(twin.smoother.update().ok());
+    twin.smoother.undo();
+    CHECK(twin.smoother.values() == before);
+  }
+}
