@@ -64,17 +64,28 @@ class BoxTreeEraser {
 
   void visit(Link link, std::size_t level) {
     Node& node = tree_.at(link);
-    const std::size_t before = tree_.size;
+    unsigned changed = 0;  // lanes that hold less than before
     for (std::size_t lane = node.count; lane-- > 0;) {
       const Overlap overlap = region_.overlap(wide_box(node.box(lane)));
       if (overlap == Overlap::outside) continue;
       if (overlap == Overlap::inside)
         drop(node.entry(lane), level);
-      else if (level == 0 ? filter_leaf(node, lane) : filter_node(node, lane, level))
+      else if (const std::size_t before = tree_.size;
+               level == 0 ? filter_leaf(node, lane) : filter_node(node, lane, level)) {
+        if (tree_.size != before) changed |= 1U << lane;
         continue;
-      node.remove(lane);
+      }
+      remove(node, lane, changed);
     }
-    if (tree_.size != before) join_small(node, level);
+    if (changed != 0) join_small(node, level, changed);
+  }
+
+  /// Removes a child, and keeps up which have changed.
+  static void remove(Node& node, std::size_t lane, unsigned& changed) {
+    node.remove(lane);
+    const unsigned last_changed = changed >> node.count & 1U;
+    changed &= ~(1U << node.count | 1U << lane);
+    if (lane != node.count) changed |= last_changed << lane;
   }
 
   /// Returns whether anything is left.
@@ -148,17 +159,18 @@ class BoxTreeEraser {
     return level == 0 ? node.points[lane] : tree_.at(node.link[lane]).count;
   }
 
-  void join_small(Node& node, std::size_t level) {
+  /// Joins the children that have become small to siblings. Only those are looked at: the others lie in cold memory.
+  void join_small(Node& node, std::size_t level, unsigned changed) {
     for (std::size_t lane = 0; lane < node.count;) {
-      const std::size_t partner = fill(node, lane, level) <= (level == 0 ? small_leaf : small_node)
-                                      ? partner_of(node, lane, level)
-                                      : node.count;
+      const bool small =
+          (changed >> lane & 1U) != 0 && fill(node, lane, level) <= (level == 0 ? small_leaf : small_node);
+      const std::size_t partner = small ? partner_of(node, lane, level) : node.count;
       if (partner == node.count) {
         ++lane;
         continue;
       }
       level == 0 ? join_leaves(node, partner, lane) : join_nodes(node, partner, lane);
-      node.remove(lane);
+      remove(node, lane, changed);
     }
   }
 
