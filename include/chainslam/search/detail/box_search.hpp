@@ -5,8 +5,10 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 #include "chainslam/search/detail/box_tree.hpp"
+#include "chainslam/search/detail/box_within.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
 
 namespace chainslam::detail {
@@ -76,6 +78,7 @@ void search_nearest(const Tree& tree, const typename Tree::Scalar* query, Collec
     Scalar last;
     const typename Tree::Node* node;
   };
+  if constexpr (std::is_same_v<Collector, RadiusList<Scalar>>) return search_within(tree, query, found);
   if (tree.height == 0) return;
   const auto is_near = [&found](Scalar key) {
     return key < std::clamp(found.bound(), Tree::Node::least_bound, far_key<Scalar>);

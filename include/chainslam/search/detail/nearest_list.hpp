@@ -6,7 +6,6 @@
 #include <limits>
 #include <span>
 #include <type_traits>
-#include <vector>
 
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/small_nearest.hpp"
@@ -88,22 +87,6 @@ class FixedNearestList<Scalar, K> : private KNearest<Scalar, K>, public NearestL
     this->count = this->size();
     return *this;
   }
-};
-
-/// Collects every point within a radius.
-template <class Scalar>
-class RadiusList {
- public:
-  RadiusList(std::vector<Neighbor<Scalar>>& out, Scalar radius) : out_(out), bound_(distance_bound(radius)) {
-    out_.clear();
-  }
-
-  [[nodiscard]] Scalar bound() const { return bound_; }
-  void offer(Index index, Scalar squared_distance) { out_.push_back({index, squared_distance}); }
-
- private:
-  std::vector<Neighbor<Scalar>>& out_;
-  Scalar bound_;
 };
 
 }  // namespace chainslam::detail

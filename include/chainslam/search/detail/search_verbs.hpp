@@ -10,6 +10,7 @@
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
 #include "chainslam/search/detail/point_source.hpp"
+#include "chainslam/search/detail/radius_list.hpp"
 #include "chainslam/search/detail/regions.hpp"
 
 namespace chainslam::detail {
@@ -48,7 +49,7 @@ class SearchVerbs {
   }
 
   void within(const Vector& query, Scalar radius, std::vector<Neighbor<Scalar>>& out) const {
-    RadiusList<Scalar> found(out, limited(radius));
+    RadiusList<Scalar> found(out, distance_bound(limited(radius)));
     model().search(query, found);
   }
 
