@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/search/batch.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "search/structure.hpp"
 
@@ -126,6 +127,35 @@ class Ours : public Structure {
   std::optional<Search> search_;
   std::vector<Neighbor<float>> near_;
 };
+
+/// The same, asked a scan at a time.
+template <class Search, Search (*make_search)(const Points&)>
+class OursBatched : public Ours<Search, make_search> {
+ public:
+  void knn(const Points& queries, std::size_t k) override {
+    knn_batch(this->search(), queries, static_cast<Index>(k), this->infinity, rows_);
+  }
+  void knn_again(const Points& queries, std::size_t /*k*/) override {
+    knn_batch_again(this->search(), queries, this->infinity, rows_);
+  }
+  [[nodiscard]] std::vector<float> squared_distances() const override {
+    std::vector<float> all;
+    for (Index i = 0; i < rows_.rows(); ++i) {
+      for (const Neighbor<float>& neighbor : rows_[i]) all.push_back(neighbor.squared_distance);
+      all.resize(static_cast<std::size_t>((i + 1) * rows_.k()), this->infinity);
+    }
+    return all;
+  }
+  void drop_answers() override { rows_ = {}; }
+
+ private:
+  NeighborRows<float> rows_;
+};
+
+template <class Search, Search (*make_search)(const Points&)>
+std::unique_ptr<Structure> make_ours_batched() {
+  return std::make_unique<OursBatched<Search, make_search>>();
+}
 
 template <class Search, Search (*make_search)(const Points&)>
 std::unique_ptr<Structure> make_ours() {

@@ -23,6 +23,7 @@ SpacedVoxels make_spaced_voxels(const Points& points) {
 const std::vector<Maker>& ours() {
   static const std::vector<Maker> makers{
       {"ikd_tree", make_ours<Tree, make_tree>},
+      {"ikd_tree_batched", make_ours_batched<Tree, make_tree>},
       {"voxel_map", make_ours<Voxels, make_voxels>},
       {"voxel_map_spaced", make_ours<SpacedVoxels, make_spaced_voxels>, Thinning::own},
   };
@@ -161,9 +162,14 @@ void step(benchmark::State& state, std::size_t place) {
 
 const bool registered = [] {
   for (std::size_t place = 0; place < ours().size(); ++place) {
-    const auto add = [place](const std::string& what, auto run, bool every_scan) {
+    std::string name = ours()[place].name, suffix;
+    if (const std::size_t batched = name.find("_batched"); batched != std::string::npos) {
+      suffix = name.substr(batched);
+      name.erase(batched);
+    }
+    const auto add = [&](const std::string& what, auto run, bool every_scan) {
       const int count = brief() ? 1 : every_scan ? 900 : 30;
-      benchmark::RegisterBenchmark(("search/" + ours()[place].name + "/" + what).c_str(), run, place)
+      benchmark::RegisterBenchmark(("search/" + name + "/" + what + suffix).c_str(), run, place)
           ->UseManualTime()
           ->Iterations(count)
           ->Unit(benchmark::kMillisecond);
@@ -171,6 +177,7 @@ const bool registered = [] {
     add("slam_knn5", knn5, true);
     add("slam_knn5_seeded", knn5_seeded, false);
     add("slam_knn5_iterated", knn5_iterated, false);
+    if (!suffix.empty()) continue;
     add("slam_insert", insert, true);
     add("slam_erase_box", erase_box, false);
     add("slam_step", step, true);

@@ -73,8 +73,9 @@ void within(benchmark::State& state, const Maker& maker, const ScanPair& pair) {
   const auto found = static_cast<double>(structures.front()->within(queries, radius));
   for (const auto& structure : structures)  // the rim: some take <, others <=
     require_same_answers(std::array{found}, std::array{static_cast<double>(structure->within(queries, radius))}, 1e-6);
-  contest(state, makers,
-          [&](std::size_t i) { return measure([&] { structures[i]->within(queries, radius); }).thread; });
+  contest(state, makers, [&](std::size_t i) {
+    return measure([&] { benchmark::DoNotOptimize(structures[i]->within(queries, radius)); }).thread;
+  });
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(queries.size()));
   state.counters["hits_per_query"] = found / static_cast<double>(queries.size());
 }
@@ -104,7 +105,7 @@ const bool registered = [] {
         const std::string name = "search/" + maker.name + "/" + what;
         benchmark::RegisterBenchmark(name.c_str(), run)->UseManualTime()->Unit(benchmark::kMillisecond);
       };
-      for (const std::size_t k : {1, 5, 20})
+      for (const std::size_t k : {1U, 5U, 20U})
         add(pair.name + "_knn" + std::to_string(k), [&, k](benchmark::State& state) { knn(state, maker, pair, k); });
       const std::string prefix = &pair == &pairs().front() ? "" : pair.name + "_";
       add(prefix + "radius", [&](benchmark::State& state) { within(state, maker, pair); });
