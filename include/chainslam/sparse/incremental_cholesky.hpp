@@ -14,6 +14,7 @@
 #include "chainslam/sparse/detail/front_assembly.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
 #include "chainslam/sparse/detail/partial_elimination.hpp"
+#include "chainslam/sparse/detail/path_solver.hpp"
 #include "chainslam/sparse/detail/table.hpp"
 
 namespace chainslam {
@@ -154,6 +155,13 @@ class IncrementalCholesky {
   [[nodiscard]] std::span<const double> solution(Index variable) const {
     return solution_.range(Offset{variable} * BlockSize, Offset{variable} * BlockSize + BlockSize);
   }
+  /// E^T H^-1 E with the matrix H of the last `factorize`. E has `BlockSize` rows for each of `variables`, none of
+  /// which is fixed. Costs the ways from there to the root; allocates.
+  [[nodiscard]] Eigen::MatrixXd inverse_product(std::span<const Index> variables, const Eigen::MatrixXd& E) const {
+    return detail::PathSolver<BlockSize>(tree_, variables).inverse_product(variables, E);
+  }
+  /// Whether a variable was part of the last `factorize`, neither new nor fixed.
+  [[nodiscard]] bool is_eliminated(Index variable) const { return tree_.node_of(variable) != -1; }
   /// Variables whose solution the last `solve` changed.
   [[nodiscard]] std::span<const Index> changed() const { return changed_.range(0, changed_.size()); }
   /// Of the last `factorize` and `solve`.

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 
 #include "chainslam/factor_graph/incremental_smoother.hpp"
-#include "chainslam/sparse/detail/path_solver.hpp"
 
 // What can be asked of `IncrementalSmoother`, and moves of whole sessions. Included by its header.
 
@@ -45,7 +44,7 @@ Eigen::MatrixXd IncrementalSmoother<Group, Extra...>::covariance(std::span<const
   std::vector<Key> free;
   for (const Key key : keys) {
     require_keys(std::array<Key, 1>{key});
-    if (!solver_.is_fixed(key) && solver_.tree().node_of(key) != -1) free.push_back(key);
+    if (solver_.is_eliminated(key)) free.push_back(key);
   }
   // From the coordinates of the linear system to right perturbations of the estimates.
   const auto size_of = [](const auto& list) { return static_cast<Eigen::Index>(list.size()) * dof; };
@@ -58,7 +57,7 @@ Eigen::MatrixXd IncrementalSmoother<Group, Extra...>::covariance(std::span<const
     }
     column += dof;
   }
-  return detail::PathSolver<dof>(solver_.tree(), free).inverse_product(free, E);
+  return solver_.inverse_product(free, E);
 }
 
 template <class Group, class... Extra>
@@ -73,13 +72,13 @@ FactorForecast IncrementalSmoother<Group, Extra...>::what_if(const F& factor) co
   std::vector<Key> free;
   Eigen::MatrixXd E(static_cast<Eigen::Index>(keys.size()) * dof, F::rows);
   for (std::size_t k = 0; k < keys.size(); ++k) {
-    if (solver_.is_fixed(keys[k])) continue;
+    if (!solver_.is_eliminated(keys[k])) continue;
     E.middleRows<dof>(static_cast<Eigen::Index>(free.size()) * dof) =
         at_estimate(keys[k]).transpose() * linearized.jacobians[k].transpose();
     free.push_back(keys[k]);
   }
   E.conservativeResize(static_cast<Eigen::Index>(free.size()) * dof, F::rows);
-  Eigen::MatrixXd innovation = detail::PathSolver<dof>(solver_.tree(), free).inverse_product(free, E);
+  Eigen::MatrixXd innovation = solver_.inverse_product(free, E);
   innovation.diagonal().array() += 1.0;
   const Eigen::VectorXd residual = linearized.residual;
   return {residual.squaredNorm(), residual.dot(innovation.llt().solve(residual))};
