@@ -2,9 +2,9 @@
 
 #include <Eigen/Cholesky>
 
-#include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 
-// What can be asked of `IncrementalSmoother`, and moves of whole sessions. Included by its header.
+// What can be asked of `IncrementalSmoother`, and moves of whole sessions.
 
 namespace chainslam {
 

@@ -1,8 +1,8 @@
 #pragma once
 
-#include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 
-// How `IncrementalSmoother` updates. Included by its header.
+// How `IncrementalSmoother` updates.
 
 namespace chainslam {
 

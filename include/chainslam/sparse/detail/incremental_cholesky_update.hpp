@@ -1,8 +1,8 @@
 #pragma once
 
-#include "chainslam/sparse/incremental_cholesky.hpp"
+#include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 
-// How `IncrementalCholesky` brings factor and solution up to date. Included by its header.
+// How `IncrementalCholesky` brings factor and solution up to date.
 
 namespace chainslam {
 

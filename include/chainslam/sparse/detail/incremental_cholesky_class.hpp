@@ -1,0 +1,269 @@
+#pragma once
+
+#include <algorithm>
+#include <cassert>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/sparse/concepts.hpp"
+#include "chainslam/sparse/detail/block_terms.hpp"
+#include "chainslam/sparse/detail/change_journal.hpp"
+#include "chainslam/sparse/detail/front.hpp"
+#include "chainslam/sparse/detail/front_assembly.hpp"
+#include "chainslam/sparse/detail/front_tree.hpp"
+#include "chainslam/sparse/detail/partial_elimination.hpp"
+#include "chainslam/sparse/detail/path_solver.hpp"
+#include "chainslam/sparse/detail/table.hpp"
+
+namespace chainslam {
+
+/// Work of an update of `IncrementalCholesky`, counted: the same on every machine.
+struct FactorizationWork {
+  Index reordered = 0;           ///< variables whose place in the order was chosen anew
+  Index refactorized = 0;        ///< variables whose columns of the factor were computed anew
+  Index substituted = 0;         ///< variables whose solution was computed anew
+  double multiplications = 0.0;  ///< of the factorisation
+};
+
+/// Solves sum(J^T J) x = -sum(J^T r) over terms that come, change and go, each on a few variables of `BlockSize` rows.
+///
+/// Only what a change reaches is computed again: the fronts on the way from the changed variables to the root of the
+/// elimination tree. Where the pattern changed, these are ordered anew among themselves, and keep what the subtrees
+/// beside them have left (Kaess et al. 2012, "iSAM2"); where only numbers changed, the order stays; where only
+/// gradients changed, so does the factor. Changes since `begin` can be undone. No recursion.
+template <int BlockSize>
+class IncrementalCholesky {
+  static_assert(BlockSize > 0, "IncrementalCholesky: BlockSize is a number of scalar rows, at least 1");
+
+ public:
+  static constexpr int block_size = BlockSize;
+
+  struct Options {
+    /// A pivot counts as zero when elimination has left less than this share of the matrix's diagonal entry.
+    double pivot_tolerance = 1e-14;
+    /// Share of the squared error by which the solution may exceed its minimum: where the change is smaller, old parts
+    /// of the solution are kept. 0: all are exact.
+    double relative_excess = 1e-5;
+    /// And the squared error at which that share is taken at least.
+    double least_error = 1e-3;
+    /// Newest variables that are eliminated last, since the next terms are likely to touch them.
+    Index late_variables = 10;
+    /// Fronts of more multiplications a variable are ordered anew whenever they are factorised anew.
+    double reorder_work = 20000.0;
+  };
+
+  IncrementalCholesky() = default;
+  explicit IncrementalCholesky(const Options& options) : options_(options) {}
+
+  /// From here on, changes can be undone; those before no longer.
+  void begin() {
+    for (const Journal::Entry& entry : journal_.entries()) {
+      if (entry.change == detail::Change::term_removed) terms_.release(entry.id);
+      if (entry.change == detail::Change::node_removed) tree_.release(entry.id);
+    }
+    journal_.clear();
+    clear_changes();
+    totals_before_ = totals_;
+  }
+
+  /// Makes everything as it was at `begin`, bit for bit.
+  void rollback();
+
+  /// @returns the new variable: 0, 1, ... Its solution is 0 until the next `solve`.
+  Index add_variable() {
+    const Index variable = size();
+    fixed_.push_back(0);
+    local_.push_back(-1);
+    assembly_.add_variable();
+    solution_.resize(solution_.size() + BlockSize);
+    std::fill_n(solution_.data() + Offset{variable} * BlockSize, BlockSize, 0.0);
+    terms_.add_variable();
+    tree_.add_variable();
+    journal_.add(detail::Change::variable_added, variable);
+    reorder(variable);
+    return variable;
+  }
+  [[nodiscard]] Index size() const { return to_index(fixed_.size()); }
+
+  /// Takes a variable out of the system (its solution is 0), or puts it back.
+  void set_fixed(Index variable, bool fixed) {
+    if (is_fixed(variable) == fixed) return;
+    journal_.add(detail::Change::variable_fixed, variable);
+    fixed_[variable] = fixed ? 1 : 0;
+    if (fixed) set_solution_zero(variable);
+    reorder(variable);
+    for (Index k = terms_.first(variable); k != -1; k = terms_.slot(k).next) reorder_term(terms_.slot(k).term);
+  }
+  [[nodiscard]] bool is_fixed(Index variable) const { return fixed_[variable] != 0; }
+
+  /// Adds a term on some variables; its numbers are zero.
+  /// @returns its number; those of removed terms are used again.
+  Index add_term(std::span<const Index> variables, Index rows) {
+    const Index term = terms_.add(variables, rows);
+    journal_.add(detail::Change::term_added, term);
+    written_.push_back(term);
+    reorder_term(term);
+    return term;
+  }
+  void remove_term(Index term) {
+    terms_.unlink(term);
+    discount(term);
+    journal_.add(detail::Change::term_removed, term);
+    reorder_term(term);
+  }
+  [[nodiscard]] const detail::BlockTerms<BlockSize>& terms() const { return terms_; }
+
+  /// To be called before `jacobian` and `residual` of a term are written, unless the term is new.
+  void change_term(Index term) {
+    journal_.add_numbers(detail::Change::term_numbers, term,
+                         {terms_.jacobian(term), static_cast<std::size_t>(terms_.size(term))});
+    discount(term);
+    written_.push_back(term);
+    for (const auto& slot : terms_.slots(term)) mark(tree_.node_of(slot.variable), Stale::numbers);
+  }
+  /// J^T, column-major: `BlockSize` rows for each variable, a column for each residual row.
+  [[nodiscard]] double* jacobian(Index term) { return terms_.jacobian(term); }
+  /// r
+  [[nodiscard]] double* residual(Index term) { return terms_.residual(term); }
+
+  /// A variable's solution is counted from another point from now on: it becomes 0. All its terms must change too.
+  void set_solution_zero(Index variable) {
+    journal_.add_numbers(detail::Change::solution, variable, solution(variable));
+    std::fill_n(solution_.data() + Offset{variable} * BlockSize, BlockSize, 0.0);
+  }
+
+  /// All variables are ordered anew by the next `factorize`.
+  void reorder_all() {
+    for (Index variable = 0; variable < size(); ++variable) reorder(variable);
+  }
+
+  /// Brings the factor up to date. If that fails, `rollback` is due.
+  [[nodiscard]] FactorizationResult factorize();
+
+  /// Brings the solution up to date, as far as it changes.
+  /// @param exact  all that changes at all, whatever the options tolerate.
+  void solve(bool exact = false);
+
+  /// The least sum of |r + J x|^2.
+  [[nodiscard]] double squared_error() const { return totals_.squared_residuals - totals_.lowered; }
+  /// What the solution at hand exceeds it by.
+  [[nodiscard]] double excess() const { return totals_.excess; }
+
+  /// Of the last `solve`.
+  [[nodiscard]] std::span<const double> solution(Index variable) const {
+    return solution_.range(Offset{variable} * BlockSize, Offset{variable} * BlockSize + BlockSize);
+  }
+  /// E^T H^-1 E with the matrix H of the last `factorize`. E has `BlockSize` rows for each of `variables`, none of
+  /// which is fixed. Costs the ways from there to the root; allocates.
+  [[nodiscard]] Eigen::MatrixXd inverse_product(std::span<const Index> variables, const Eigen::MatrixXd& E) const {
+    return detail::PathSolver<BlockSize>(tree_, variables).inverse_product(variables, E);
+  }
+  /// Whether a variable was part of the last `factorize`, neither new nor fixed.
+  [[nodiscard]] bool is_eliminated(Index variable) const { return tree_.node_of(variable) != -1; }
+  /// Variables whose solution the last `solve` changed.
+  [[nodiscard]] std::span<const Index> changed() const { return changed_.range(0, changed_.size()); }
+  /// Of the last `factorize` and `solve`.
+  [[nodiscard]] const FactorizationWork& work() const { return work_; }
+  void reset_work() { work_ = {}; }
+  [[nodiscard]] const detail::FrontTree<BlockSize>& tree() const { return tree_; }
+
+ private:
+  using Journal = detail::ChangeJournal;
+  using Front = detail::Front<BlockSize>;
+  using Stale = detail::Stale;
+
+  struct Totals {
+    double squared_residuals = 0.0;
+    double lowered = 0.0;
+    double excess = 0.0;
+    Index nodes = 0;
+  };
+
+  void discount(Index term) {
+    if (terms_.counted(term)) totals_.squared_residuals -= terms_.squared_residual(term);
+    terms_.set_counted(term, false);
+  }
+
+  void reorder(Index variable) { reordered_.push_back(variable); }
+  void reorder_term(Index term) {
+    for (const auto& slot : terms_.slots(term)) reorder(slot.variable);
+  }
+
+  /// Marks a node and all above it.
+  void mark(Index node, Stale stale) {
+    for (; node != -1 && tree_[node].stale < stale; node = tree_[node].parent) {
+      if (tree_[node].stale == Stale::none) stale_.push_back(node);
+      tree_[node].stale = stale;
+    }
+  }
+
+  void clear_changes() {
+    for (const Index node : stale_) tree_[node].stale = Stale::none;
+    for (const Index node : fresh_) tree_[node].stale = Stale::none;
+    stale_.clear();
+    fresh_.clear();
+    reordered_.clear();
+    written_.clear();
+  }
+
+  /// Where factorisation costs much more than ordering, it is worth looking for a better order each time.
+  void promote_heavy();
+
+  /// Removes the nodes that are to be ordered anew; lists their variables and the subtrees that they leave.
+  void collect_affected();
+
+  void affect(Index variable) {
+    if (is_fixed(variable)) tree_.set_node_of(variable, -1);
+    if (is_fixed(variable) || local_[variable] != -1) return;
+    local_[variable] = 0;
+    affected_.push_back(variable);
+  }
+
+  /// Computes the nodes that stay in the tree and are stale, children first.
+  [[nodiscard]] FactorizationResult refresh_nodes();
+
+  /// Orders the affected variables, makes their nodes, and computes them.
+  [[nodiscard]] FactorizationResult eliminate_affected();
+
+  void create_nodes();
+
+  [[nodiscard]] FactorizationResult compute(Index node);
+
+  /// Solves for a node's columns, given all above; keeps their old solution if it is nearly as good.
+  void substitute(Index node);
+
+  [[nodiscard]] bool any_moved(std::span<const Index> variables) const {
+    return std::ranges::any_of(variables, [&](Index variable) { return local_[variable] != -1; });
+  }
+
+  void undo(const Journal::Entry& entry);
+
+  Options options_;
+  detail::BlockTerms<BlockSize> terms_;
+  detail::FrontTree<BlockSize> tree_;
+  detail::FrontAssembly<BlockSize> assembly_;
+  Journal journal_;
+  detail::PartialElimination plan_;
+  detail::Table<char> fixed_;
+  detail::Table<double> solution_;
+  detail::Table<Index> local_;  ///< of each affected variable: its number among them; -1 else
+  detail::Table<Index> reordered_;
+  detail::Table<Index> stale_;
+  detail::Table<Index> fresh_;
+  detail::Table<Index> affected_;
+  detail::Table<Index> orphans_;
+  detail::Table<Index> ready_;
+  detail::Table<Index> stack_;
+  detail::Table<Index> changed_;
+  detail::Table<Index> written_;
+  detail::Table<Index> recomputed_;  ///< nodes whose numbers a rollback has to compute again, last first
+  detail::Table<double> gathered_;
+  Totals totals_;
+  Totals totals_before_;
+  double tolerated_ = 0.0;  ///< excess of one node
+  FactorizationWork work_;
+};
+
+}  // namespace chainslam
