@@ -15,8 +15,8 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
   if (!report.variables.empty()) {
     report.status = UpdateStatus::unconstrained;
   } else {
-    const std::size_t count =
-        std::min(waiting_.size(), static_cast<std::size_t>(std::max<Index>(options_.largest_relinearization, 0)));
+    const auto most = static_cast<std::size_t>(std::max<Index>(options_.largest_relinearization, 0));
+    const std::size_t count = exact ? waiting_.size() : std::min(waiting_.size(), most);
     for (std::size_t i = 0; i < count; ++i) relinearize_at_estimate(waiting_[i]);
     waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(count));
     if (!linearize_touched(report) || !linearize_added(report)) {
