@@ -22,7 +22,7 @@ namespace chainslam {
 /// leaves lines of points (a median would make slivers), but gives neither side less than a quarter of the points,
 /// which bounds the depth. Nodes lie in preorder with 32-bit links, leaves hold up to 32 points in columns. Searching
 /// prunes by the distance to the cell, kept axis by axis (Arya and Mount 1993), with a stack of its own. All together
-/// about 30 bytes a point for float.
+/// about 57 bytes a point for float.
 ///
 /// Const calls may run on several threads. Indices are the cloud's.
 template <class ScalarType = float, int Dim = 3>

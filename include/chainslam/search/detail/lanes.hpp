@@ -98,7 +98,8 @@ template <class Scalar, std::size_t Count>
 [[nodiscard]] Scalar enough_for(std::size_t k, const std::array<Scalar, Count>& distances) {
   std::array<Scalar, 8> nearest;
   for (std::size_t i = 0; i < 8; ++i) nearest[i] = distances[i];
-  for (std::size_t i = 8; i < Count; ++i) nearest[i % 8] = std::min(nearest[i % 8], distances[i]);
+  for (std::size_t i = 8; i < Count; i += 8)
+    for (std::size_t j = 0; j < 8; ++j) nearest[j] = nearest[j] < distances[i + j] ? nearest[j] : distances[i + j];
   const auto [least, most] = std::minmax_element(nearest.begin(), nearest.end());
   return k == 1 ? *least : *most;
 }
@@ -118,11 +119,8 @@ void scan(const Lanes<Scalar, Count, Dim>& lanes, const Scalar* query, Collector
   for (; near != 0; near &= near - 1) {
     const int lane = std::countr_zero(near);
     const Scalar distance = distances[static_cast<std::size_t>(lane)];
-    if constexpr (KeepsFew<Collector>) {
+    if (refuses_cheaply<Collector> || distance < found.bound())  // which may have come nearer
       found.offer(index_of(lane), distance);
-    } else if (distance < found.bound()) {  // which may have come nearer
-      found.offer(index_of(lane), distance);
-    }
   }
 }
 
