@@ -17,7 +17,7 @@ namespace {
 using test::Points;
 using test::same_distance;
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
+using test::unlimited;
 
 Points<float> random_points(Rng& rng, int count) {
   return test::repeat<float>(count, [&](int) { return test::random_point<float>(rng, 9, 9, 2); });
@@ -53,7 +53,7 @@ TEST_SUITE("search/batch") {
       const KdTree<float> tree(points);
       NeighborRows<float> rows;
       for (const Index k : {1, 5, 12}) {
-        for (const float max_distance : {infinity, 0.7f}) {
+        for (const float max_distance : {unlimited, 0.7f}) {
           knn_batch(tree, queries, k, max_distance, rows);
           check_rows(rows, reference, queries, max_distance);
         }
@@ -67,15 +67,15 @@ TEST_SUITE("search/batch") {
       Points<float> queries = random_points(rng, 10 * size);
       VoxelMap<float, FirstInVoxel> map(points, {.voxel_size = 0.4});
       NeighborRows<float> rows;
-      knn_batch(map, queries, 5, infinity, rows);
+      knn_batch(map, queries, 5, unlimited, rows);
       for (int round = 0; round < 4; ++round) {
         for (auto& query : queries) query += test::random_point<float>(rng, 0.2, 0.2, 0.2);
         if (round == 1) map.erase_nearer_than(test::random_point<float>(rng, 9, 9, 2), 5);
         if (round == 2) map.insert(random_points(rng, 10 * size));
         Points<float> left;
         map.for_each_point([&](Index, const Eigen::Vector3f& p) { left.push_back(p); });
-        knn_batch_again(map, queries, infinity, rows);
-        check_rows(rows, BruteForce<float>(left), queries, infinity);
+        knn_batch_again(map, queries, unlimited, rows);
+        check_rows(rows, BruteForce<float>(left), queries, unlimited);
       }
     });
   }
@@ -105,13 +105,13 @@ TEST_SUITE("search/batch") {
     const KdTree<float> tree(points);
     NeighborRows<float> serial, threaded;
     NeighborLists<float> serial_lists, threaded_lists;
-    knn_batch(tree, queries, 5, infinity, serial);
+    knn_batch(tree, queries, 5, unlimited, serial);
     within_batch(tree, queries, 0.6f, serial_lists);
     for (const int threads : {2, 5}) {
       ThreadPool pool(threads);
-      knn_batch(tree, queries, 5, infinity, threaded, pool);
+      knn_batch(tree, queries, 5, unlimited, threaded, pool);
       CHECK(same_bytes(serial, threaded));
-      knn_batch_again(tree, queries, infinity, threaded, pool);
+      knn_batch_again(tree, queries, unlimited, threaded, pool);
       within_batch(tree, queries, 0.6f, threaded_lists, pool);
       CHECK(threaded_lists.first == serial_lists.first);
       for (std::size_t i = 0; i < serial_lists.neighbors.size(); ++i)
@@ -123,11 +123,11 @@ TEST_SUITE("search/batch") {
     NeighborRows<float> rows;
     NeighborLists<float> lists;
     const KdTree<float> empty;
-    knn_batch(empty, Points<float>{}, 5, infinity, rows);
+    knn_batch(empty, Points<float>{}, 5, unlimited, rows);
     CHECK(rows.rows() == 0);
-    knn_batch(empty, Points<float>{{1, 2, 3}}, 5, infinity, rows);
+    knn_batch(empty, Points<float>{{1, 2, 3}}, 5, unlimited, rows);
     CHECK(rows[0].empty());
-    knn_batch(KdTree<float>(Points<float>{{1, 2, 3}}), Points<float>{{1, 2, 3}}, 0, infinity, rows);
+    knn_batch(KdTree<float>(Points<float>{{1, 2, 3}}), Points<float>{{1, 2, 3}}, 0, unlimited, rows);
     CHECK(rows[0].empty());
     within_batch(empty, Points<float>{}, 1, lists);
     CHECK(lists.first.size() == 1);

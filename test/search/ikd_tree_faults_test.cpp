@@ -23,7 +23,7 @@ using test::Points;
 using Tree = IkdTree<float>;
 using Map = IkdTree<float, NearestToCenter>;
 using Box = Eigen::AlignedBox3f;
-constexpr float infinity = std::numeric_limits<float>::infinity();
+using test::unlimited;
 
 Points<float> random_cloud(Rng& rng, int count, float extent, const Eigen::Vector3f& origin = Eigen::Vector3f::Zero()) {
   Points<float> points;
@@ -83,7 +83,7 @@ TEST_SUITE("search/ikd_tree: what its forerunner gets wrong") {
     Points<float> points = random_cloud(rng, 5000, 10);
     const BruteForce<float> reference(points);
     for (std::size_t i = 0; i < 100; ++i)
-      points.insert(points.begin() + static_cast<std::ptrdiff_t>(49 * i), {NAN, 0, infinity});
+      points.insert(points.begin() + static_cast<std::ptrdiff_t>(49 * i), {NAN, 0, INFINITY});
     Tree tree(points);
     Map map;
     map.insert(points);
@@ -91,7 +91,7 @@ TEST_SUITE("search/ikd_tree: what its forerunner gets wrong") {
     CHECK(map.rejected() == 100);
     CHECK(tree.size() == 5000);
     for (int i = 0; i < 50; ++i)
-      test::check_query(tree, reference, test::random_point<float>(rng, 12, 12, 12), 5, infinity, infinity);
+      test::check_query(tree, reference, test::random_point<float>(rng, 12, 12, 12), 5, unlimited, unlimited);
     CHECK_FALSE(map.insert(Eigen::Vector3f(1e30f, 0, 0)));  // farther than voxels are counted
     CHECK(map.rejected() == 101);
   }
@@ -100,7 +100,7 @@ TEST_SUITE("search/ikd_tree: what its forerunner gets wrong") {
     Rng rng(3);
     const Points<float> points = random_cloud(rng, 7, 1);
     const Tree tree(points);
-    test::check_query(tree, BruteForce<float>(points), Eigen::Vector3f(0, 0, 0), 20, infinity, infinity);
+    test::check_query(tree, BruteForce<float>(points), Eigen::Vector3f(0, 0, 0), 20, unlimited, unlimited);
   }
 
   TEST_CASE("C12: one point a voxel, also 500 km from the origin") {

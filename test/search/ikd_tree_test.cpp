@@ -19,7 +19,7 @@ namespace {
 using test::for_all;
 using test::Points;
 using Box = Eigen::AlignedBox3f;
-constexpr float infinity = std::numeric_limits<float>::infinity();
+using test::unlimited;
 
 Points<float> random_cloud(Rng& rng, int count, double x, double y, double z) {
   Points<float> points;
@@ -73,7 +73,7 @@ TEST_SUITE("search/ikd_tree") {
           REQUIRE(tree.size() == reference.size());
           for (int query = 0; query < 5; ++query)
             test::check_query(tree, reference, test::random_point<float>(rng, 8, 8, 8), rng.uniform_index(12),
-                              static_cast<float>(rng.uniform(0, 9)), infinity);
+                              static_cast<float>(rng.uniform(0, 9)), unlimited);
         }
         CHECK(tree.height() <= 7);
       });
@@ -155,7 +155,7 @@ TEST_SUITE("search/ikd_tree") {
           const Eigen::Vector3f query = test::random_point<float>(rng, 5, 5, 5).array().round();
           std::array<Neighbor<float>, 5> plain{}, seeded{};
           const Index count = tree.knn(query, plain);
-          CHECK(tree.knn(query, seeded, infinity, std::span(last).first(static_cast<std::size_t>(found))) == count);
+          CHECK(tree.knn(query, seeded, unlimited, std::span(last).first(static_cast<std::size_t>(found))) == count);
           CHECK(std::memcmp(plain.data(), seeded.data(), sizeof(plain)) == 0);
           const auto fixed = tree.knn<5>(query);
           CHECK(fixed.count == count);

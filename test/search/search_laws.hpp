@@ -18,6 +18,8 @@ namespace chainslam::test {
 template <class Scalar>
 using Points = std::vector<Eigen::Matrix<Scalar, 3, 1>>;
 
+inline constexpr float unlimited = std::numeric_limits<float>::infinity();  ///< a `max_distance`
+
 /// A named way of placing points.
 template <class Scalar>
 struct Distribution {
