@@ -61,8 +61,7 @@ TEST_SUITE("core/robust_kernels") {
   }
 
   TEST_CASE_TEMPLATE("an infinite residual has no weight", Kernel, Huber, Cauchy, GemanMcClure, Tukey) {
-    const double weight = kernel_of_width<Kernel>(2.0).weight(std::numeric_limits<double>::infinity());
-    CHECK(weight == 0.0);
+    CHECK(kernel_of_width<Kernel>(2.0).weight(std::numeric_limits<double>::infinity()) == 0.0);
   }
 
   TEST_CASE("weights at the width are those of Zhang 1997, table 1") {
