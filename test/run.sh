@@ -152,7 +152,9 @@ if [ "$mode" != quick ]; then
     seam_compilers=g++
     [ "$mode" = full ] && seam_compilers="g++ clang++-14"
     run_step "errors at the seams can be read" env CXX="$seam_compilers" "$root/test/compile_fail/run.sh" "$root/include"
-    run_step "consumers build" "$root/test/consumer/run.sh" "$build/consumer"
+    consumers=("$build/consumer")
+    [ "$mode" = full ] && consumers+=(--all)
+    run_step "consumers build" "$root/test/consumer/run.sh" "${consumers[@]}"
   fi
 fi
 if [ "$mode" = full ]; then
