@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <ranges>
 #include <type_traits>
+#include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/types.hpp"
@@ -17,9 +18,15 @@ concept VectorRange = std::ranges::contiguous_range<T> && std::ranges::sized_ran
     (std::same_as<std::remove_cv_t<std::ranges::range_value_t<T>>, Eigen::Matrix<float, Dim, 1>> ||
      std::same_as<std::remove_cv_t<std::ranges::range_value_t<T>>, Eigen::Matrix<double, Dim, 1>>);
 
-/// What a search structure over Dim dimensions is filled from: any cloud in three, a range of vectors in two.
+/// In three dimensions the source itself must be a cloud; in two, a range of vectors stands for one.
 template <class T, int Dim>
-concept PointSource = VectorRange<T, Dim> ||(Dim == 3 && Cloud<T>);
+using CloudInPlace =
+    std::conditional_t<Dim == 3, T, std::conditional_t<VectorRange<T, Dim>, std::vector<Eigen::Vector3f>, void>>;
+
+/// What a search structure over Dim dimensions is filled from: any cloud in three, a range of vectors in two. One
+/// requirement, not a choice of two, so that a compiler tells what a user's cloud lacks.
+template <class T, int Dim>
+concept PointSource = Cloud<CloudInPlace<T, Dim>>;
 
 template <int Dim, PointSource<Dim> Points>
 [[nodiscard]] Index source_size(const Points& points) {
