@@ -15,6 +15,7 @@
 #include "chainslam/cloud/transform.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/channel.hpp"
+#include "chainslam/core/deadline.hpp"
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
