@@ -6,6 +6,8 @@
 #include <limits>
 #include <map>
 #include <tuple>
+#include <utility>
+#include <vector>
 
 #include "support/property.hpp"
 
@@ -79,6 +81,39 @@ TEST_SUITE("cloud/voxel_grid") {
         CHECK((nearest.positions[v] - center).norm() == doctest::Approx(best));
       }
     });
+  }
+
+  TEST_CASE("the order of a voxel's points does not change its mean by a bit; the mean of one point is that point") {
+    for_all(30, [](Rng& rng, int size) {
+      const Eigen::Vector3d origin(rng.uniform(-1000, 1000), rng.uniform(-1000, 1000), 0);
+      const auto points = random_points(rng, 30 * size, origin);
+      auto shuffled = points;
+      for (std::size_t i = shuffled.size(); i > 1; --i)
+        std::swap(shuffled[i - 1], shuffled[static_cast<std::size_t>(rng.uniform_index(static_cast<Index>(i)))]);
+      const double edge = rng.uniform(0.1, 2.0);
+      std::map<CellKey, Eigen::Vector3d> means;
+      for (const Eigen::Vector3d& mean : VoxelGrid{.size = edge}.downsample<double>(points).cloud.positions)
+        means[key_of(mean, edge)] = mean;
+      for (const Eigen::Vector3d& mean : VoxelGrid{.size = edge}.downsample<double>(shuffled).cloud.positions)
+        CHECK(means.at(key_of(mean, edge)) == mean);
+      for (const auto& [key, members] : group(points, edge))
+        if (members.size() == 1) CHECK(means.at(key) == points[members[0]]);
+    });
+  }
+
+  TEST_CASE("tens of thousands of voxels, most of one point") {
+    Rng rng(5);
+    std::vector<Eigen::Vector3f> points;
+    for (int i = 0; i < 50'000; ++i)
+      points.emplace_back(
+          Eigen::Vector3d(rng.uniform(-20, 20), rng.uniform(-20, 20), rng.uniform(-20, 20)).cast<float>());
+    std::vector<Eigen::Vector3d> in_double;
+    for (const Eigen::Vector3f& p : points) in_double.emplace_back(p.cast<double>());
+    const auto cells = group(in_double, 0.5);
+    const auto first = VoxelGrid{.size = 0.5, .mode = VoxelMode::first}.downsample(points).cloud;
+    REQUIRE(first.size() == cells.size());
+    REQUIRE(voxel_downsample(points, 0.5).size() == cells.size());
+    for (const Eigen::Vector3f& p : first.positions) CHECK(p == points[cells.at(key_of(p.cast<double>(), 0.5))[0]]);
   }
 
   TEST_CASE("all columns come along: averaged by mean, chosen by first") {

@@ -1,13 +1,17 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <optional>
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
 #include <span>
 #include <stdexcept>
 #include <vector>
 
-#include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/cloud/detail/cell_block.hpp"
 #include "chainslam/cloud/detail/columns.hpp"
+#include "chainslam/cloud/detail/voxel_table.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/select.hpp"
 #include "chainslam/core/finite.hpp"
@@ -31,8 +35,8 @@ struct DownsampledCloud {
 /// Keeps one point in each cubic voxel.
 ///
 /// Voxel (0, 0, 0) has its lower corner at the origin. Cells are whole numbers computed in double, so that neither
-/// distance from the origin nor neighbouring clouds change which points share a voxel. The result depends on the order
-/// of the points alone.
+/// distance from the origin nor neighbouring clouds change which points share a voxel. Means are sums of whole numbers,
+/// 2^-32 of the edge each, about the voxel's centre: the order of its points does not change a mean by a bit.
 struct VoxelGrid {
   double size = 0.5;  ///< edge, metres
   VoxelMode mode = VoxelMode::mean;
@@ -52,70 +56,94 @@ template <Cloud Points>
 
 namespace detail {
 
-/// Calls `visit(i, voxel, p, offset)` for the points in their order; `voxel` counts the voxels as they first appear,
-/// `offset` is where p lies in its voxel, from the centre, in voxel sizes. Returns how many points were rejected.
-template <Cloud Points, class Visit>
-Index visit_voxels(const Points& cloud, double inverse_size, Visit&& visit) {
-  const Index count = to_index(cloud_size(cloud), "cloud");
-  CellTable table;
-  Cell last_cell;
-  Index last_voxel = -1;  // neighbours in a scan often share a voxel
+/// Puts the points into voxels, in their order. `add(voxel, block, i, point)` adds point i of the block, which is
+/// `point` of the cloud, to that voxel of the table. Returns how many points were rejected.
+template <class Content, Cloud Points, class Add>
+Index fill_voxels(const Points& cloud, double inverse_size, VoxelTable<Content>& table, Add&& add) {
+  const std::size_t count = static_cast<std::size_t>(to_index(cloud_size(cloud), "cloud"));
   Index rejected = 0;
-  for (Index i = 0; i < count; ++i) {
-    const Eigen::Vector3d p = position(cloud, static_cast<std::size_t>(i));
-    const Eigen::Vector3d scaled = p * inverse_size;
-    const std::optional<Cell> cell = cell_of(scaled);
-    if (!cell) {
-      ++rejected;
-      continue;
+  CellBlock block;
+  for (std::size_t begin = 0; begin < count; begin += CellBlock::capacity) {
+    const std::size_t size = std::min(CellBlock::capacity, count - begin);
+    block.assign(cloud, begin, size, inverse_size);
+    for (std::size_t i = 0; i < size; ++i) {
+      if (!block.inside(i)) {
+        ++rejected;
+        continue;
+      }
+      const std::size_t point = begin + i;
+      add(table.find_or_add(block.cell(i), static_cast<Index>(point)), block, i, point);
     }
-    if (last_voxel < 0 || !(*cell == last_cell)) {
-      last_cell = *cell;
-      last_voxel = table.insert(*cell, table.size()).first;
-    }
-    visit(static_cast<std::size_t>(i), static_cast<std::size_t>(last_voxel), p,
-          Eigen::Vector3d(scaled - Eigen::Vector3d(cell->x + 0.5, cell->y + 0.5, cell->z + 0.5)));
   }
   return rejected;
 }
 
-/// The first point of each voxel, or the one nearest its centre.
 template <class Scalar, Cloud Points>
-[[nodiscard]] DownsampledCloud<Scalar> choose_in_voxels(const Points& cloud, double inverse_size, bool nearest) {
-  std::vector<Index> chosen;
-  std::vector<double> squared_offsets;
+[[nodiscard]] DownsampledCloud<Scalar> first_in_voxels(const Points& cloud, double inverse_size) {
+  struct Nothing {};
+  VoxelTable<Nothing> table(cloud_size(cloud));
   const Index rejected =
-      visit_voxels(cloud, inverse_size,
-                   [&](std::size_t i, std::size_t voxel, const Eigen::Vector3d&, const Eigen::Vector3d& offset) {
-                     const double squared = nearest ? offset.squaredNorm() : 0.0;
-                     if (voxel == chosen.size()) {
-                       chosen.push_back(static_cast<Index>(i));
-                       squared_offsets.push_back(squared);
-                     } else if (squared < squared_offsets[voxel]) {
-                       chosen[voxel] = static_cast<Index>(i);
-                       squared_offsets[voxel] = squared;
-                     }
-                   });
+      fill_voxels(cloud, inverse_size, table, [](std::size_t, const CellBlock&, std::size_t, std::size_t) {});
+  return {.cloud = select<Scalar>(cloud, table.first_points()), .rejected = rejected};
+}
+
+/// The point of each voxel that is nearest its centre.
+template <class Scalar, Cloud Points>
+[[nodiscard]] DownsampledCloud<Scalar> nearest_in_voxels(const Points& cloud, double inverse_size) {
+  struct Nearest {
+    double squared_offset = std::numeric_limits<double>::infinity();
+    Index point = 0;
+  };
+  VoxelTable<Nearest> table(cloud_size(cloud));
+  const auto add = [&](std::size_t voxel, const CellBlock& block, std::size_t i, std::size_t point) {
+    Nearest& nearest = table[voxel];
+    const double squared = block.squared_offset(i);
+    const bool nearer = squared < nearest.squared_offset;
+    nearest.point = nearer ? static_cast<Index>(point) : nearest.point;
+    nearest.squared_offset = nearer ? squared : nearest.squared_offset;
+  };
+  const Index rejected = fill_voxels(cloud, inverse_size, table, add);
+  std::vector<Index> chosen;
+  chosen.reserve(table.voxels().size());
+  for (const auto& voxel : table.voxels()) chosen.push_back(voxel.content.point);
   return {.cloud = select<Scalar>(cloud, chosen), .rejected = rejected};
 }
 
-/// A voxel's sum of positions, in double in the order of the points.
-struct VoxelSum {
-  Eigen::Vector3d position = Eigen::Vector3d::Zero();
-  Index count = 0;
-  Index first_point = 0;
-};
-
 inline constexpr Index in_no_voxel = -1;
+
+/// Sums of offsets, and how many: whole numbers, which any order of adding brings to the same bits.
+struct VoxelSum {
+  std::array<std::int64_t, 4> offsets{};
+  [[nodiscard]] double count() const { return static_cast<double>(offsets[3]); }
+
+  void add(const CellBlock::Offset& offset) {
+    for (std::size_t i = 0; i < 4; ++i) offsets[i] += offset[i];
+  }
+};
+using MeanTable = VoxelTable<VoxelSum>;
+
+/// The mean of a voxel's points: of one point, that point.
+template <Cloud Points>
+[[nodiscard]] Eigen::Vector3d mean_position(const Points& cloud, const MeanTable::Voxel& voxel, Index first_point,
+                                            double size) {
+  const VoxelSum& sum = voxel.content;
+  if (sum.offsets[3] == 1) return position(cloud, static_cast<std::size_t>(first_point));
+  const double share = 1.0 / (CellBlock::offset_scale * sum.count());
+  const auto coordinate = [&](std::int32_t cell, std::size_t axis) {
+    return (cell + 0.5 + static_cast<double>(sum.offsets[axis]) * share) * size;
+  };
+  const Cell& cell = voxel.cell.cell;
+  return {coordinate(cell.x, 0), coordinate(cell.y, 1), coordinate(cell.z, 2)};
+}
 
 /// Means of one column over the points of each voxel; `value(i)` is a number or a vector of doubles, like `zero`.
 template <class T, class Value>
-[[nodiscard]] std::vector<T> voxel_means(std::span<const Index> voxel_of_point, const std::vector<VoxelSum>& voxels,
-                                         const T& zero, Value&& value) {
-  std::vector<T> means(voxels.size(), zero);
+[[nodiscard]] std::vector<T> voxel_means(std::span<const Index> voxel_of_point, const MeanTable& table, const T& zero,
+                                         Value&& value) {
+  std::vector<T> means(table.voxels().size(), zero);
   for (std::size_t i = 0; i < voxel_of_point.size(); ++i)
     if (voxel_of_point[i] != in_no_voxel) means[static_cast<std::size_t>(voxel_of_point[i])] += value(i);
-  for (std::size_t voxel = 0; voxel < voxels.size(); ++voxel) means[voxel] /= static_cast<double>(voxels[voxel].count);
+  for (std::size_t voxel = 0; voxel < means.size(); ++voxel) means[voxel] /= table.voxels()[voxel].content.count();
   return means;
 }
 
@@ -123,44 +151,51 @@ template <class T, class Value>
 template <class Scalar, Cloud Points>
 [[nodiscard]] std::vector<Eigen::Matrix<Scalar, 3, 1>> mean_normals(const Points& cloud,
                                                                     std::span<const Index> voxel_of_point,
-                                                                    const std::vector<VoxelSum>& voxels) {
+                                                                    const MeanTable& table) {
   constexpr double cancelled = 1e-3;
   const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
-  const auto means = voxel_means(voxel_of_point, voxels, zero, [&](std::size_t i) { return normal(cloud, i); });
+  const auto means = voxel_means(voxel_of_point, table, zero, [&](std::size_t i) { return normal(cloud, i); });
   std::vector<Eigen::Matrix<Scalar, 3, 1>> normals;
-  normals.reserve(voxels.size());
-  for (std::size_t voxel = 0; voxel < voxels.size(); ++voxel) {
+  normals.reserve(means.size());
+  for (std::size_t voxel = 0; voxel < means.size(); ++voxel) {
     const bool usable = means[voxel].norm() > cancelled;
     const Eigen::Vector3d mean =
-        usable ? means[voxel] : normal(cloud, static_cast<std::size_t>(voxels[voxel].first_point));
+        usable ? means[voxel] : normal(cloud, static_cast<std::size_t>(table.first_points()[voxel]));
     normals.push_back(mean.normalized().template cast<Scalar>());
   }
   return normals;
 }
 
 template <class Scalar, Cloud Points>
-[[nodiscard]] DownsampledCloud<Scalar> mean_of_voxels(const Points& cloud, double inverse_size) {
+[[nodiscard]] DownsampledCloud<Scalar> mean_of_voxels(const Points& cloud, double size) {
   const bool normals = carries_normals(cloud), times = carries_times(cloud), intensities = carries_intensities(cloud);
-  std::vector<VoxelSum> voxels;
-  std::vector<Index> voxel_of_point(normals || times || intensities ? cloud_size(cloud) : 0, in_no_voxel);
+  MeanTable table(cloud_size(cloud));
+  std::vector<Index> voxel_of_point;
+  const auto add = [&](std::size_t voxel, const CellBlock& block, std::size_t i, std::size_t) {
+    table[voxel].add(block.offset(i));
+  };
   DownsampledCloud<Scalar> result;
-  result.rejected = visit_voxels(
-      cloud, inverse_size, [&](std::size_t i, std::size_t voxel, const Eigen::Vector3d& p, const Eigen::Vector3d&) {
-        if (voxel == voxels.size()) voxels.emplace_back().first_point = static_cast<Index>(i);
-        voxels[voxel].position += p;
-        ++voxels[voxel].count;
-        if (!voxel_of_point.empty()) voxel_of_point[i] = static_cast<Index>(voxel);
-      });
-  if (voxels.empty()) return result;
+  if (normals || times || intensities) {
+    voxel_of_point.assign(cloud_size(cloud), in_no_voxel);
+    result.rejected = fill_voxels(cloud, 1.0 / size, table,
+                                  [&](std::size_t voxel, const CellBlock& block, std::size_t i, std::size_t point) {
+                                    add(voxel, block, i, point);
+                                    voxel_of_point[point] = static_cast<Index>(voxel);
+                                  });
+  } else {
+    result.rejected = fill_voxels(cloud, 1.0 / size, table, add);
+  }
+  if (table.voxels().empty()) return result;
   PointCloud<Scalar>& means = result.cloud;
-  means.positions.reserve(voxels.size());
-  for (const VoxelSum& sum : voxels)
-    means.positions.push_back((sum.position / static_cast<double>(sum.count)).template cast<Scalar>());
+  means.positions.reserve(table.voxels().size());
+  for (std::size_t voxel = 0; voxel < table.voxels().size(); ++voxel)
+    means.positions.push_back(
+        mean_position(cloud, table.voxels()[voxel], table.first_points()[voxel], size).template cast<Scalar>());
   const auto mean_column = [&](auto&& value) {
-    const auto column = voxel_means(voxel_of_point, voxels, 0.0, value);
+    const auto column = voxel_means(voxel_of_point, table, 0.0, value);
     return std::vector<float>(column.begin(), column.end());
   };
-  if (normals) means.normals = mean_normals<Scalar>(cloud, voxel_of_point, voxels);
+  if (normals) means.normals = mean_normals<Scalar>(cloud, voxel_of_point, table);
   if (times)
     means.time_offsets = mean_column([&](std::size_t i) { return static_cast<double>(time_offset(cloud, i)); });
   if (intensities)
@@ -174,8 +209,9 @@ template <class Scalar, Cloud Points>
 DownsampledCloud<Scalar> VoxelGrid::downsample(const Points& cloud) const {
   if (!(size > 0) || !is_finite(1.0 / size) || !is_finite(size))
     throw std::invalid_argument("VoxelGrid: size must be positive and finite");
-  if (mode == VoxelMode::mean) return detail::mean_of_voxels<Scalar>(cloud, 1.0 / size);
-  return detail::choose_in_voxels<Scalar>(cloud, 1.0 / size, mode == VoxelMode::nearest_to_center);
+  if (mode == VoxelMode::mean) return detail::mean_of_voxels<Scalar>(cloud, size);
+  if (mode == VoxelMode::first) return detail::first_in_voxels<Scalar>(cloud, 1.0 / size);
+  return detail::nearest_in_voxels<Scalar>(cloud, 1.0 / size);
 }
 
 }  // namespace chainslam
