@@ -83,7 +83,7 @@ namespace {
 
 template <class Factor, class Optimizer, class TargetCloud, class TargetSearch>
 PeerPose align(const SmallGicpCloud& source, const TargetCloud& target, const TargetSearch& search,
-               const Eigen::Isometry3d& guess, const SmallGicpSettings& settings) {
+               const PeerTransform& guess, const SmallGicpSettings& settings) {
   small_gicp::Registration<Factor, small_gicp::SerialReduction, small_gicp::NullFactor, small_gicp::DistanceRejector,
                            Optimizer>
       registration;
@@ -91,8 +91,10 @@ PeerPose align(const SmallGicpCloud& source, const TargetCloud& target, const Ta
   registration.criteria.translation_eps = settings.translation_eps;
   registration.criteria.rotation_eps = settings.rotation_eps;
   registration.optimizer.max_iterations = settings.max_iterations;
-  const small_gicp::RegistrationResult result = registration.align(target, *source.parts().cloud, search, guess);
-  return {result.T_target_source, static_cast<int>(result.iterations) + 1, result.converged, result.num_inliers};
+  const small_gicp::RegistrationResult result =
+      registration.align(target, *source.parts().cloud, search, Eigen::Isometry3d(guess));
+  return {PeerTransform(result.T_target_source), static_cast<int>(result.iterations) + 1, result.converged,
+          result.num_inliers};
 }
 
 template <class Factor, class... Rest>
@@ -104,7 +106,7 @@ PeerPose align_by(const SmallGicpSettings& settings, const SmallGicpCloud& sourc
 }  // namespace
 
 PeerPose small_gicp_align(SmallGicpMetric metric, const SmallGicpCloud& source, const SmallGicpCloud& target,
-                          const Eigen::Isometry3d& guess, const SmallGicpSettings& settings) {
+                          const PeerTransform& guess, const SmallGicpSettings& settings) {
   const SmallGicpCloud::Parts& parts = target.parts();
   switch (metric) {
     case SmallGicpMetric::point:
@@ -127,7 +129,7 @@ SmallGicpCloud small_gicp_prepared(const Positions& points, double voxel, int ne
 }
 
 PeerPose small_gicp_scan_to_submap(const Positions& scan, double voxel, const SmallGicpCloud& submap,
-                                   const Eigen::Isometry3d& guess, const SmallGicpSettings& settings) {
+                                   const PeerTransform& guess, const SmallGicpSettings& settings) {
   return small_gicp_align(SmallGicpMetric::gicp, small_gicp_prepared(scan, voxel), submap, guess, settings);
 }
 

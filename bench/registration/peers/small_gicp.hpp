@@ -53,7 +53,7 @@ struct SmallGicpSettings {
 /// Its alignment alone. The target has a tree and, as the metric asks, normals, covariances or a voxel map; the source
 /// has covariances for gicp and vgicp.
 [[nodiscard]] PeerPose small_gicp_align(SmallGicpMetric metric, const SmallGicpCloud& source,
-                                        const SmallGicpCloud& target, const Eigen::Isometry3d& guess,
+                                        const SmallGicpCloud& target, const PeerTransform& guess,
                                         const SmallGicpSettings& settings = {});
 
 /// What small_gicp makes of a cloud before it aligns it by GICP: thinned, tree, normals and covariances of 10 points.
@@ -62,7 +62,6 @@ struct SmallGicpSettings {
 /// A scan against a prepared submap, all that a scan costs included: the copy into its form, its voxel grid, tree and
 /// covariances, and GICP.
 [[nodiscard]] PeerPose small_gicp_scan_to_submap(const Positions& scan, double voxel, const SmallGicpCloud& submap,
-                                                 const Eigen::Isometry3d& guess,
-                                                 const SmallGicpSettings& settings = {});
+                                                 const PeerTransform& guess, const SmallGicpSettings& settings = {});
 
 }  // namespace chainslam::bench
