@@ -9,8 +9,9 @@ usage: bench/run.sh [--json FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [
   --json FILE   write Google Benchmark's JSON to FILE (all rooms in one)
   --peers       install PCL, Open3D and Ceres from Debian and build the comparisons with them
   --peer NAME=PATH
-                build the comparison with sources that Debian does not have, in room search; NAME is one of
-                ikd_tree, i_octree, nanoflann (1.12 or later), small_gicp; PATH is the root of its sources
+                build the comparison with sources that Debian does not have; PATH is their root, NAME one of
+                ikd_tree, i_octree, nanoflann (1.12 or later; all three in room search), small_gicp,
+                kiss_matcher (needs robin, xenium and pmc, too), teaser (needs pmc, too)
   --no-plain    leave out the second column, compiled for plain x86-64
   --smoke       each bench once, briefly: do they run?
   FILTER        a regular expression on names, for instance 'search/kd_tree'
@@ -18,17 +19,21 @@ environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA, CHAINSLAM_JO
 TEXT
 }
 
+. "$root/third_party/setup.sh"
 json="" peers=OFF plain=yes minimum_time=0.5 filter=""
-peer_paths=(-DCHAINSLAM_PEER_IKD_TREE= -DCHAINSLAM_PEER_I_OCTREE= -DCHAINSLAM_PEER_NANOFLANN= -DCHAINSLAM_PEER_SMALL_GICP=)
+peer_names="ikd_tree i_octree nanoflann small_gicp kiss_matcher robin xenium pmc teaser"
+peer_paths=() packages_by_path=""
+for name in $peer_names; do peer_paths+=("-DCHAINSLAM_PEER_${name^^}="); done
 while [ $# -gt 0 ]; do
   case "$1" in
     --json) [ $# -ge 2 ] || { usage >&2; exit 2; }; json="$2"; shift ;;
     --peers) peers=ON ;;
     --peer)
       [ $# -ge 2 ] || { usage >&2; exit 2; }
-      [[ "$2" =~ ^(ikd_tree|i_octree|nanoflann|small_gicp)=(.+)$ ]] || { usage >&2; echo "bench/run.sh: --peer $2: unknown peer, or no path" >&2; exit 2; }
+      [[ "$2" =~ ^(${peer_names// /|})=(.+)$ ]] || { usage >&2; echo "bench/run.sh: --peer $2: unknown peer, or no path" >&2; exit 2; }
       [ -d "${BASH_REMATCH[2]}" ] || { echo "bench/run.sh: --peer $2: no such folder" >&2; exit 2; }
       peer_paths+=("-DCHAINSLAM_PEER_${BASH_REMATCH[1]^^}=$(cd "${BASH_REMATCH[2]}" && pwd)")
+      [ "${BASH_REMATCH[1]}" != kiss_matcher ] || packages_by_path="$packages_kiss_matcher"
       shift ;;
     --no-plain) plain=no ;;
     --smoke) minimum_time=0.001 plain=no; export CHAINSLAM_BENCH_BRIEF=1 ;;
@@ -38,14 +43,13 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
-. "$root/third_party/setup.sh"
 case "$json" in "" | /*) ;; *) json="$PWD/$json" ;; esac
 
 # shellcheck disable=SC2086
 if [ "$peers" = ON ]; then
-  install_packages $packages_build $packages_program $packages_bench $packages_peers
+  install_packages $packages_build $packages_program $packages_bench $packages_by_path $packages_peers
 else
-  install_packages $packages_build $packages_program $packages_bench
+  install_packages $packages_build $packages_program $packages_bench $packages_by_path
 fi
 unpack_data
 [ "$peers" = ON ] || say "skipped" "peers PCL, Open3D and Ceres (bench/run.sh --peers installs and builds them)"

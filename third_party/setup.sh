@@ -17,7 +17,8 @@ packages_program="libtomlplusplus-dev libcli11-dev nlohmann-json3-dev libgeograp
 packages_test="doctest-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
 packages_sanitizers="clang-14 libclang-rt-14-dev"
 packages_bench="libbenchmark-dev libboost-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
-packages_peers="libpcl-dev libopen3d-dev libceres-dev"
+packages_peers="libpcl-dev libopen3d-dev libceres-dev libfmt-dev liblz4-dev"
+packages_kiss_matcher="libflann-dev liblz4-dev libtbb-dev"  # which is built from sources
 
 # Installs the Debian packages that are missing; says which.
 install_packages() {
