@@ -37,8 +37,9 @@ PointCloud<float> corner_with_ball(Rng& rng, int count) {
 /// all distances.
 class SlowFpfh {
  public:
-  SlowFpfh(const PointCloud<float>& cloud, double radius, std::size_t max_neighbors)
-      : cloud_(cloud), radius_(radius), max_neighbors_(max_neighbors) {}
+  SlowFpfh(const PointCloud<float>& cloud, double radius, std::size_t max_neighbors,
+           FpfhBlend blend = FpfhBlend::half_own)
+      : cloud_(cloud), radius_(radius), max_neighbors_(max_neighbors), blend_(blend) {}
 
   [[nodiscard]] Eigen::VectorXd operator()(std::size_t i) const {
     const Eigen::VectorXd own = simplified(i);
@@ -47,13 +48,18 @@ class SlowFpfh {
     for (const std::size_t j : neighbors(i)) {
       const Eigen::VectorXd theirs = simplified(j);
       if (theirs.isZero()) continue;
-      const double weight = 1 / (position(cloud_, j) - position(cloud_, i)).norm();
+      const double distance = (position(cloud_, j) - position(cloud_, i)).norm();
+      const double weight = 1 / (blend_ == FpfhBlend::half_own ? distance : distance * distance);
       sum += weight * theirs;
       weights += weight;
     }
     if (weights == 0) return own;
+    if (blend_ == FpfhBlend::neighbors_only) return sum / weights;
     return (own + sum / weights) / 2;
   }
+
+  /// SPFH.
+  [[nodiscard]] Eigen::VectorXd own(std::size_t i) const { return simplified(i); }
 
  private:
   [[nodiscard]] std::vector<std::size_t> neighbors(std::size_t i) const {
@@ -101,6 +107,7 @@ class SlowFpfh {
   const PointCloud<float>& cloud_;
   double radius_;
   std::size_t max_neighbors_;
+  FpfhBlend blend_;
 };
 
 float sum_of(const FpfhFeatures& features, Eigen::Index column, Eigen::Index histogram) {
@@ -113,10 +120,12 @@ TEST_SUITE("features/fpfh") {
   TEST_CASE("equals the definition, written down a second time") {
     test::for_all(8, [](Rng& rng, int size) {
       const PointCloud<float> cloud = corner_with_ball(rng, 150 + 10 * size);
-      for (const Index max_neighbors : {15, 400}) {
-        const FpfhFeatures features =
-            estimate_fpfh(cloud, KdTree<float>(cloud), {.radius = 1.5, .max_neighbors = max_neighbors});
-        const SlowFpfh slow(cloud, 1.5, static_cast<std::size_t>(max_neighbors));
+      const KdTree<float> tree(cloud);
+      const FpfhOptions nearest{.radius = 1.5, .max_neighbors = 15}, all{.radius = 1.5, .max_neighbors = 0};
+      const FpfhOptions pcl{.radius = 1.5, .max_neighbors = 0, .blend = FpfhBlend::neighbors_only};
+      for (const FpfhOptions& options : {nearest, all, pcl}) {
+        const FpfhFeatures features = estimate_fpfh(cloud, tree, options);
+        const SlowFpfh slow(cloud, options.radius, options.max_neighbors == 0 ? 10'000 : 15, options.blend);
         int different = 0;
         for (std::size_t i = 0; i < cloud.size(); i += 7) {
           // A pair on the border of two bins may fall to the other side; that is 1 of 10 to 100 pairs.
@@ -160,17 +169,65 @@ TEST_SUITE("features/fpfh") {
     CHECK(three.col(2).isApprox(0.5F * (behind + own), 1e-6F));
   }
 
-  TEST_CASE("angles are binned as atan2 has them") {
-    Rng rng(4);
-    for (int i = 0; i < 10000; ++i) {
-      const double x = rng.normal(), y = rng.normal();
-      const double share = 11 * (std::atan2(y, x) + std::numbers::pi) / (2 * std::numbers::pi);
-      REQUIRE(detail::angle_bin(x, y) == std::min(10, static_cast<int>(share)));
+  TEST_CASE("pairs are binned as atan2 and the cosines have them, several at once") {
+    test::for_all(100, [](Rng& rng, int size) {
+      const auto direction = [&rng] {
+        return Eigen::Vector3d(rng.normal(), rng.normal(), rng.normal()).normalized().cast<float>().eval();
+      };
+      detail::PairHistogram histogram;
+      PointCloud<float> cloud;
+      cloud.positions.emplace_back(0.0F, 0.0F, 0.0F);
+      cloud.normals.push_back(direction());
+      for (int i = 0; i < size; ++i) {
+        cloud.positions.push_back(direction());
+        cloud.normals.push_back(direction());
+        histogram.add(cloud.positions.back(), cloud.normals.back());
+      }
+      detail::PairHistogram::Counts counts;
+      REQUIRE(histogram.count(cloud.normals[0], counts) == size);
+      // Only the first point has all others near: its own histogram is what the slow definition blends for it alone.
+      const Eigen::VectorXd expected = SlowFpfh(cloud, 1.01, 10'000).own(0);
+      int misplaced = 0;
+      for (std::size_t bin = 0; bin < counts.size(); ++bin)
+        misplaced += std::abs(counts[bin] -
+                              static_cast<int>(std::lround(expected[static_cast<Eigen::Index>(bin)] * size / 100)));
+      CHECK(misplaced <= 2);  // one pair on a border
+    });
+  }
+
+  TEST_CASE("neighbourhoods hold what the search finds, and give the normals that searching gives") {
+    Rng rng(11);
+    PointCloud<float> cloud = corner_with_ball(rng, 700);
+    cloud.positions[5].setConstant(std::numeric_limits<float>::quiet_NaN());
+    const KdTree<float> tree(cloud);
+    const Neighborhoods near(cloud, tree, 1.2, 0), nearest(cloud, tree, 1.2, 9);
+    std::vector<Neighbor<float>> found;
+    for (Index i = 0; i < near.size(); ++i) {
+      if (i == 5) {
+        CHECK(near[i].empty());
+        continue;
+      }
+      tree.within(cloud.positions[static_cast<std::size_t>(i)], 1.2F, found);
+      CHECK(near[i].size() == found.size());
+      CHECK(nearest[i].size() == std::min<std::size_t>(9, found.size()));
     }
-    CHECK(detail::angle_bin(1, 0) == 5);
-    CHECK(detail::angle_bin(0, 0) == 5);
-    CHECK(detail::angle_bin(-1, 1e-9) == 10);
-    CHECK(detail::angle_bin(-1, -1e-9) == 0);
+    for (const NormalOptions& options :
+         {NormalOptions{.neighbors = 0, .radius = 0.9}, NormalOptions{.neighbors = 12}}) {
+      PointCloud<float> searched = cloud, known = cloud;
+      NormalOptions limited = options;
+      limited.radius = std::min(options.radius, 1.2);
+      const NormalEstimates expected = estimate_normals(searched, tree, limited, {4, 4, 20});
+      const NormalEstimates estimates = estimate_normals(known, near, limited, {4, 4, 20});
+      CHECK(estimates.without_normal == expected.without_normal);
+      for (std::size_t i = 0; i < cloud.size(); ++i) {
+        if (estimates.planarity[i] < 0.05F) continue;  // no plane: the normal hangs on rounding
+        CHECK((searched.normals[i] - known.normals[i]).norm() < 1e-3F);
+      }
+    }
+    CHECK_THROWS_AS((void)estimate_normals(cloud, Neighborhoods<float>{}, {}), std::invalid_argument);
+    CHECK_THROWS_AS((void)estimate_fpfh(cloud, Neighborhoods<float>{}), std::invalid_argument);
+    CHECK_THROWS_AS(Neighborhoods(cloud, tree, 0.0, 5), std::invalid_argument);
+    CHECK_THROWS_AS(Neighborhoods(cloud, tree, 1.0, -1), std::invalid_argument);
   }
 
   TEST_CASE("each of the three histograms sums to 100") {
@@ -250,6 +307,7 @@ TEST_SUITE("features/fpfh") {
     const KdTree<float> tree(cloud);
     CHECK_THROWS_AS((void)estimate_fpfh(cloud, tree, {.radius = 0}), std::invalid_argument);
     CHECK_THROWS_AS((void)estimate_fpfh(cloud, tree, {.max_neighbors = 1}), std::invalid_argument);
+    CHECK_THROWS_AS((void)estimate_fpfh(cloud, tree, {.max_neighbors = -1}), std::invalid_argument);
     cloud.normals.clear();
     CHECK_THROWS_AS((void)estimate_fpfh(cloud, tree), std::invalid_argument);
   }

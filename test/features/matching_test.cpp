@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <limits>
 #include <vector>
 
@@ -106,6 +107,59 @@ TEST_SUITE("features/matching") {
     const std::vector<FeatureMatch> expected = match_features(source, target);
     CHECK(expected.size() > 100);
     for (const Index threads : {1, 2, 4}) CHECK(match_features(source, target, {}, ThreadPool(threads)) == expected);
+  }
+
+  TEST_CASE("the ratio of nearest and next, of the more doubtful side, is what the definition says, and cuts") {
+    test::for_all(10, [](Rng& rng, int size) {
+      const Eigen::MatrixXf source = random_features(rng, 33, 20 + 2 * size), target = random_features(rng, 33, 200);
+      const auto two_nearest = [](const Eigen::MatrixXf& features, const Eigen::VectorXf& query) {
+        std::vector<double> distances;
+        for (Eigen::Index i = 0; i < features.cols(); ++i)
+          distances.push_back((features.col(i).cast<double>() - query.cast<double>()).norm());
+        std::sort(distances.begin(), distances.end());
+        return distances[0] / distances[1];
+      };
+      const std::vector<FeatureMatch> all = match_features(source, target, {.by_quality = true});
+      std::vector<FeatureMatch> plain = match_features(source, target);
+      REQUIRE(all.size() == plain.size());
+      for (std::size_t i = 0; i < all.size(); ++i) {
+        const double ratio =
+            std::max(two_nearest(target, source.col(all[i].source)), two_nearest(source, target.col(all[i].target)));
+        CHECK(static_cast<double>(all[i].ratio) == doctest::Approx(ratio).epsilon(1e-5));
+        if (i > 0) CHECK(all[i - 1].ratio <= all[i].ratio);
+      }
+      const std::size_t kept = all.size() / 2;
+      std::vector<FeatureMatch> best(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(kept));
+      const auto count = static_cast<Index>(kept);
+      CHECK(match_features(source, target, {.max_matches = std::max(count, 1), .by_quality = true}).size() ==
+            std::max<std::size_t>(kept, 1));
+      if (kept > 0) {
+        const double limit = static_cast<double>(best.back().ratio);
+        CHECK(match_features(source, target, {.max_ratio = limit, .by_quality = true}) == best);
+        std::sort(best.begin(), best.end(),
+                  [](const FeatureMatch& a, const FeatureMatch& b) { return a.source < b.source; });
+        CHECK(match_features(source, target, {.max_matches = count}) == best);
+      }
+      for (const FeatureMatch& match : plain) CHECK(match.ratio == 1);
+    });
+    CHECK_THROWS_AS((void)match_features(Eigen::MatrixXf::Ones(3, 2), Eigen::MatrixXf::Ones(3, 2), {.max_ratio = 0}),
+                    std::invalid_argument);
+    CHECK_THROWS_AS((void)match_features(Eigen::MatrixXf::Ones(3, 2), Eigen::MatrixXf::Ones(3, 2), {.max_matches = -1}),
+                    std::invalid_argument);
+  }
+
+  TEST_CASE("many features that are nearly or wholly the same, as flat ground has them") {
+    test::for_all(10, [](Rng& rng, int size) {
+      Eigen::MatrixXf source = random_features(rng, 33, 300), target = random_features(rng, 33, 400);
+      const Eigen::VectorXf ground = random_features(rng, 33, 1);
+      for (Eigen::Index i = 0; i < 300; i += 2) source.col(i) = ground + 1e-3F * random_features(rng, 33, 1).col(0);
+      for (Eigen::Index i = 0; i < 400; i += 3) target.col(i) = ground + 1e-3F * random_features(rng, 33, 1).col(0);
+      for (Eigen::Index i = 0; i < size; ++i) source.col(3 * i) = target.col(4 * i) = ground;
+      for (const bool mutual : {false, true})
+        CHECK(match_features(source, target, {.mutual = mutual}) == matches_by_brute_force(source, target, mutual));
+      CHECK(match_features(source, target, {.by_quality = true}, ThreadPool(3)) ==
+            match_features(source, target, {.by_quality = true}));
+    });
   }
 
   TEST_CASE("features of different lengths are refused") {

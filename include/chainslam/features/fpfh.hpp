@@ -1,30 +1,36 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <optional>
+#include <cstdint>
 #include <span>
 #include <stdexcept>
-#include <utility>
 #include <vector>
 
-#include "chainslam/cloud/concepts.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/lanes.hpp"
+#include "chainslam/features/detail/pair_histogram.hpp"
+#include "chainslam/features/neighborhoods.hpp"
 #include "chainslam/search/concepts.hpp"
 
 namespace chainslam {
+
+/// How FPFH puts a point's own histogram and those of its neighbours, at distances d_i, together.
+enum class FpfhBlend {
+  half_own,        ///< half its own, half the others' mean with weights 1 / d_i: as the paper, but for the mean
+  neighbors_only,  ///< the others' mean with weights 1 / d_i^2: what PCL computes
+};
 
 /// Which neighbours a point is described by: the `max_neighbors` nearest, the point itself counted, of those within
 /// `radius`. About five voxels wide sees corners and edges, two or three see only planes.
 struct FpfhOptions {
   double radius = 5.0;        ///< metres
-  Index max_neighbors = 100;  ///< at least 2
+  Index max_neighbors = 100;  ///< 0: all; else at least 2
+  FpfhBlend blend = FpfhBlend::half_own;
 };
 
 /// One column a point: three histograms of 11 bins, each of which sums to 100, or all zeros for a point that has none.
@@ -32,166 +38,141 @@ using FpfhFeatures = Eigen::Matrix<float, 33, Eigen::Dynamic>;
 
 namespace detail {
 
-inline constexpr int fpfh_bins = 11;
-using FpfhColumn = Eigen::Matrix<float, 3 * fpfh_bins, 1>;
+/// The SPFH of all points in rows whose length is a whole number of registers.
+class HistogramRows {
+ public:
+  static constexpr std::size_t length = 3 * fpfh_bins, stride = (length + 7) / 8 * 8;
 
-/// The bin, of 11 equal ones over [-pi, pi], that the angle of (x, y) lies in. Compares with the borders' directions:
-/// no arc tangent, so that no C library has a say.
-[[nodiscard]] inline int angle_bin(double x, double y) {
-  // The borders at (2 j - 1) pi / 11, j = 1 ... 5; the lower half plane mirrors the upper.
-  static constexpr std::array<double, 5> cosines{0.95949297361449739, 0.65486073394528506, 0.14231483827328514,
-                                                 -0.41541501300188643, -0.84125353283118117};
-  static constexpr std::array<double, 5> sines{0.28173255684142970, 0.75574957435425828, 0.98982144188093273,
-                                               0.90963199535451837, 0.54064081745559758};
-  const double above = std::abs(y);
-  int borders = 0;
-  for (std::size_t j = 0; j < cosines.size(); ++j) borders += cosines[j] * above - sines[j] * x > 0 ? 1 : 0;
-  return y < 0 ? fpfh_bins / 2 - borders : fpfh_bins / 2 + borders;
-}
+  explicit HistogramRows(std::size_t count) : values_(count * stride) {}
 
-/// The bin, of 11 equal ones over [-1, 1], that a cosine lies in.
-[[nodiscard]] inline int cosine_bin(double cosine) {
-  return static_cast<int>(std::clamp(0.5 * fpfh_bins * (cosine + 1.0), 0.0, fpfh_bins - 1.0));
-}
-
-/// The bins of theta, alpha and phi for two oriented points; nothing where they lie in one place or on a line along the
-/// normal, which has no frame. With the Darboux frame u = n_s, v = (p_t - p_s) x u / |...|, w = u x v of the point s
-/// whose normal is the nearer to the line between them: theta = atan2(w . n_t, u . n_t), alpha = v . n_t, phi = u .
-/// (p_t - p_s) / |p_t - p_s| (Rusu et al. 2009, eq. 1 and 2).
-[[nodiscard]] inline std::optional<std::array<int, 3>> pair_bins(const Eigen::Vector3d& p, const Eigen::Vector3d& n_p,
-                                                                 const Eigen::Vector3d& q, const Eigen::Vector3d& n_q) {
-  constexpr double least_squared_sine = 1e-12;
-  Eigen::Vector3d line = q - p;
-  const Eigen::Vector3d *u = &n_p, *n_t = &n_q;
-  double along = u->dot(line);
-  if (std::abs(along) < std::abs(n_q.dot(line))) {
-    std::swap(u, n_t);
-    line = -line;
-    along = u->dot(line);
+  [[nodiscard]] float* operator[](std::size_t i) { return values_.data() + i * stride; }
+  [[nodiscard]] const float* operator[](std::size_t i) const { return values_.data() + i * stride; }
+  /// Whether the point has a histogram: they sum to 100, and some bin of the first is not empty.
+  [[nodiscard]] bool empty(std::size_t i) const { return !((*this)[i][length] > 0); }
+  void set(std::size_t i, const PairHistogram::Counts& counts, std::int32_t pairs) {
+    float* row = (*this)[i];
+    const float share = 100.0F / static_cast<float>(pairs);
+    for (std::size_t bin = 0; bin < length; ++bin) row[bin] = share * static_cast<float>(counts[bin]);
+    row[length] = 1;
   }
-  const double squared_length = line.squaredNorm();
-  const Eigen::Vector3d v = line.cross(*u);
-  const double squared_width = v.squaredNorm();
-  if (!(squared_width > least_squared_sine * squared_length)) return std::nullopt;
-  const double width = std::sqrt(squared_width);
-  const double cosine = u->dot(*n_t);
-  return std::array{angle_bin(width * cosine, line.dot(*n_t) - along * cosine), cosine_bin(v.dot(*n_t) / width),
-                    cosine_bin(along / std::sqrt(squared_length))};
-}
 
-/// The nearest neighbours of every point of a cloud, the point itself left out.
-template <class Scalar>
-struct NeighborTable {
-  std::size_t width = 0;
-  std::vector<Neighbor<Scalar>> entries;
-  std::vector<std::size_t> counts;
-
-  [[nodiscard]] std::span<const Neighbor<Scalar>> of(std::size_t i) const {
-    return std::span(entries).subspan(i * width, counts[i]);
-  }
+ private:
+  std::vector<float> values_;
 };
 
-/// @param options  checked; only points with a normal are asked for.
-template <NearestNeighborSearch Search, Executor Exec>
-[[nodiscard]] NeighborTable<typename Search::Scalar> oriented_neighbors(const PointCloud<float>& cloud,
-                                                                        const Search& search,
-                                                                        const FpfhOptions& options, const Exec& exec) {
-  using Scalar = typename Search::Scalar;
-  constexpr Index grain = 256;
-  const auto has_normal = [&](std::size_t i) {
-    const float squared = cloud.normals[i].squaredNorm();
-    return is_finite(squared) && squared > 0.25F;
-  };
-  NeighborTable<Scalar> table;
-  table.width = static_cast<std::size_t>(options.max_neighbors);
-  table.entries.resize(cloud.size() * table.width);
-  table.counts.resize(cloud.size());
-  exec.for_chunks(to_index(cloud.size(), "cloud"), grain, [&](Index begin, Index end) {
-    for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
-      if (!has_normal(i) || !is_finite(cloud.positions[i])) continue;
-      const Eigen::Matrix<Scalar, 3, 1> point = cloud.positions[i].template cast<Scalar>();
-      const auto row = std::span(table.entries).subspan(i * table.width, table.width);
-      const auto found = static_cast<std::size_t>(search.knn(point, row, static_cast<Scalar>(options.radius)));
-      const auto kept = std::remove_if(row.begin(), row.begin() + static_cast<std::ptrdiff_t>(found),
-                                       [&](const Neighbor<Scalar>& neighbor) {
-                                         const auto j = static_cast<std::size_t>(neighbor.index);
-                                         return j == i || !(neighbor.squared_distance > 0) || !has_normal(j);
-                                       });
-      table.counts[i] = static_cast<std::size_t>(kept - row.begin());
-    }
-  });
-  return table;
+[[nodiscard]] inline bool has_normal(const Eigen::Vector3f& normal) {
+  const float squared = normal.squaredNorm();
+  return is_finite(squared) && squared > 0.25F;
 }
 
-/// SPFH: the histograms of the pairs of point i with each of its neighbours, in per cent of the pairs; zeros without
-/// any.
+/// SPFH: the histograms of the pairs of each point with its neighbours, in per cent of the pairs.
+template <class Scalar, Executor Exec>
+[[nodiscard]] HistogramRows simplified_histograms(const PointCloud<float>& cloud,
+                                                  const Neighborhoods<Scalar>& neighborhoods, const Exec& executor) {
+  constexpr Index grain = 256;
+  std::vector<std::uint8_t> oriented(cloud.size());
+  for (std::size_t i = 0; i < cloud.size(); ++i) oriented[i] = has_normal(cloud.normals[i]) ? 1 : 0;
+  HistogramRows histograms(cloud.size());
+  executor.for_chunks(neighborhoods.size(), grain, [&](Index begin, Index end) {
+    PairHistogram histogram;
+    PairHistogram::Counts counts;
+    for (Index i = begin; i < end; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      if (oriented[at] == 0) continue;
+      histogram.clear();
+      for (const Neighbor<Scalar>& neighbor : neighborhoods[i]) {
+        const auto j = static_cast<std::size_t>(neighbor.index);
+        if (oriented[j] != 0 && neighbor.squared_distance > 0)
+          histogram.add(cloud.positions[j] - cloud.positions[at], cloud.normals[j]);
+      }
+      const std::int32_t pairs = histogram.count(cloud.normals[at], counts);
+      if (pairs > 0) histograms.set(at, counts, pairs);
+    }
+  });
+  return histograms;
+}
+
+/// The weighted mean of the neighbours' histograms; zeros without any.
 template <class Scalar>
-[[nodiscard]] FpfhColumn simplified_histogram(const PointCloud<float>& cloud, std::size_t i,
-                                              std::span<const Neighbor<Scalar>> neighbors) {
-  std::array<Index, 3 * fpfh_bins> counts{};
-  Index pairs = 0;
-  const Eigen::Vector3d p = position(cloud, i), n_p = cloud.normals[i].cast<double>();
+void mean_histogram(const HistogramRows& histograms, std::span<const Neighbor<Scalar>> neighbors, FpfhBlend blend,
+                    std::array<float, HistogramRows::stride>& mean) {
+  constexpr std::size_t registers = HistogramRows::stride / lane_count;
+  std::array<Floats, registers> sums{};
+  float weights = 0;
   for (const Neighbor<Scalar>& neighbor : neighbors) {
     const auto j = static_cast<std::size_t>(neighbor.index);
-    const auto bins = pair_bins(p, n_p, position(cloud, j), cloud.normals[j].cast<double>());
-    if (!bins) continue;
-    for (std::size_t k = 0; k < 3; ++k) ++counts[k * fpfh_bins + static_cast<std::size_t>((*bins)[k])];
-    ++pairs;
+    if (!(neighbor.squared_distance > 0) || histograms.empty(j)) continue;
+    const auto squared = static_cast<float>(neighbor.squared_distance);
+    const float weight = 1 / (blend == FpfhBlend::half_own ? std::sqrt(squared) : squared);
+    const float* row = histograms[j];
+    for (std::size_t k = 0; k < registers; ++k) {
+      Floats values;
+      load(row + k * lane_count, values);
+      sums[k] += weight * values;
+    }
+    weights += weight;
   }
-  FpfhColumn histogram = FpfhColumn::Zero();
-  for (std::size_t bin = 0; pairs > 0 && bin < counts.size(); ++bin)
-    histogram[static_cast<Eigen::Index>(bin)] = 100.0F * static_cast<float>(counts[bin]) / static_cast<float>(pairs);
-  return histogram;
+  const float share = weights > 0 ? 1 / weights : 0.0F;
+  for (std::size_t k = 0; k < registers; ++k) store(share * sums[k], mean.data() + k * lane_count);
 }
 
 }  // namespace detail
 
 /// Describes the surroundings of each point by how normals turn about it: Fast Point Feature Histograms (Rusu, Blodow
-/// and Beetz 2009), which a rigid motion of cloud and normals does not change.
+/// and Beetz 2009), which a rigid motion of cloud and normals does not change. For points whose neighbourhoods are
+/// known; their reach is the features'.
 ///
 /// FPFH(p) = (SPFH(p) + sum w_i SPFH(p_i) / sum w_i) / 2 with w_i = 1 / |p_i - p| over p's neighbours: the paper's
 /// weights, but a mean where the paper has a sum over metres, so that the unit of length does not decide how much the
 /// neighbours count. Neighbours in the very same place are left out. Rows as in PCL and Open3D: theta, alpha, phi.
 ///
-/// @param cloud    n points with unit normals, metres. All normals must look to the side that the points were seen
-///                 from, in this cloud as in those it is compared with. Points without a normal (zero or not finite)
-///                 or without neighbours get zeros.
-/// @param search   over the same points: its indices are the cloud's.
-/// @returns 33 x n, the same to the bit for any executor. Needs 8 n max_neighbors bytes (16 for double) meanwhile.
+/// @param cloud  n points with unit normals, metres. All normals must look to the side that the points were seen
+///               from, in this cloud as in those it is compared with. Points without a normal (zero or not finite)
+///               or without neighbours get zeros.
+/// @returns 33 x n, the same to the bit for any executor.
+/// @throws std::invalid_argument if the cloud has no normals or the neighbourhoods are not its own.
+template <class Scalar, Executor Exec = Serial>
+[[nodiscard]] FpfhFeatures estimate_fpfh(const PointCloud<float>& cloud, const Neighborhoods<Scalar>& neighborhoods,
+                                         FpfhBlend blend = FpfhBlend::half_own, const Exec& executor = {}) {
+  constexpr Index grain = 256;
+  constexpr Eigen::Index length = detail::HistogramRows::length;
+  if (!cloud.empty() && !cloud.has_normals())
+    throw std::invalid_argument("estimate_fpfh: the cloud has no normals; call estimate_normals first");
+  if (neighborhoods.size() != to_index(cloud.size(), "cloud"))
+    throw std::invalid_argument("estimate_fpfh: the neighbourhoods are of another cloud");
+  const detail::HistogramRows histograms = detail::simplified_histograms(cloud, neighborhoods, executor);
+  FpfhFeatures features(length, neighborhoods.size());
+  executor.for_chunks(neighborhoods.size(), grain, [&](Index begin, Index end) {
+    std::array<float, detail::HistogramRows::stride> mean;
+    for (Index i = begin; i < end; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      const Eigen::Map<const Eigen::Matrix<float, length, 1>> own(histograms[at]), others(mean.data());
+      features.col(i) = own;
+      if (histograms.empty(at)) continue;
+      detail::mean_histogram(histograms, neighborhoods[i], blend, mean);
+      if (!(mean[length] > 0)) continue;  // no neighbour has one
+      if (blend == FpfhBlend::half_own)
+        features.col(i) = 0.5F * (own + others);
+      else
+        features.col(i) = others;
+    }
+  });
+  return features;
+}
+
+/// The same over a search.
+///
+/// @param search  over the same points: its indices are the cloud's.
 /// @throws std::invalid_argument if the cloud has no normals or an option makes no sense.
 template <NearestNeighborSearch Search, Executor Exec = Serial>
 [[nodiscard]] FpfhFeatures estimate_fpfh(const PointCloud<float>& cloud, const Search& search,
                                          const FpfhOptions& options = {}, const Exec& executor = {}) {
-  if (!(options.radius > 0) || options.max_neighbors < 2)
-    throw std::invalid_argument("estimate_fpfh: radius must be positive, max_neighbors at least 2");
+  if (!(options.radius > 0) || options.max_neighbors < 0 || options.max_neighbors == 1)
+    throw std::invalid_argument("estimate_fpfh: radius must be positive, max_neighbors 0 or at least 2");
   if (!cloud.empty() && !cloud.has_normals())
     throw std::invalid_argument("estimate_fpfh: the cloud has no normals; call estimate_normals first");
-  constexpr Index grain = 256;
-  const Index count = to_index(cloud.size(), "cloud");
-  const auto neighbors = detail::oriented_neighbors(cloud, search, options, executor);
-  FpfhFeatures simplified(33, count), features(33, count);
-  executor.for_chunks(count, grain, [&](Index begin, Index end) {
-    for (Index i = begin; i < end; ++i) {
-      const auto point = static_cast<std::size_t>(i);
-      simplified.col(i) = detail::simplified_histogram(cloud, point, neighbors.of(point));
-    }
-  });
-  executor.for_chunks(count, grain, [&](Index begin, Index end) {
-    for (Index i = begin; i < end; ++i) {
-      detail::FpfhColumn sum = detail::FpfhColumn::Zero();
-      float weights = 0;
-      for (const auto& neighbor : neighbors.of(static_cast<std::size_t>(i))) {
-        const detail::FpfhColumn column = simplified.col(neighbor.index);
-        if (!(column.head<detail::fpfh_bins>().sum() > 0)) continue;
-        const auto weight = static_cast<float>(1 / std::sqrt(neighbor.squared_distance));
-        sum += weight * column;
-        weights += weight;
-      }
-      features.col(i) = simplified.col(i);
-      if (weights > 0) features.col(i) = 0.5F * (features.col(i) + sum / weights);
-    }
-  });
-  return features;
+  return estimate_fpfh(cloud, Neighborhoods(cloud, search, options.radius, options.max_neighbors, executor),
+                       options.blend, executor);
 }
 
 }  // namespace chainslam
