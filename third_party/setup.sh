@@ -41,15 +41,35 @@ install_packages() {
     >"$log" 2>&1 || { tail -n 15 "$log" >&2; fail "apt-get could not install them; the whole log is in $log"; }
 }
 
+# show_progress LABEL LOG: until stopped, rewrites a line of the terminal with how far Ninja has come.
+show_progress() {
+  local steps
+  while sleep 1 && kill -0 $$; do  # not longer than the script itself
+    steps="$(tail -n 1 "$2" 2>/dev/null | grep -oE '^\[[0-9]+/[0-9]+\]' || true)"
+    printf '\r%-12s %s %s' "building" "$1" "$steps"
+  done
+}
+
 # configure_and_build FOLDER LABEL TARGETS CMAKE-ARGUMENTS...: builds quietly; on an error prints it and stops.
 configure_and_build() {
-  local folder="$build/$1" label="$2" targets="$3" log start=$SECONDS
+  local folder="$build/$1" label="$2" targets="$3" log progress="" status=0 start=$SECONDS
   shift 3
   mkdir -p "$folder" || fail "cannot write to $folder; set CHAINSLAM_BUILD_DIR to a folder that can be written"
   log="$folder/build.log"
+  if [ -t 1 ]; then
+    show_progress "$label" "$log" &
+    progress=$!
+  else
+    say "building" "$label; the log is $log"
+  fi
   # shellcheck disable=SC2086
-  if ! { cmake -S "$root" -B "$folder" -G Ninja "$@" && cmake --build "$folder" -j "$jobs" --target $targets; } \
-    >"$log" 2>&1; then
+  { cmake -S "$root" -B "$folder" -G Ninja "$@" && cmake --build "$folder" -j "$jobs" --target $targets; } \
+    >"$log" 2>&1 || status=$?
+  if [ -n "$progress" ]; then
+    kill "$progress" && wait "$progress" 2>/dev/null || true
+    printf '\r\033[K'
+  fi
+  if [ "$status" -ne 0 ]; then
     { grep -E -A 12 'error|FAILED|CMake Error' "$log" || tail -n 20 "$log"; } | sed -n 1,60p >&2
     fail "the build stopped; the whole log is in $log"
   fi
