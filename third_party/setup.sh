@@ -44,7 +44,7 @@ install_packages() {
 # show_progress LABEL LOG: until stopped, rewrites a line of the terminal with how far Ninja has come.
 show_progress() {
   local steps
-  while sleep 1 && kill -0 $$; do  # not longer than the script itself
+  while sleep 1 && kill -0 $$ 2>/dev/null; do  # not longer than the script itself
     steps="$(tail -n 1 "$2" 2>/dev/null | grep -oE '^\[[0-9]+/[0-9]+\]' || true)"
     printf '\r%-12s %s %s' "building" "$1" "$steps"
   done
