@@ -66,6 +66,25 @@ TEST_SUITE("sparse/cholesky") {
     });
   }
 
+  TEST_CASE_TEMPLATE("the inverse's diagonal blocks are those of the dense inverse", Solver, BlockCholesky<1>,
+                     BlockCholesky<6>, NaturalCholesky) {
+    constexpr int N = Solver::block_size;
+    for_all(30, [](Rng& rng, int size) {
+      const BlockPattern pattern = random_pattern(rng, size, rng.uniform(0.0, 2.0));
+      const BlockMatrix<N> matrix = random_normal_equations<N>(pattern, rng, 0.1);
+      Solver solver;
+      solver.analyze(pattern);
+      REQUIRE(solver.factorize(matrix).ok());
+      std::vector<double> found(static_cast<std::size_t>(size * N * N));
+      solver.inverse_diagonal(found);
+      const Eigen::MatrixXd inverse = dense(matrix).llt().solve(Eigen::MatrixXd::Identity(size * N, size * N));
+      for (Index k = 0; k < size; ++k) {
+        const Eigen::MatrixXd expected = inverse.block(k * N, k * N, N, N);
+        CHECK(Eigen::Map<const Eigen::MatrixXd>(found.data() + k * N * N, N, N).isApprox(expected, 1e-9));
+      }
+    });
+  }
+
   TEST_CASE("damping adds to the diagonal, and the next factorisation does without it") {
     Rng rng(1);
     const BlockMatrix<6> matrix = random_normal_equations<6>(random_pattern(rng, 50, 1.0), rng, 0.1);

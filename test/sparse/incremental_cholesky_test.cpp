@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "support/property.hpp"
@@ -29,7 +30,8 @@ struct System {
   std::vector<Term> terms;
   std::vector<char> fixed;
 
-  [[nodiscard]] Eigen::VectorXd solution() const {
+  /// H and the gradient; fixed variables have the identity and zero.
+  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> equations() const {
     const auto size = static_cast<Eigen::Index>(fixed.size()) * block;
     Eigen::MatrixXd H = Eigen::MatrixXd::Zero(size, size);
     Eigen::VectorXd g = Eigen::VectorXd::Zero(size);
@@ -51,6 +53,11 @@ struct System {
       H.block<block, block>(at, at).setIdentity();
       g.segment<block>(at).setZero();
     }
+    return {H, g};
+  }
+
+  [[nodiscard]] Eigen::VectorXd solution() const {
+    const auto [H, g] = equations();
     return -H.llt().solve(g);
   }
 
@@ -197,6 +204,26 @@ TEST_SUITE("sparse/incremental_cholesky") {
         CHECK(history.solver.squared_error() == doctest::Approx(least).epsilon(1e-8));
         CHECK(history.solver.excess() == doctest::Approx(found - least).epsilon(1e-6).scale(1.0 + least));
         CHECK(found <= 1.02 * least + 1e-5);  // least_error at the least
+      }
+    });
+  }
+
+  TEST_CASE("the inverse's diagonal blocks are those of the dense inverse") {
+    for_all(40, [](Rng& rng, int size) {
+      History history(rng, exact(size));
+      for (int k = 0; k < 5 + size / 4; ++k) history.step();
+      const Eigen::MatrixXd H = history.system.equations().first;
+      const Eigen::MatrixXd inverse = H.llt().solve(Eigen::MatrixXd::Identity(H.rows(), H.rows()));
+      const std::vector<double> found = history.solver.inverse_diagonal();
+      for (Index k = 0; k < history.solver.size(); ++k) {
+        const Eigen::Matrix3d block_k = Eigen::Map<const Eigen::Matrix3d>(found.data() + 9 * k);
+        if (history.solver.is_fixed(k)) {
+          CHECK(block_k.isZero(0));
+        } else {
+          const Eigen::Matrix3d expected = inverse.block<3, 3>(Eigen::Index{k} * 3, Eigen::Index{k} * 3);
+          CHECK((block_k - expected).norm() <= 1e-7 * expected.norm());
+          CHECK(block_k == block_k.transpose());
+        }
       }
     });
   }

@@ -11,6 +11,7 @@
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/concepts.hpp"
 #include "chainslam/sparse/detail/dense_kernels.hpp"
+#include "chainslam/sparse/detail/inverse_fronts.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
 #include "chainslam/sparse/detail/table.hpp"
 #include "chainslam/sparse/ordering.hpp"
@@ -89,6 +90,19 @@ class BlockCholesky {
       std::copy_n(work_.data() + Offset{k} * BlockSize, BlockSize, x.data() + Offset{nodes_.order[k]} * BlockSize);
   }
 
+  /// Writes the diagonal blocks of (matrix + diag(damping))^-1 of the last factorisation, which must have succeeded:
+  /// column-major, at `BlockSize`^2 times their block column's number. Costs about two factorisations; allocates.
+  void inverse_diagonal(std::span<double> out) const {
+    assert(static_cast<Offset>(out.size()) == work_.size() * BlockSize);
+    detail::InverseFronts<BlockSize>().run(Fronts{*this}, [&](Index s, const double* inverse, Offset step) {
+      for (Index k = nodes_.first_column[s]; k < nodes_.first_column[Offset{s} + 1]; ++k) {
+        double* const to = out.data() + Offset{nodes_.order[k]} * BlockSize * BlockSize;
+        for (int c = 0; c < BlockSize; ++c) std::copy_n(inverse + c * step, BlockSize, to + c * BlockSize);
+        inverse += BlockSize * (step + 1);
+      }
+    });
+  }
+
   /// Coefficients that the factor stores, zeros kept on purpose included.
   [[nodiscard]] Offset stored_coefficients() const { return panels_.size(); }
   /// The caller's block columns in the order of their elimination.
@@ -99,6 +113,30 @@ class BlockCholesky {
     Offset block;        ///< in the matrix's pattern
     Offset destination;  ///< in `panels_`
     bool transposed;
+  };
+
+  /// The supernodes, as `InverseFronts` asks for them.
+  struct Fronts {
+    const BlockCholesky& of;
+
+    [[nodiscard]] std::vector<Index> roots() const {
+      std::vector<Index> found;
+      for (Index s = 0; s < of.nodes_.size(); ++s) {
+        if (of.nodes_.parent[s] == -1) found.push_back(s);
+      }
+      return found;
+    }
+    [[nodiscard]] Index columns(Index s) const { return of.nodes_.columns(s); }
+    [[nodiscard]] Index rows(Index s) const { return of.nodes_.update_rows(s); }
+    [[nodiscard]] const double* panel(Index s) const { return of.panel(s); }
+    [[nodiscard]] const double* reciprocals(Index s) const {
+      return of.reciprocals_.data() + Offset{of.nodes_.first_column[s]} * BlockSize;
+    }
+    template <class Take>
+    void for_each_child(Index s, Take&& take) const {
+      for (Index child = of.last_child_[s]; child != -1; child = of.previous_sibling_[child])
+        take(child, of.nodes_.rows_in_parent(child));
+    }
   };
 
   /// Coefficients of an update matrix with `rows` block rows.

@@ -16,6 +16,7 @@
 #include "chainslam/sparse/detail/partial_elimination.hpp"
 #include "chainslam/sparse/detail/path_solver.hpp"
 #include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/detail/tree_inverse.hpp"
 
 namespace chainslam {
 
@@ -148,6 +149,8 @@ class IncrementalCholesky {
 
   /// The least sum of |r + J x|^2.
   [[nodiscard]] double squared_error() const { return totals_.squared_residuals - totals_.lowered; }
+  /// What the exact solution lowers the sum by.
+  [[nodiscard]] double lowered() const { return totals_.lowered; }
   /// What the solution at hand exceeds it by.
   [[nodiscard]] double excess() const { return totals_.excess; }
 
@@ -159,6 +162,13 @@ class IncrementalCholesky {
   /// which is fixed. Costs the ways from there to the root; allocates.
   [[nodiscard]] Eigen::MatrixXd inverse_product(std::span<const Index> variables, const Eigen::MatrixXd& E) const {
     return detail::PathSolver<BlockSize>(tree_, variables).inverse_product(variables, E);
+  }
+  /// The diagonal blocks of H^-1, column-major, at `BlockSize`^2 times their variable's number; zeros for what is not
+  /// eliminated. Costs about two factorisations of everything; allocates.
+  [[nodiscard]] std::vector<double> inverse_diagonal() const {
+    std::vector<double> blocks(static_cast<std::size_t>(Offset{size()} * BlockSize * BlockSize), 0.0);
+    detail::TreeInverse<BlockSize>(tree_, size()).diagonal(blocks);
+    return blocks;
   }
   /// Whether a variable was part of the last `factorize`, neither new nor fixed.
   [[nodiscard]] bool is_eliminated(Index variable) const { return tree_.node_of(variable) != -1; }

@@ -1,0 +1,137 @@
+#pragma once
+
+#include <algorithm>
+#include <span>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/sparse/detail/arena.hpp"
+#include "chainslam/sparse/detail/dense_kernels.hpp"
+#include "chainslam/sparse/detail/table.hpp"
+
+namespace chainslam::detail {
+
+/// The blocks of H^-1 where the factor L of H = L L^T is not zero, front by front, from the roots down: about twice the
+/// work of the factorisation.
+///
+/// Takahashi, Fagan and Chen 1973; Erisman and Tinney 1975; on supernodes: Campbell and Davis 1995.
+template <int B>
+class InverseFronts {
+ public:
+  /// @param tree   gives `roots()`, `columns(s)` and `rows(s)` (block counts), `panel(s)` (the front's columns of the
+  /// factor, column-major, all its rows), `reciprocals(s)` (of its diagonal), and `for_each_child(s, take)`, which
+  /// calls take(child, place of each of the child's rows in s).
+  /// @param visit  called as visit(s, Z, stride) for each front; Z is the inverse among its variables, column-major,
+  /// both triangles.
+  template <class Tree, class Visit>
+  void run(Tree&& tree, Visit&& visit) {
+    for (const Index root : tree.roots()) waiting_.push_back({root, take(tree.columns(root) + tree.rows(root))});
+    while (waiting_.size() > 0) {
+      const Waiting front = waiting_.back();
+      waiting_.pop_back();
+      const Index height = tree.columns(front.node) + tree.rows(front.node);
+      const Offset stride = Offset{height} * B;
+      complete(tree.panel(front.node), tree.reciprocals(front.node), tree.columns(front.node), stride, front.inverse);
+      visit(front.node, static_cast<const double*>(front.inverse), stride);
+      tree.for_each_child(front.node, [&](Index child, std::span<const Index> places) {
+        const Index child_height = tree.columns(child) + tree.rows(child);
+        double* const inverse = take(child_height);
+        copy_rows(front.inverse, stride, places, tree.columns(child), Offset{child_height} * B, inverse);
+        waiting_.push_back({child, inverse});
+      });
+      arena_.give_back(front.inverse, stride * stride);
+    }
+  }
+
+ private:
+  struct Waiting {
+    Index node;
+    double* inverse;  ///< of its rows; that of its own columns is not known yet
+  };
+
+  [[nodiscard]] double* take(Index height) { return arena_.take(Offset{height} * B * Offset{height} * B); }
+
+  /// What a front's inverse says of a child's rows goes behind the child's own columns.
+  static void copy_rows(const double* from, Offset from_stride, std::span<const Index> places, Index columns,
+                        Offset stride, double* inverse) {
+    double* to = inverse + Offset{columns} * B * (stride + 1);
+    for (const Index column : places) {
+      for (Offset k = 0; k < B; ++k, to += stride) {
+        const double* const from_column = from + (Offset{column} * B + k) * from_stride;
+        double* block = to;
+        for (const Index row : places) {
+          std::copy_n(from_column + Offset{row} * B, B, block);
+          block += B;
+        }
+      }
+    }
+  }
+
+  /// Completes a front's inverse Z, whose part behind the own columns is known, block column by block column from the
+  /// last: with Y = L_Sj L_jj^-1, Z_Sj = -Z_SS Y and Z_jj = L_jj^-T L_jj^-1 - Y^T Z_Sj.
+  void complete(const double* panel, const double* reciprocals, Index columns, Offset stride, double* Z) {
+    y_.resize(stride * B);
+    y_transposed_.resize(stride * B);
+    for (Index j = columns - 1; j >= 0; --j) {
+      const Offset first = Offset{j} * B;
+      const Offset rest = stride - first - B;
+      const double* const diagonal = panel + first * (stride + 1);
+      double* const z_diagonal = Z + first * (stride + 1);
+      double* const z = z_diagonal + B;
+      divide(diagonal, stride, reciprocals + first, rest);
+      for (int c = 0; c < B; ++c) std::fill_n(z + c * stride, rest, 0.0);
+      subtract_product<B>(rest, z_diagonal + B * (stride + 1), stride, y_transposed_.data(), B, rest, z, stride);
+      invert_block(diagonal, stride, reciprocals + first, z_diagonal);
+      for (int c = 0; c < B; ++c) subtract_dots<B>(rest, z, stride, y_.data() + c * rest, z_diagonal + c * stride);
+      for (int c = 0; c < B; ++c) {  // rounding differs above and below the diagonal
+        for (int r = 0; r < c; ++r) z_diagonal[c * stride + r] = z_diagonal[r * stride + c];
+      }
+      for (Offset r = 0; r < rest; ++r) {
+        for (int c = 0; c < B; ++c) z_diagonal[(B + r) * stride + c] = z[c * stride + r];
+      }
+    }
+  }
+
+  /// Y = L_Sj L_jj^-1 and its transpose.
+  void divide(const double* diagonal, Offset stride, const double* reciprocals, Offset rest) {
+    for (int c = B - 1; c >= 0; --c) {
+      double* const column = y_.data() + c * rest;
+      std::copy_n(diagonal + c * stride + B, rest, column);
+      for (int k = c + 1; k < B; ++k) {
+        const double factor = diagonal[c * stride + k];
+        const double* const later = y_.data() + k * rest;
+        for (Offset r = 0; r < rest; ++r) column[r] -= later[r] * factor;
+      }
+      for (Offset r = 0; r < rest; ++r) {
+        column[r] *= reciprocals[c];
+        y_transposed_[r * B + c] = column[r];
+      }
+    }
+  }
+
+  /// (L L^T)^-1 of a diagonal block.
+  static void invert_block(const double* l, Offset stride, const double* reciprocals, double* out) {
+    double inverse[B * B] = {};  // of L, column-major
+    for (int c = 0; c < B; ++c) {
+      inverse[c * B + c] = reciprocals[c];
+      for (int r = c + 1; r < B; ++r) {
+        double sum = 0.0;
+        for (int k = c; k < r; ++k) sum += l[k * stride + r] * inverse[c * B + k];
+        inverse[c * B + r] = -sum * reciprocals[r];
+      }
+    }
+    for (int c = 0; c < B; ++c) {
+      for (int r = 0; r < B; ++r) {
+        double sum = 0.0;
+        for (int k = std::max(r, c); k < B; ++k) sum += inverse[r * B + k] * inverse[c * B + k];
+        out[c * stride + r] = sum;
+      }
+    }
+  }
+
+  Arena<double> arena_;
+  Table<Waiting> waiting_;
+  Table<double> y_;
+  Table<double> y_transposed_;
+};
+
+}  // namespace chainslam::detail
