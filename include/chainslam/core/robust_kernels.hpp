@@ -80,7 +80,46 @@ struct Tukey {
   }
 };
 
+/// Quadratic up to `width`, then a switch that closes the more, the larger the residual: dynamic covariance scaling
+/// (Agarwal et al. 2013), with Phi = `width`^2. Bounded by 3 `width`^2.
+struct DynamicCovarianceScaling {
+  double width = 1.0;  ///< in the residual's unit
+
+  [[nodiscard]] double weight(double squared_residual) const {
+    const double phi = width * width;
+    if (squared_residual <= phi) return 1.0;
+    const double scale = 2.0 / (1.0 + squared_residual / phi);
+    return scale * scale;
+  }
+  [[nodiscard]] double cost(double squared_residual) const {
+    const double phi = width * width;
+    return squared_residual <= phi ? squared_residual : 3.0 * phi - 4.0 * phi / (1.0 + squared_residual / phi);
+  }
+};
+
+/// A family from least squares to functions that no far outlier moves, by its `shape` (Barron 2019, eq. 8): 2 is least
+/// squares, 1 a smooth Huber, 0 a Cauchy of sqrt(2) `width`, -2 a Geman and McClure of 2 `width`; smaller ones come
+/// near to 1 - exp(-s / (2 `width`^2)).
+struct Barron {
+  double width = 1.0;  ///< in the residual's unit
+  double shape = 1.0;  ///< <= 2
+
+  [[nodiscard]] double weight(double squared_residual) const {
+    const double s = squared_residual / (width * width);
+    if (shape == 2.0) return 1.0;
+    return std::pow(s / (2.0 - shape) + 1.0, 0.5 * shape - 1.0);
+  }
+  [[nodiscard]] double cost(double squared_residual) const {
+    const double s = squared_residual / (width * width);
+    if (shape == 2.0) return squared_residual;
+    const double growth = std::log1p(s / (2.0 - shape));
+    // (e^(shape growth / 2) - 1) / shape, which has a limit at 0.
+    const double exponential = shape == 0.0 ? 0.5 * growth : std::expm1(0.5 * shape * growth) / shape;
+    return 2.0 * width * width * (2.0 - shape) * exponential;
+  }
+};
+
 static_assert(RobustCost<Trivial> && RobustCost<Huber> && RobustCost<Cauchy> && RobustCost<GemanMcClure> &&
-              RobustCost<Tukey>);
+              RobustCost<Tukey> && RobustCost<DynamicCovarianceScaling> && RobustCost<Barron>);
 
 }  // namespace chainslam
