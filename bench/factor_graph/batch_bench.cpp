@@ -48,7 +48,7 @@ void batch(benchmark::State& state, const FactorGraph<Group>& graph) {
 
 /// What a mapper pays when it optimises again after one more closure, from the optimum before it.
 void closure(benchmark::State& state, Index keyframes) {
-  PoseGraph graph = bench::StreetWalk(1, keyframes, 1).graph();
+  PoseGraph graph = test::StreetWalk({.sessions = 1, .keyframes = keyframes}).graph();
   if (!optimise(graph).ok()) throw std::runtime_error("the first optimisation failed");
   const Key last = graph.values().size() - 1;
   Vector6d bend = Vector6d::Zero();

@@ -18,34 +18,6 @@ using namespace chainslam::test;
 
 namespace {
 
-/// A between factor in the plane with the residual (R_z^T (dt - t_z), dtheta - theta_z), which published optima of
-/// planar graphs mean; a user's own factor, as far as the graph is concerned.
-struct PlanarBetween {
-  using Value = SE2d;
-  static constexpr std::size_t arity = 2;
-  static constexpr int rows = 3;
-
-  Key from, to;
-  SE2d measurement;
-  SqrtInformation<3> sqrt_information;
-
-  std::array<Key, arity> keys() const { return {from, to}; }
-  Eigen::Vector3d residual(const Values<SE2d>& values) const {
-    const SE2d error = measurement.inverse() * (values[from].inverse() * values[to]);
-    return sqrt_information * Eigen::Vector3d(error.translation()[0], error.translation()[1], error.rotation().angle());
-  }
-  LinearizedFactor<3, 3, 2> linearize(const Values<SE2d>& values) const {
-    const SE2d T_from_to = values[from].inverse() * values[to];
-    Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
-    rotation.topLeftCorner<2, 2>() = (measurement.inverse() * T_from_to).rotation().matrix();
-    LinearizedFactor<3, 3, 2> result;
-    result.residual = residual(values);
-    result.jacobians[1] = sqrt_information * rotation;
-    result.jacobians[0] = -result.jacobians[1] * T_from_to.inverse().adjoint();
-    return result;
-  }
-};
-
 template <class Group>
 double largest_difference(const Values<Group>& a, const Values<Group>& b) {
   double largest = 0.0;
@@ -92,30 +64,27 @@ TEST_SUITE("factor_graph/batch_optimizer") {
       const auto path = real_data(std::string("pose_graphs/") + known.name + ".g2o");
       if (!path) continue;
       INFO(known.name);
-      FactorGraph<SE2d, PlanarBetween> graph;
-      const auto records = read_g2o(*path).planar;
-      const auto keys = add_variables(graph, records);
-      for (const auto& edge : records.edges) {
-        graph.add(PlanarBetween{keys.at(edge.from), keys.at(edge.to), edge.measurement,
-                                NoiseModel<3>::from_information(edge.information).sqrt_information()});
-      }
-      graph.set_fixed(0);
+      FactorGraph<SE2d, PlanarBetween> graph = make_planar_graph(read_g2o(*path).planar);
       const OptimizeReport report = optimise(graph, LevenbergMarquardt{});
       CHECK(report.status == OptimizeStatus::converged);
       CHECK(report.final_cost == doctest::Approx(known.optimum).epsilon(1e-6));
     }
   }
 
-  TEST_CASE_TEMPLATE("both methods end in the same optimum, where the gradient vanishes", Group, SE3d, SE2d) {
+  TEST_CASE_TEMPLATE("all methods end in the same optimum, where the gradient vanishes", Group, SE3d, SE2d) {
     for_all(20, [](Rng& rng, int size) {
       FactorGraph<Group> graph = random_graph<Group>(rng, size + 2, 0.02);
       hold_first(graph);
       FactorGraph<Group> other = graph;
+      FactorGraph<Group> third = graph;
       const OptimizeReport gauss_newton = optimise(graph, GaussNewton{});
       const OptimizeReport marquardt = optimise(other, LevenbergMarquardt{});
+      const OptimizeReport dogleg = optimise(third, Dogleg{});
       REQUIRE(gauss_newton.status == OptimizeStatus::converged);
       REQUIRE(marquardt.status == OptimizeStatus::converged);
+      REQUIRE(dogleg.status == OptimizeStatus::converged);
       CHECK(gauss_newton.final_cost == doctest::Approx(marquardt.final_cost).epsilon(1e-7));
+      CHECK(gauss_newton.final_cost == doctest::Approx(dogleg.final_cost).epsilon(1e-7));
       CHECK(largest_difference(graph.values(), other.values()) < 1e-4);
       // no small move of a pose lowers the cost by more than the tolerance
       for (int trial = 0; trial < 20; ++trial) {
@@ -136,6 +105,24 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     const OptimizeReport report = optimise(graph);
     CHECK(report.status == OptimizeStatus::converged);
     CHECK(largest_difference(graph.values(), truth) < 1e-5);  // 1e-7 a step, over 40 steps and levers of 20 m
+  }
+
+  TEST_CASE("the cost never rises with a dogleg, and the region shrinks until a step is good") {
+    for_all(10, [](Rng& rng, int size) {
+      PoseGraph graph = random_graph<SE3d>(rng, size + 10, 0.05);
+      hold_first(graph);
+      for (Key key = 1; key < graph.values().size(); ++key)
+        graph.set_value(key, graph[key].retract(random_tangent<SE3d>(rng, 3.0, 1.0)));
+      double cost = graph.cost();
+      for (Index iterations = 1; iterations < 12; ++iterations) {
+        PoseGraph again = graph;
+        const OptimizeReport report = optimise(again, Dogleg{.max_iterations = iterations, .initial_radius = 100.0});
+        REQUIRE(report.ok());
+        CHECK(report.final_cost <= cost);
+        CHECK(report.final_cost == again.cost());
+        cost = report.final_cost;
+      }
+    });
   }
 
   TEST_CASE("the cost never rises with Levenberg and Marquardt, wherever it starts") {

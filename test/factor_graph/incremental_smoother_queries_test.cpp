@@ -5,6 +5,7 @@
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/factor_graph/marginals.hpp"
 #include "factor_graph/smoother_twin.hpp"
 #include "support/property.hpp"
 
@@ -36,9 +37,18 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
         }
       }
       CHECK(twin.smoother.covariance(1) == twin.smoother.covariance(std::vector<Key>{1}));
+      const auto marginal = twin.smoother.marginals();
+      const auto batch = marginals(graph);
+      REQUIRE(batch);
+      for (Key key = 0; key <= last; ++key) {
+        const auto k = static_cast<std::size_t>(key);
+        CHECK((marginal[k] - twin.smoother.covariance(key)).norm() < 1e-9 * marginal[k].norm());
+        CHECK((marginal[k] - (*batch)[k]).norm() < 1e-5 * inverse.norm());
+      }
       twin.smoother.set_fixed(1);
       REQUIRE(twin.smoother.update().ok());
       CHECK(twin.smoother.covariance(1).isZero(0));
+      CHECK(twin.smoother.marginals()[1].isZero(0));
     });
   }
 

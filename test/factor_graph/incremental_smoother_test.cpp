@@ -86,7 +86,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
         if (k % 7 == 6) walk.fix_one(twin);
         REQUIRE(twin.smoother.update().ok());
         if (k % 8 != 7) continue;
-        const UpdateReport report = twin.smoother.converge();
+        const ConvergeReport report = twin.smoother.converge();
         REQUIRE(report.ok());
         FactorGraph<SE3d, Closure> graph = twin.graph(twin.smoother.values());
         REQUIRE(optimise(graph).ok());

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -9,6 +10,8 @@
 #include "chainslam/core/random.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/io/g2o.hpp"
+#include "chainslam/lie/se2.hpp"
+#include "support/edge_noise.hpp"
 
 namespace chainslam::test {
 
@@ -37,8 +40,47 @@ FactorGraph<Pose> make_graph(const G2oRecords<Pose>& records) {
   FactorGraph<Pose> graph;
   const std::map<std::int64_t, Key> keys = add_variables(graph, records);
   for (const auto& edge : records.edges) {
-    graph.add_between(keys.at(edge.from), keys.at(edge.to), edge.measurement,
-                      NoiseModel<Pose::dof>::from_information(edge.information));
+    graph.add_between(keys.at(edge.from), keys.at(edge.to), edge.measurement, edge_noise<Pose>(edge.information));
+  }
+  graph.set_fixed(0);
+  return graph;
+}
+
+/// A between factor in the plane with the residual (R_z^T (dt - t_z), dtheta - theta_z), which published optima of
+/// planar graphs mean; a user's own factor, as far as the graph is concerned.
+struct PlanarBetween {
+  using Value = SE2d;
+  static constexpr std::size_t arity = 2;
+  static constexpr int rows = 3;
+
+  Key from, to;
+  SE2d measurement;
+  SqrtInformation<3> sqrt_information;
+
+  std::array<Key, arity> keys() const { return {from, to}; }
+  Eigen::Vector3d residual(const Values<SE2d>& values) const {
+    const SE2d error = measurement.inverse() * (values[from].inverse() * values[to]);
+    return sqrt_information * Eigen::Vector3d(error.translation()[0], error.translation()[1], error.rotation().angle());
+  }
+  LinearizedFactor<3, 3, 2> linearize(const Values<SE2d>& values) const {
+    const SE2d T_from_to = values[from].inverse() * values[to];
+    Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
+    rotation.topLeftCorner<2, 2>() = (measurement.inverse() * T_from_to).rotation().matrix();
+    LinearizedFactor<3, 3, 2> result;
+    result.residual = residual(values);
+    result.jacobians[1] = sqrt_information * rotation;
+    result.jacobians[0] = -result.jacobians[1] * T_from_to.inverse().adjoint();
+    return result;
+  }
+};
+
+/// The same for a planar file and these residuals.
+inline FactorGraph<SE2d, PlanarBetween> make_planar_graph(const G2oRecords<SE2d>& records) {
+  FactorGraph<SE2d, PlanarBetween> graph;
+  const std::map<std::int64_t, Key> keys = add_variables(graph, records);
+  for (const auto& edge : records.edges) {
+    graph.add(PlanarBetween{keys.at(edge.from), keys.at(edge.to), edge.measurement,
+                            NoiseModel<3>::from_information(edge.information).sqrt_information()});
   }
   graph.set_fixed(0);
   return graph;

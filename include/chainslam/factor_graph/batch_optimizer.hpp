@@ -2,12 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <span>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/detail/components.hpp"
+#include "chainslam/factor_graph/detail/held_components.hpp"
 #include "chainslam/factor_graph/detail/normal_equations.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/sparse/cholesky.hpp"
@@ -59,6 +60,16 @@ struct LevenbergMarquardt {
   double absolute_tolerance = 1e-9;
   double initial_lambda = 1e-6;
   double max_lambda = 1e12;  ///< beyond it, the optimisation has stalled
+};
+
+/// Steps within a region in which the linearisation has proven good, from steepest descent to full steps (Powell 1970;
+/// Madsen, Nielsen and Tingleff 2004, section 3.3): the cost never rises, and a step that is refused costs no
+/// factorisation. Lengths are scaled by the diagonal of J^T J.
+struct Dogleg {
+  Index max_iterations = 100;
+  double relative_tolerance = 1e-9;  ///< as in `GaussNewton`
+  double absolute_tolerance = 1e-9;
+  double initial_radius = std::numeric_limits<double>::infinity();  ///< the first step tried is then a full one
 };
 
 namespace detail {
@@ -130,9 +141,70 @@ class BatchOptimization {
     return finish(cost, method, report);
   }
 
+  [[nodiscard]] OptimizeReport run(const Dogleg& method) {
+    OptimizeReport report = begin();
+    double cost = report.initial_cost;
+    double radius = method.initial_radius;
+    while (std::isfinite(cost)) {
+      if (!solve({}, report)) return report;
+      const Eigen::VectorXd newton = step_;
+      const bool converged = downhill() <= tolerance(method, cost);
+      const double next = step_within(newton, radius, cost);
+      const bool stalled = !(next <= cost);
+      if (!stalled) std::swap(values_, candidate_);
+      if (converged || stalled || report.iterations >= method.max_iterations) {
+        report.status = converged ? OptimizeStatus::converged
+                        : stalled ? OptimizeStatus::stalled
+                                  : OptimizeStatus::iteration_limit;
+        return finish(stalled ? cost : next, method, report);
+      }
+      cost = equations_.linearize(graph_, values_);
+    }
+    return finish(cost, method, report);
+  }
+
   [[nodiscard]] Values<Group> take_values() { return std::move(values_); }
 
  private:
+  /// Tries steps within the region, which shrinks until one does not raise the cost, and then grows if that was as
+  /// good as predicted. The values it leads to are in `candidate_`.
+  /// @returns the cost there; above `cost` if there is no such step.
+  [[nodiscard]] double step_within(const Eigen::VectorXd& newton, double& radius, double cost) {
+    equations_.diagonal(diagonal_);
+    const Eigen::VectorXd& gradient = equations_.gradient();
+    const Eigen::Map<const Eigen::VectorXd> scale(diagonal_.data(), gradient.size());
+    const auto length = [&](const Eigen::VectorXd& step) { return std::sqrt(step.cwiseAbs2().dot(scale)); };
+    Eigen::VectorXd cauchy = -gradient.cwiseQuotient(scale.cwiseMax(std::numeric_limits<double>::min()));
+    const Eigen::VectorXd curved = equations_.matrix() * cauchy;
+    cauchy *= -gradient.dot(cauchy) / cauchy.dot(curved);
+    for (int refused = 0;; ++refused) {
+      step_ = dogleg(newton, cauchy, radius, length);
+      const Eigen::VectorXd product = equations_.matrix() * step_;
+      const double predicted = -2.0 * gradient.dot(step_) - step_.dot(product);
+      equations_.retract(step_, values_, candidate_);
+      const double next = graph_.cost(candidate_);
+      const double gain = (cost - next) / predicted;
+      if (!(gain >= 0.25)) radius = 0.25 * length(step_);
+      if (gain > 0.75) radius = std::max(radius, 3.0 * length(step_));
+      if (next <= cost || refused == 40) return next;
+    }
+  }
+
+  /// From the minimum along the gradient towards the full step, as far as the radius goes.
+  template <class Length>
+  [[nodiscard]] static Eigen::VectorXd dogleg(const Eigen::VectorXd& newton, const Eigen::VectorXd& cauchy,
+                                              double radius, Length&& length) {
+    if (length(newton) <= radius) return newton;
+    const double first = length(cauchy);
+    if (first >= radius) return cauchy * (radius / first);
+    const Eigen::VectorXd leg = newton - cauchy;
+    const double a = length(leg) * length(leg);
+    const double whole = length(newton);
+    const double b = 0.5 * (whole * whole - a - first * first);  // cauchy . leg
+    const double c = radius * radius - first * first;
+    return cauchy + leg * (c / (b + std::sqrt(b * b + a * c)));
+  }
+
   [[nodiscard]] OptimizeReport begin() {
     OptimizeReport report;
     report.initial_cost = report.final_cost = equations_.linearize(graph_, values_);
@@ -200,7 +272,7 @@ class BatchOptimization {
 /// Something must hold each connected part in place: a prior or a fixed variable. Whatever fails is a status, and the
 /// graph then keeps its values, bit for bit.
 ///
-/// @param method  GaussNewton or LevenbergMarquardt.
+/// @param method  GaussNewton, LevenbergMarquardt or Dogleg.
 /// @param solver  where the linear systems are solved; keeps its memory for the next call.
 template <class Group, class... Extra, class Method, LinearSolver Solver>
 OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, Solver& solver) {

@@ -130,6 +130,10 @@ class FactorPools {
     std::apply([&](const auto&... pools) { (pools.for_each(visit), ...); }, pools_);
   }
 
+  template <Factor F>
+  [[nodiscard]] Index count() const {
+    return std::get<FactorPool<F>>(pools_).alive();
+  }
   [[nodiscard]] Index count() const {
     return std::apply([](const auto&... pools) { return (pools.alive() + ...); }, pools_);
   }

@@ -34,9 +34,24 @@ class HeldComponents {
     at(b) = a;
     if (held_[static_cast<std::size_t>(b)] != 0) hold(a);
   }
+  /// Joins what a factor ties together; one on a single variable holds it in place.
+  template <class Keys>
+  void connect(const Keys& keys) {
+    for (const Key key : keys) join(keys[0], key);
+    if (keys.size() == 1) hold(keys[0]);
+  }
   /// Says that something holds the part of a variable in place.
   void hold(Key key) { held_[static_cast<std::size_t>(find(key))] = 1; }
   [[nodiscard]] bool is_held(Key key) { return held_[static_cast<std::size_t>(find(key))] != 0; }
+
+  /// The least key of each part that nothing holds.
+  [[nodiscard]] std::vector<Key> floating() {
+    std::vector<Key> keys;
+    for (Key key = 0; key < size(); ++key) {
+      if (find(key) == key && !is_held(key)) keys.push_back(key);
+    }
+    return keys;
+  }
 
  private:
   [[nodiscard]] Key& at(Key key) { return parent_[static_cast<std::size_t>(key)]; }
@@ -44,5 +59,17 @@ class HeldComponents {
   std::vector<Key> parent_;
   std::vector<char> held_;
 };
+
+/// The least key of each connected part of the graph that neither a unary factor nor a fixed variable holds in place.
+template <class Graph>
+[[nodiscard]] std::vector<Key> floating_components(const Graph& graph) {
+  HeldComponents components;
+  for (Key key = 0; key < graph.values().size(); ++key) components.add_variable();
+  graph.for_each_factor([&](const auto& factor) { components.connect(factor.keys()); });
+  for (Key key = 0; key < graph.values().size(); ++key) {
+    if (graph.is_fixed(key)) components.hold(key);
+  }
+  return components.floating();
+}
 
 }  // namespace chainslam::detail

@@ -64,6 +64,38 @@ struct UpdateReport {
   [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
 };
 
+/// When `converge` is done, and how it goes on where full steps fail.
+struct ConvergeOptions {
+  Index max_iterations = 50;
+  /// Done when a full step is predicted to gain less than this share of the squared error,
+  double relative_tolerance = 1e-9;
+  /// or less than this.
+  double absolute_tolerance = 1e-9;
+  /// Whether optimisation may start again from the chordal relaxation, where full steps raise the squared error or it
+  /// ends above what its degrees of freedom let expect. The lower optimum counts.
+  bool restart = true;
+};
+
+/// What led to where `converge` ended: a local optimum always, not always the global one.
+enum class ConvergeMethod {
+  gauss_newton,         ///< full steps, from the estimate as it was
+  levenberg_marquardt,  ///< damped steps, since a full one would have raised the squared error
+  chordal_restart,      ///< damped steps from the chordal relaxation, which ended lower
+};
+
+struct ConvergeReport {
+  UpdateStatus status = UpdateStatus::updated;
+  std::vector<Key> variables;  ///< as in `UpdateReport`
+  ConvergeMethod method = ConvergeMethod::gauss_newton;
+  bool converged = false;  ///< else the iterations did not suffice
+  Index iterations = 0;    ///< linear systems solved
+  double initial_cost = 0.0;
+  double final_cost = 0.0;  ///< chi^2 through the kernels
+  double gap = 0.0;         ///< what the last step was predicted to gain, which bounds what is left to the optimum
+
+  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
+};
+
 /// What a factor would do if it were added.
 struct FactorForecast {
   double squared_residual = 0.0;  ///< at the estimate as it is
@@ -123,7 +155,7 @@ class IncrementalSmoother {
     if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
     touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
     changes_.push_back({ChangeKind::factor_added, term, {}, 0.0});
-    connect(keys);
+    if (!components_outdated_) components_.connect(keys);
     return id;
   }
   FactorId add_prior(Key key, const Group& mean, const Noise& noise) {
@@ -173,9 +205,13 @@ class IncrementalSmoother {
     open_ = false;
   }
 
-  /// Updates until nothing waits and a full step of Gauss and Newton would gain less than a share of the error.
-  /// @returns the last update's report; its status tells if one failed.
-  UpdateReport converge(Index max_updates = 50, double relative_tolerance = 1e-9);
+  /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything linearised anew at each
+  /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.
+  ConvergeReport converge(const ConvergeOptions& options = {});
+
+  /// The least key of each connected part that no prior and no fixed variable holds in place, what was added included:
+  /// if there is one, `update` would fail.
+  [[nodiscard]] std::vector<Key> floating() { return find_floating(); }
 
   /// The estimate of a variable.
   [[nodiscard]] Group operator[](Key key) const {
@@ -184,6 +220,11 @@ class IncrementalSmoother {
   }
   [[nodiscard]] Index size() const { return origins_.size(); }
   [[nodiscard]] Index factor_count() const { return pools_.count(); }
+  /// How many factors there are of one type.
+  template <Factor F>
+  [[nodiscard]] Index count() const {
+    return pools_.template count<F>();
+  }
   [[nodiscard]] bool contains(const FactorId& id) const { return pools_.contains(id); }
   /// Keys whose estimate the last update changed; new ones may be missing, if they lie where they were put.
   [[nodiscard]] std::span<const Key> changed() const { return solver_.changed(); }
@@ -206,6 +247,8 @@ class IncrementalSmoother {
   /// @throws std::invalid_argument if a key is unknown.
   [[nodiscard]] Eigen::MatrixXd covariance(std::span<const Key> keys) const;
   [[nodiscard]] Eigen::MatrixXd covariance(Key key) const { return covariance(std::span<const Key>(&key, 1)); }
+  /// The covariance of each variable by itself, all at once: for about two factorisations of everything.
+  [[nodiscard]] std::vector<typename Group::Jacobian> marginals() const;
 
   /// What would happen if a factor on known variables were added, by the linearised factors of the last update.
   /// @throws std::invalid_argument if a key is unknown or repeated.
@@ -218,6 +261,8 @@ class IncrementalSmoother {
  private:
   using Pools = detail::FactorPools<PriorFactor<Group>, BetweenFactor<Group>, Extra...>;
   static constexpr int dof = Group::dof;
+
+  class View;
 
   enum class ChangeKind : char { value_added, factor_added, factor_removed, origin_moved, looked };
   struct Change {
@@ -249,12 +294,6 @@ class IncrementalSmoother {
   void revert();
   void undo_change(const Change& change);
 
-  template <std::size_t Arity>
-  void connect(const std::array<Key, Arity>& keys) {
-    if (components_outdated_) return;
-    for (const Key key : keys) components_.join(keys[0], key);
-    if (Arity == 1) components_.hold(keys[0]);
-  }
   [[nodiscard]] std::vector<Key> find_floating();
 
   void wait(Key key) {
@@ -262,7 +301,10 @@ class IncrementalSmoother {
     waits_[static_cast<std::size_t>(key)] = 1;
     waiting_.push_back(key);
   }
-  void relinearize_at_estimate(Key key);
+  void relinearize_at_estimate(Key key) { relinearize_at(key, (*this)[key]); }
+  void relinearize_at(Key key, const Group& origin);
+  void relinearize_all();
+  void damped_descent(Values<Group> start, const ConvergeOptions& options, ConvergeReport& report);
   void touch(Index term);
   [[nodiscard]] bool linearize_touched(UpdateReport& report);
   [[nodiscard]] bool linearize_added(UpdateReport& report);

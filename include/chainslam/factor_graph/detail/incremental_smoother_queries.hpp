@@ -61,6 +61,19 @@ Eigen::MatrixXd IncrementalSmoother<Group, Extra...>::covariance(std::span<const
 }
 
 template <class Group, class... Extra>
+std::vector<typename Group::Jacobian> IncrementalSmoother<Group, Extra...>::marginals() const {
+  const std::vector<double> blocks = solver_.inverse_diagonal();
+  std::vector<typename Group::Jacobian> covariances;
+  covariances.reserve(static_cast<std::size_t>(size()));
+  for (Key key = 0; key < size(); ++key) {
+    const Eigen::Map<const typename Group::Jacobian> block(blocks.data() + Offset{key} * dof * dof);
+    const typename Group::Jacobian turned = at_estimate(key);
+    covariances.push_back(turned * block * turned.transpose());
+  }
+  return covariances;
+}
+
+template <class Group, class... Extra>
 template <Factor F>
 FactorForecast IncrementalSmoother<Group, Extra...>::what_if(const F& factor) const {
   const auto keys = factor.keys();

@@ -42,21 +42,6 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
 }
 
 template <class Group, class... Extra>
-UpdateReport IncrementalSmoother<Group, Extra...>::converge(Index max_updates, double relative_tolerance) {
-  UpdateReport report;
-  for (Index k = 0; k < max_updates; ++k) {
-    for (Key key = 0; key < size(); ++key) {
-      if (!solver_.is_fixed(key)) wait(key);
-    }
-    const double before = report.squared_error;
-    report = update(true);
-    if (!report.ok()) return report;
-    if (k > 0 && std::abs(before - report.squared_error) <= relative_tolerance * report.squared_error) break;
-  }
-  return report;
-}
-
-template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::begin() {
   if (open_) return;
   open_ = true;
@@ -129,27 +114,25 @@ std::vector<Key> IncrementalSmoother<Group, Extra...>::find_floating() {
     floating.erase(std::unique(floating.begin(), floating.end()), floating.end());
     return floating;
   }
-  components_outdated_ = false;
   components_.clear();
   for (Key key = 0; key < size(); ++key) components_.add_variable();
-  pools_.for_each([&](const auto& entry) { connect(entry.factor.keys()); });
+  pools_.for_each([&](const auto& entry) { components_.connect(entry.factor.keys()); });
   for (Key key = 0; key < size(); ++key) {
     if (solver_.is_fixed(key)) components_.hold(key);
   }
-  for (Key key = 0; key < size(); ++key) {
-    if (components_.find(key) == key && !components_.is_held(key)) floating.push_back(key);
-  }
+  floating = components_.floating();
+  components_outdated_ = !floating.empty();
   return floating;
 }
 
-/// Moves the point at which a variable's factors are linearised to its estimate.
+/// Moves the point at which a variable's factors are linearised, and its estimate with it.
 template <class Group, class... Extra>
-void IncrementalSmoother<Group, Extra...>::relinearize_at_estimate(Key key) {
+void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& origin) {
   const auto i = static_cast<std::size_t>(key);
   changes_.push_back({ChangeKind::origin_moved, key, origins_[key], look_[i]});
   waits_[i] = 0;
   look_[i] = options_.first_look;
-  origins_[key] = (*this)[key];
+  origins_[key] = origin;
   if constexpr (requires(Group & group) { group.normalize(); }) origins_[key].normalize();
   solver_.set_solution_zero(key);
   for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next)

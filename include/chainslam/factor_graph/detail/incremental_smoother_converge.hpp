@@ -1,0 +1,122 @@
+#pragma once
+
+#include <optional>
+
+#include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/factor_graph/chordal_initialization.hpp"
+#include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
+
+// How `IncrementalSmoother` goes on to an optimum.
+
+namespace chainslam {
+
+/// The smoother's graph with values of its own, as the batch optimiser asks for one.
+template <class Group, class... Extra>
+class IncrementalSmoother<Group, Extra...>::View {
+ public:
+  using Value = Group;
+
+  View(const IncrementalSmoother& smoother, Values<Group> values) : smoother_(smoother), values_(std::move(values)) {}
+
+  [[nodiscard]] const Values<Group>& values() const { return values_; }
+  [[nodiscard]] bool is_fixed(Key key) const { return smoother_.is_fixed(key); }
+  template <class Visit>
+  void for_each_factor(Visit&& visit) const {
+    smoother_.pools_.for_each([&](const auto& entry) { visit(entry.factor); });
+  }
+  [[nodiscard]] double cost(const Values<Group>& values) const {
+    double sum = 0.0;
+    for_each_factor([&](const auto& factor) { sum += detail::robust_cost(factor, values); });
+    return sum;
+  }
+
+ private:
+  const IncrementalSmoother& smoother_;
+  Values<Group> values_;
+};
+
+template <class Group, class... Extra>
+ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOptions& options) {
+  constexpr double rounding = 1e-12;  // of a sum of squares
+  ConvergeReport report;
+  report.initial_cost = report.final_cost = cost();
+  Values<Group> best = values();
+  for (;;) {
+    relinearize_all();
+    const UpdateReport step = update(true);
+    report.status = step.status;
+    report.variables = step.variables;
+    if (!step.ok()) return report;
+    ++report.iterations;
+    report.gap = solver_.lowered();
+    const double now = cost();
+    const double tolerance = options.relative_tolerance * report.final_cost + options.absolute_tolerance;
+    if (!(now <= report.final_cost + tolerance + rounding * report.final_cost)) {
+      damped_descent(std::move(best), options, report);
+      return report;
+    }
+    report.final_cost = now;
+    report.converged = report.gap <= tolerance;
+    if (report.converged || report.iterations >= options.max_iterations) break;
+    best = values();
+  }
+  Index rows = 0;
+  pools_.for_each([&](const auto& entry) { rows += std::remove_cvref_t<decltype(entry.factor)>::rows; });
+  if (options.restart && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
+    damped_descent(values(), options, report);
+  return report;
+}
+
+/// Levenberg and Marquardt from `start`, and from the chordal relaxation; the lower optimum becomes the estimate.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, const ConvergeOptions& options,
+                                                          ConvergeReport& report) {
+  const LevenbergMarquardt method{.max_iterations = 4 * options.max_iterations,
+                                  .relative_tolerance = options.relative_tolerance,
+                                  .absolute_tolerance = options.absolute_tolerance};
+  BlockCholesky<dof> solver;
+  const auto descend = [&](const Values<Group>& from, ConvergeMethod name, double share) {
+    const View view(*this, from);
+    detail::BatchOptimization<View, BlockCholesky<dof>> optimization(view, solver);
+    const OptimizeReport result = optimization.run(method);
+    report.iterations += result.iterations;
+    if (!result.ok() || !(result.final_cost <= share * report.final_cost)) return;
+    report.final_cost = result.final_cost;
+    report.method = name;
+    report.converged = result.status == OptimizeStatus::converged;
+    start = optimization.take_values();
+  };
+  if (!report.converged) descend(start, ConvergeMethod::levenberg_marquardt, 1.0);
+  if constexpr (RigidMotionGroup<Group>) {
+    if (options.restart) {
+      const std::optional<Values<Group>> relaxed = chordal_initialization(View(*this, start));
+      if (relaxed) descend(*relaxed, ConvergeMethod::chordal_restart, 1.0 - 1e-9);
+    }
+  }
+  for (int round = 0; round < 3; ++round) {
+    begin();
+    for (Key key = 0; key < size(); ++key) {
+      if (!solver_.is_fixed(key)) relinearize_at(key, start[key]);
+    }
+    const UpdateReport step = update(true);
+    report.status = step.status;
+    report.variables = step.variables;
+    report.gap = solver_.lowered();
+    const double now = cost();
+    if (!step.ok() || now <= (1.0 + 1e-12) * report.final_cost + options.absolute_tolerance) {
+      report.final_cost = now;
+      return;
+    }
+    descend(start, ConvergeMethod::levenberg_marquardt, 1.0);  // where the iterations did not suffice
+  }
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::relinearize_all() {
+  begin();
+  for (Key key = 0; key < size(); ++key) {
+    if (!solver_.is_fixed(key)) relinearize_at_estimate(key);
+  }
+}
+
+}  // namespace chainslam

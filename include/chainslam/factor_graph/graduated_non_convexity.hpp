@@ -1,0 +1,124 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <concepts>
+#include <limits>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/factor_graph.hpp"
+
+namespace chainslam {
+
+/// The squared length that a residual of `rows` independent rows of unit deviation exceeds once in a hundred times
+/// (Wilson and Hilferty 1931; within 1 %).
+[[nodiscard]] inline double chi_squared_99(int rows) {
+  const double share = 2.0 / (9.0 * rows);
+  const double root = 1.0 - share + 2.3263479 * std::sqrt(share);
+  return rows * root * root * root;
+}
+
+/// Graduated non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone 2020): begins with a cost
+/// so smooth that every start is as good, and ends with each suspect either in or out.
+struct GraduatedNonConvexity {
+  /// Squared whitened residual beyond which a factor is an outlier. 0: what one good factor in a hundred exceeds.
+  double threshold = 0.0;
+  double growth = 1.4;  ///< of the control parameter, a step
+  Index max_steps = 100;
+  LevenbergMarquardt optimizer{.max_iterations = 20, .relative_tolerance = 1e-6};
+};
+
+struct GncReport {
+  OptimizeReport last;          ///< of the last optimisation: costs are of what was kept
+  Index steps = 0;              ///< optimisations
+  std::vector<double> weights;  ///< of each between factor: 1 in, 0 out; 1 for those beyond suspicion
+  bool decided = false;         ///< whether all weights are 0 or 1
+};
+
+namespace detail {
+
+/// A factor whose squared residual counts by a weight that is kept elsewhere.
+template <Factor F>
+struct WeightedFactor {
+  using Value = typename F::Value;
+  static constexpr std::size_t arity = F::arity;
+  static constexpr int rows = F::rows;
+  using Linearized = LinearizedFactor<rows, Value::dof, arity>;
+
+  F factor;
+  const double* weight = nullptr;
+
+  [[nodiscard]] std::array<Key, arity> keys() const { return factor.keys(); }
+  [[nodiscard]] Eigen::Matrix<double, rows, 1> residual(const Values<Value>& values) const {
+    return std::sqrt(*weight) * factor.residual(values);
+  }
+  [[nodiscard]] Linearized linearize(const Values<Value>& values) const {
+    Linearized result = factor.linearize(values);
+    const double scale = std::sqrt(*weight);
+    result.residual *= scale;
+    for (auto& jacobian : result.jacobians) jacobian *= scale;
+    return result;
+  }
+};
+
+/// Yang et al. 2020, eq. 14, for the control parameter mu and the threshold c^2.
+[[nodiscard]] inline double truncated_weight(double squared, double threshold, double mu) {
+  if (squared <= mu / (mu + 1.0) * threshold) return 1.0;
+  if (squared >= (mu + 1.0) / mu * threshold) return 0.0;
+  return std::clamp(std::sqrt(threshold * mu * (mu + 1.0) / squared) - mu, 0.0, 1.0);
+}
+
+}  // namespace detail
+
+/// Optimises with outliers among the between factors for which `suspect(factor)` holds, and says which they are.
+///
+/// Those beyond suspicion (odometry) must hold the graph together. If an optimisation fails, the graph keeps its
+/// values.
+template <class Group, std::predicate<const BetweenFactor<Group>&> Suspect>
+GncReport optimise(FactorGraph<Group>& graph, const GraduatedNonConvexity& method, Suspect&& suspect) {
+  using Weighted = detail::WeightedFactor<BetweenFactor<Group>>;
+  const double threshold = method.threshold > 0.0 ? method.threshold : chi_squared_99(Group::dof);
+  const auto betweens = graph.betweens();
+  GncReport report;
+  report.weights.assign(betweens.size(), 1.0);
+  FactorGraph<Group, Weighted> weighted;
+  for (Key key = 0; key < graph.values().size(); ++key) {
+    weighted.add_value(graph[key]);
+    weighted.set_fixed(key, graph.is_fixed(key));
+  }
+  for (const auto& prior : graph.priors()) weighted.add(prior);
+  std::vector<std::size_t> suspects;
+  for (std::size_t k = 0; k < betweens.size(); ++k) {
+    if (suspect(betweens[k])) suspects.push_back(k);
+    weighted.add(Weighted{betweens[k], &report.weights[k]});
+  }
+
+  BlockCholesky<Group::dof> solver;
+  std::optional<double> mu;
+  while (report.steps < method.max_steps && !report.decided) {
+    ++report.steps;
+    report.last = optimise(weighted, method.optimizer, solver);
+    if (!report.last.ok()) return report;
+    std::vector<double> squares;
+    for (const std::size_t k : suspects) squares.push_back(betweens[k].residual(weighted.values()).squaredNorm());
+    const double largest = squares.empty() ? 0.0 : std::ranges::max(squares);
+    report.decided = true;
+    if (!mu && largest <= threshold) break;  // all agree at once
+    mu = mu ? method.growth * *mu : threshold / (2.0 * largest - threshold);
+    for (std::size_t i = 0; i < suspects.size(); ++i) {
+      double& weight = report.weights[suspects[i]];
+      const double next = detail::truncated_weight(squares[i], threshold, *mu);
+      report.decided = report.decided && next == weight && (next == 0.0 || next == 1.0);
+      weight = next;
+    }
+  }
+  graph.set_values(weighted.values());
+  return report;
+}
+
+}  // namespace chainslam
