@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "search/search_laws.hpp"
+#include "search/thinned_brute_force.hpp"
 
 namespace chainslam {
 namespace {
@@ -142,6 +143,40 @@ TEST_SUITE("search/ikd_tree") {
     CHECK(map.memory() <= before + before / 10);
     IkdTree<float, NearestToCenter> fresh(NearestToCenter{.voxel_size = 0.5});
     CHECK(fresh.insert(again) == static_cast<Index>(map.size()));
+  }
+
+  TEST_CASE("voxels that were erased are free at once, though an insertion looks at no more than four blocks of them") {
+    for_all(20, [](Rng& rng, int size) {
+      const NearestToCenter policy{.voxel_size = 0.25};
+      IkdTree<float, NearestToCenter> map(policy);
+      test::ThinnedBruteForce<float, NearestToCenter> reference(policy);
+      for (int round = 0; round < 3; ++round) {
+        const Points<float> points = random_cloud(rng, 100 * size, 8, 8, 1);
+        REQUIRE(map.insert(points) == reference.insert(points));
+        const auto erasures = static_cast<int>(rng.uniform_index(20));  // more than are kept waiting
+        for (int i = 0; i < erasures; ++i) {
+          const Eigen::Vector3f center = test::random_point<float>(rng, 8, 8, 1);
+          const auto radius = static_cast<float>(rng.uniform(1, 5));
+          const Box box(center - Eigen::Vector3f::Constant(radius), center + Eigen::Vector3f::Constant(radius));
+          if (i % 3 == 0)
+            REQUIRE(map.erase_inside(box) == reference.erase_inside(box));
+          else if (i % 3 == 1)
+            REQUIRE(map.erase_nearer_than(center, radius) == reference.erase_nearer_than(center, radius));
+          else
+            REQUIRE(map.erase_farther_than(center, 4 + radius) == reference.erase_farther_than(center, 4 + radius));
+          for (const Eigen::Vector3f& p : random_cloud(rng, static_cast<int>(rng.uniform_index(5)), 8, 8, 1)) {
+            map.reset_work();
+            REQUIRE(map.insert(p) == reference.insert(p));
+            CHECK(map.work().swept_blocks <= 4);
+          }
+        }
+      }
+      const Points<float> last = random_cloud(rng, 2000, 8, 8, 1);
+      CHECK(map.insert(last) == reference.insert(last));
+      map.reset_work();
+      map.insert(last);
+      CHECK(map.work().swept_blocks == 0);  // nothing is left to be taken away
+    });
   }
 
   TEST_CASE("seeds change no bit of an answer, ties included, however wrong they are") {

@@ -35,6 +35,7 @@ namespace chainslam {
 struct IkdTreeWork {
   std::size_t moved_points = 0;  ///< points written to a place in a leaf
   std::size_t moved_links = 0;   ///< children written to a place in a node
+  std::size_t swept_blocks = 0;  ///< blocks of voxels looked at for what erasures have emptied
 };
 
 /// Nothing beside the position.
@@ -47,8 +48,9 @@ struct NoPayload {};
 /// by side, all leaves equally deep. A full leaf or node is split in two, as in a B-tree, so that the depth is bounded
 /// for points in any order. A full node with few points below it is sorted anew, points and all, as a k-d tree is
 /// built; one with many is parted by a plane that cuts what it crosses. Either is done at once, by the calling thread,
-/// and to at most `step_budget()` points a level: no step is long and no work waits. Erasing frees whole subtrees. With
-/// a downsampling policy a table of voxels settles most insertions without a look at the tree.
+/// and to at most `step_budget()` points a level: no step is long. Erasing frees whole subtrees. With a downsampling
+/// policy a table of voxels settles most insertions without a look at the tree; the blocks of it that an erasure has
+/// emptied are known at once, and taken away by the insertions that follow, each of which looks at four.
 ///
 /// Const calls may run on several threads, but not during a change; copying costs a copy of `memory()` bytes, so a
 /// `Snapshot<IkdTree<...>>` lets readers go on while a writer changes its own. What is found and where points lie
@@ -100,8 +102,11 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   /// Bytes held, the voxels and free room included.
   [[nodiscard]] std::size_t memory() const { return tree_.memory() + thinning_.memory(); }
   /// Work done since the tree was made, or last asked to start at zero.
-  [[nodiscard]] IkdTreeWork work() const { return {tree_.moved_points, tree_.moved_links}; }
-  void reset_work() { tree_.moved_points = tree_.moved_links = 0; }
+  [[nodiscard]] IkdTreeWork work() const { return {tree_.moved_points, tree_.moved_links, thinning_.swept()}; }
+  void reset_work() {
+    tree_.moved_points = tree_.moved_links = 0;
+    thinning_.reset_swept();
+  }
   /// How many points one insertion may sort anew or cut at each level, once in many; the longest step is bounded by it.
   [[nodiscard]] Index step_budget() const { return static_cast<Index>(tree_.budget); }
   /// Fewer points make the longest step shorter, and searches a little slower.
@@ -151,7 +156,12 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   /// Erases the points for which `leaves(index, position)` holds, which must not throw. Returns how many went.
   template <class Predicate>
   Index erase_if(Predicate&& leaves) {
-    return erase_where(detail::Somewhere{}, leaves);
+    return erase_where(detail::Somewhere{}, [&](detail::RunLink run, std::uint32_t count) {
+      std::uint32_t leaving = 0;
+      for (std::uint32_t lane = 0; lane < count; ++lane)
+        leaving |= std::uint32_t{leaves(run.slot(lane), position(run.slot(lane)))} << lane;
+      return leaving;
+    });
   }
   void clear();
 
@@ -189,12 +199,14 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   void search(const Vector& query, Collector& found) const {
     if (is_finite(query)) detail::search_nearest(tree_, query.data(), found);
   }
-  template <class Region, class Leaves>
-  Index erase_where(const Region& region, Leaves& leaves);
+  /// Erases the points of a region that `leaving(run, count)` names among a leaf's.
+  template <class Region, class Leaving>
+  Index erase_where(const Region& region, const Leaving& leaving);
   template <class Region>
   Index erase_region(const Region& region) {
-    const auto leaves = [&](Index, const Vector& p) { return region.contains(p); };
-    return erase_where(region, leaves);
+    return erase_where(region, [&](detail::RunLink run, std::uint32_t count) {
+      return detail::contained_lanes(region, tree_.runs, run, count);
+    });
   }
   template <class Region, class Visit>
   void visit_region(const Region& region, Visit&& visit) const {
@@ -287,11 +299,9 @@ bool IkdTree<ScalarType, Policy, Dim, Payload>::meet(const typename Thinning::Wh
 // ---- erasing ----
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
-template <class Region, class Leaves>
-Index IkdTree<ScalarType, Policy, Dim, Payload>::erase_where(const Region& region, Leaves& leaves) {
-  const auto gone = [this](const Vector& p) { thinning_.forget(p); };
-  const auto around = [this](const typename Tree::Box& box) { return thinning_.around(box); };
-  detail::BoxTreeEraser eraser(tree_, region, leaves, gone, around);
+template <class Region, class Leaving>
+Index IkdTree<ScalarType, Policy, Dim, Payload>::erase_where(const Region& region, const Leaving& leaving) {
+  detail::BoxTreeEraser eraser(tree_, region, leaving, thinning_);
   const std::size_t erased = eraser.run();
   if (eraser.erased_untold()) thinning_.forget_inside(region, eraser.untold());
   return static_cast<Index>(erased);
@@ -300,10 +310,11 @@ Index IkdTree<ScalarType, Policy, Dim, Payload>::erase_where(const Region& regio
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 bool IkdTree<ScalarType, Policy, Dim, Payload>::erase(Index i) {
   if (!contains(i)) return false;
-  const Vector p = position(i);
-  const detail::PointRegion<Scalar, Dim> region{p};
-  const auto leaves = [i](Index slot, const Vector&) { return slot == i; };
-  return erase_where(region, leaves) == 1;
+  const detail::PointRegion<Scalar, Dim> region{position(i)};
+  return erase_where(region, [i](detail::RunLink run, std::uint32_t count) {
+           const auto lane = static_cast<std::uint32_t>(i) - static_cast<std::uint32_t>(run.slot(0));
+           return lane < count ? 1U << lane : 0U;
+         }) == 1;
 }
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>

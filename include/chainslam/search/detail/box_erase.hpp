@@ -1,32 +1,23 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <Eigen/Geometry>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <utility>
 
 #include "chainslam/search/detail/box_tree.hpp"
+#include "chainslam/search/detail/region_lanes.hpp"
 #include "chainslam/search/detail/regions.hpp"
 
 namespace chainslam::detail {
 
-template <class Scalar, int Dim>
-[[nodiscard]] Eigen::AlignedBox<double, Dim> wide_box(const Bounds<Scalar, Dim>& box) {
-  Eigen::AlignedBox<double, Dim> wide;
-  for (std::size_t axis = 0; axis < static_cast<std::size_t>(Dim); ++axis) {
-    wide.min()[static_cast<Eigen::Index>(axis)] = static_cast<double>(box.low[axis]);
-    wide.max()[static_cast<Eigen::Index>(axis)] = static_cast<double>(box.high[axis]);
-  }
-  return wide;
-}
-
 /// Erases a region from a tree: what lies inside goes as whole subtrees, and only leaves on the rim are looked at point
 /// by point. Small leaves and nodes left over join a sibling.
 ///
-/// `region.overlap(box)` says how a box lies to the region, `leaves(slot, p)` decides for a point, `gone(p)` is told of
-/// points that go, but not of those in a box for which all of `around(box)` lies in the region.
-template <class Tree, class Region, class Leaves, class Gone, class Around>
+/// `leaving(run, count)` says which of a leaf's points go, by a mask of their lanes; `map.forget(p)` is told of the
+/// points that go near the rim, all others are farther than `map.reach()` from what stays.
+template <class Tree, class Region, class Leaving, class Map>
 class BoxTreeEraser {
  public:
   using Scalar = typename Tree::Scalar;
@@ -34,8 +25,8 @@ class BoxTreeEraser {
   using Link = typename Tree::Link;
   using Box = typename Tree::Box;
 
-  BoxTreeEraser(Tree& tree, const Region& region, Leaves& leaves, Gone& gone, Around& around)
-      : tree_(tree), region_(region), leaves_(leaves), gone_(gone), around_(around) {}
+  BoxTreeEraser(Tree& tree, const Region& region, const Leaving& leaving, Map& map)
+      : tree_(tree), region_(region), leaving_(leaving), map_(map), deep_(shrunk(region, map.reach())) {}
 
   /// Returns how many points went.
   std::size_t run() {
@@ -55,7 +46,7 @@ class BoxTreeEraser {
     return before - tree_.size;
   }
 
-  /// Whether there were points of which `gone` was not told, and a box around them.
+  /// Whether there were points of which the map was not told, and a box around them.
   [[nodiscard]] bool erased_untold() const { return untold_.low[0] <= untold_.high[0]; }
   [[nodiscard]] const Box& untold() const { return untold_; }
 
@@ -64,16 +55,20 @@ class BoxTreeEraser {
 
   void visit(Link link, std::size_t level) {
     Node& node = tree_.at(link);
+    const LaneOverlap overlap = overlap_lanes(region_, node);
+    const unsigned deep = overlap_lanes(deep_, node).inside;
     unsigned changed = 0;  // lanes that hold less than before
-    for (std::size_t lane = node.count; lane-- > 0;) {
-      const Overlap overlap = region_.overlap(wide_box(node.box(lane)));
-      if (overlap == Overlap::outside) continue;
-      if (overlap == Overlap::inside)
-        drop(node.entry(lane), level);
-      else if (const std::size_t before = tree_.size;
-               level == 0 ? filter_leaf(node, lane) : filter_node(node, lane, level)) {
-        if (tree_.size != before) changed |= 1U << lane;
-        continue;
+    for (unsigned lanes = overlap.inside | overlap.partly; lanes != 0;) {
+      const auto lane = static_cast<std::size_t>(std::bit_width(lanes)) - 1;
+      lanes ^= 1U << lane;
+      if ((overlap.inside >> lane & 1U) != 0) {
+        drop(node, lane, level, (deep >> lane & 1U) != 0);
+      } else {
+        const std::size_t before = tree_.size;
+        if (level == 0 ? filter_leaf(node, lane) : filter_node(node, lane, level)) {
+          if (tree_.size != before) changed |= 1U << lane;
+          continue;
+        }
       }
       remove(node, lane, changed);
     }
@@ -102,19 +97,16 @@ class BoxTreeEraser {
 
   [[nodiscard]] bool filter_leaf(Node& node, std::size_t lane) {
     const RunLink run(node.link[lane]);
-    const std::uint32_t count = node.points[lane];
+    const std::uint32_t count = node.points[lane], leaving = leaving_(run, count);
+    if (leaving == 0) return true;
+    tell(run, node.box(lane), count, leaving);
     std::uint32_t kept = 0;
     Box box;
-    for (std::uint32_t i = 0; i < count; ++i) {
-      const Index slot = run.slot(i);
-      const auto p = tree_.runs.position(slot);
-      if (leaves_(slot, p)) {
-        gone_(p);
-        continue;
-      }
-      const auto point = tree_.runs.get(slot);
+    for (std::uint32_t staying = first_lanes(count) & ~leaving; staying != 0; staying &= staying - 1) {
+      const auto from = static_cast<std::uint32_t>(std::countr_zero(staying));
+      const auto point = tree_.runs.get(run.slot(from));
       box.include(point.at);
-      if (kept < i) tree_.runs.set(run.slot(kept), point);
+      if (kept < from) tree_.runs.set(run.slot(kept), point);
       ++kept;
     }
     for (std::uint32_t i = kept; i < count; ++i) tree_.runs.clear_lane(run.slot(i));
@@ -127,32 +119,44 @@ class BoxTreeEraser {
     return kept > 0;
   }
 
-  /// Frees all below a child that is erased as a whole; tells of the points unless all lie deep in the region.
-  void drop(const typename Tree::Entry& child, std::size_t level) {
-    const bool deep = region_.overlap(around_(child.box)) == Overlap::inside;
-    if (deep) {
-      untold_.include(child.box);
-      return free_all(child, level);
-    }
-    if (level > 0) {
-      const Node& node = tree_.at(child.link);
-      for (std::size_t lane = 0; lane < node.count; ++lane) drop(node.entry(lane), level - 1);
-      return tree_.release_node(child.link);
-    }
-    const RunLink run(child.link);
-    for (std::uint32_t i = 0; i < child.points; ++i) gone_(tree_.runs.position(run.slot(i)));
-    free_all(child, level);
+  /// Tells of the points of a leaf that go, those in the lanes of a mask, near the rim.
+  void tell(RunLink run, const Box& box, std::uint32_t count, std::uint32_t leaving) {
+    const std::uint32_t told = leaving & ~contained_lanes(deep_, tree_.runs, run, count);
+    if (told != leaving) untold_.include(box);
+    for (std::uint32_t lanes = told; lanes != 0; lanes &= lanes - 1)
+      map_.forget(tree_.runs.position(run.slot(static_cast<std::uint32_t>(std::countr_zero(lanes)))));
   }
 
-  void free_all(const typename Tree::Entry& child, std::size_t level) {
-    if (level == 0) {
-      tree_.runs.release(RunLink(child.link));
-      tree_.size -= child.points;
-      return;
+  /// Frees all below a child that is erased as a whole, deep in the region or not.
+  void drop(const Node& node, std::size_t lane, std::size_t level, bool deep) {
+    const Link child = node.link[lane];
+    if (deep) {
+      untold_.include(node.box(lane));
+      level == 0 ? free_leaf(child, node.points[lane]) : free_node(child, level - 1);
+    } else if (level == 0) {
+      tell(RunLink(child), node.box(lane), node.points[lane], first_lanes(node.points[lane]));
+      free_leaf(child, node.points[lane]);
+    } else {
+      const Node& below = tree_.at(child);
+      const unsigned deep_below = overlap_lanes(deep_, below).inside;
+      for (std::size_t i = 0; i < below.count; ++i) drop(below, i, level - 1, (deep_below >> i & 1U) != 0);
+      tree_.release_node(child);
     }
-    const Node& node = tree_.at(child.link);
-    for (std::size_t lane = 0; lane < node.count; ++lane) free_all(node.entry(lane), level - 1);
-    tree_.release_node(child.link);
+  }
+
+  void free_leaf(Link leaf, std::uint32_t points) {
+    tree_.runs.release(RunLink(leaf));
+    tree_.size -= points;
+  }
+
+  /// Frees a node and all below it, of which only links and numbers of points are read.
+  void free_node(Link link, std::size_t level) {
+    const Node& node = tree_.at(link);
+    if (level > 0)
+      for (std::size_t lane = 0; lane < node.count; ++lane) __builtin_prefetch(&tree_.at(node.link[lane]).link);
+    for (std::size_t lane = 0; lane < node.count; ++lane)
+      level == 0 ? free_leaf(node.link[lane], node.points[lane]) : free_node(node.link[lane], level - 1);
+    tree_.release_node(link);
   }
 
   [[nodiscard]] std::size_t fill(const Node& node, std::size_t lane, std::size_t level) const {
@@ -215,9 +219,9 @@ class BoxTreeEraser {
 
   Tree& tree_;
   const Region& region_;
-  Leaves& leaves_;
-  Gone& gone_;
-  Around& around_;
+  const Leaving& leaving_;
+  Map& map_;
+  decltype(shrunk(std::declval<const Region&>(), 0.0)) deep_;  ///< of what lies in it the map is not told
   Box untold_;
 };
 

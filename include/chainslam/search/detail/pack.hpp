@@ -74,6 +74,12 @@ struct Pack {
     for (std::size_t i = 0; i < pack_width; ++i) mask |= static_cast<unsigned>(values[i] <= bound) << i;
     return mask;
   }
+  /// Bit i is set where value i is at least `bound`.
+  [[nodiscard]] unsigned at_least(Scalar bound) const {
+    unsigned mask = 0;
+    for (std::size_t i = 0; i < pack_width; ++i) mask |= static_cast<unsigned>(values[i] >= bound) << i;
+    return mask;
+  }
   /// The smallest value; none is NaN.
   [[nodiscard]] Scalar smallest() const {
     Scalar least = values[0];
@@ -139,6 +145,9 @@ struct Pack<float> {
   [[nodiscard]] unsigned at_most(float bound) const {
     return static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(values, _mm256_set1_ps(bound), _CMP_LE_OQ)));
   }
+  [[nodiscard]] unsigned at_least(float bound) const {
+    return static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(values, _mm256_set1_ps(bound), _CMP_GE_OQ)));
+  }
   [[nodiscard]] float smallest() const {
     __m128 least = _mm_min_ps(_mm256_castps256_ps128(values), _mm256_extractf128_ps(values, 1));
     least = _mm_min_ps(least, _mm_movehl_ps(least, least));
@@ -200,6 +209,10 @@ struct Pack<float> {
   [[nodiscard]] unsigned at_most(float bound) const {
     const __m128 limit = _mm_set1_ps(bound);
     return mask(_mm_cmple_ps(low, limit), _mm_cmple_ps(high, limit));
+  }
+  [[nodiscard]] unsigned at_least(float bound) const {
+    const __m128 limit = _mm_set1_ps(bound);
+    return mask(_mm_cmpge_ps(low, limit), _mm_cmpge_ps(high, limit));
   }
   [[nodiscard]] float smallest() const {
     __m128 least = _mm_min_ps(low, high);

@@ -67,4 +67,76 @@ struct Complement {
   }
 };
 
+/// The region that holds everything.
+struct Everywhere {
+  template <class Box>
+  [[nodiscard]] Overlap overlap(const Box&) const {
+    return Overlap::inside;
+  }
+  template <class Vector>
+  [[nodiscard]] bool contains(const Vector&) const {
+    return true;
+  }
+};
+
+/// A region of which only its points know.
+struct Somewhere {
+  template <class Box>
+  [[nodiscard]] Overlap overlap(const Box&) const {
+    return Overlap::partly;
+  }
+};
+
+/// One of the points at a place: no box lies inside.
+template <class Scalar, int Dim>
+struct PointRegion {
+  Eigen::Matrix<Scalar, Dim, 1> p;
+
+  [[nodiscard]] Overlap overlap(const Eigen::AlignedBox<double, Dim>& box) const {
+    return box.contains(p.template cast<double>().eval()) ? Overlap::partly : Overlap::outside;
+  }
+};
+
+/// The same region in double: what it says of boxes stays the same.
+template <class Scalar, int Dim>
+[[nodiscard]] BoxRegion<double, Dim> widened(const BoxRegion<Scalar, Dim>& region) {
+  return {region.bounds()};
+}
+template <class Scalar, int Dim>
+[[nodiscard]] BallRegion<double, Dim> widened(const BallRegion<Scalar, Dim>& region) {
+  return {region.center.template cast<double>(), static_cast<double>(region.bound)};
+}
+template <class Region>
+[[nodiscard]] auto widened(const Complement<Region>& region) {
+  return Complement<decltype(widened(region.region))>{widened(region.region)};
+}
+
+/// A region whose points are farther than `margin` along each axis from what is outside the given one; where that is
+/// not worked out, one of which nothing is certain.
+template <class Region>
+[[nodiscard]] Somewhere shrunk(const Region&, double /*margin*/) {
+  return {};
+}
+template <class Scalar, int Dim>
+[[nodiscard]] BoxRegion<Scalar, Dim> shrunk(const BoxRegion<Scalar, Dim>& region, double margin) {
+  BoxRegion<Scalar, Dim> result = region;
+  const auto outwards = static_cast<Scalar>(margin < 0 ? -HUGE_VAL : HUGE_VAL);
+  for (Eigen::Index axis = 0; axis < Dim; ++axis) {
+    const double low = static_cast<double>(region.box.min()[axis]), high = static_cast<double>(region.box.max()[axis]);
+    result.box.min()[axis] = std::nextafter(static_cast<Scalar>(low + margin), outwards);
+    result.box.max()[axis] = std::nextafter(static_cast<Scalar>(high - margin), -outwards);
+  }
+  return result;
+}
+template <class Scalar, int Dim>
+[[nodiscard]] BallRegion<Scalar, Dim> shrunk(const BallRegion<Scalar, Dim>& region, double margin) {
+  const double rounding = margin < 0 ? 1 + 1e-5 : 1 - 1e-5;
+  const double reach = std::sqrt(static_cast<double>(region.bound)) * rounding - margin * std::sqrt(Dim);
+  return {region.center, static_cast<Scalar>(reach > 0 ? reach * reach : 0)};
+}
+template <class Region>
+[[nodiscard]] auto shrunk(const Complement<Region>& region, double margin) {
+  return Complement<decltype(shrunk(region.region, -margin))>{shrunk(region.region, -margin)};
+}
+
 }  // namespace chainslam::detail

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -10,8 +9,9 @@
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/finite.hpp"
-#include "chainslam/search/detail/box_erase.hpp"
 #include "chainslam/search/detail/box_node.hpp"
+#include "chainslam/search/detail/region_lanes.hpp"
+#include "chainslam/search/detail/regions.hpp"
 #include "chainslam/search/detail/voxel_states.hpp"
 #include "chainslam/search/downsampling.hpp"
 
@@ -31,11 +31,13 @@ class Thinning {
     double offset;
   };
 
-  explicit Thinning(const Policy& policy) : policy_(policy) { require_valid(policy); }
+  explicit Thinning(const Policy& policy) : policy_(policy), voxels_(policy.voxel_size) { require_valid(policy); }
 
   [[nodiscard]] const Policy& policy() const { return policy_; }
   [[nodiscard]] double voxel_size() const { return policy_.voxel_size; }
   [[nodiscard]] std::size_t memory() const { return voxels_.memory(); }
+  [[nodiscard]] std::size_t swept() const { return voxels_.swept(); }
+  void reset_swept() { voxels_.reset_swept(); }
 
   /// Nothing if the point is not finite or too far away.
   [[nodiscard]] std::optional<Where> where(const Vector& p) const {
@@ -48,6 +50,7 @@ class Thinning {
 
   /// What becomes of a point. If it is added, its voxel is marked.
   [[nodiscard]] VoxelVerdict offer(const Where& at) {
+    voxels_.sweep();
     const auto place = voxels_.find_or_add(at.cell);
     if (!voxels_.occupied(place)) {
       voxels_.occupy(place, policy_.first_state(at.offset));
@@ -100,15 +103,12 @@ class Thinning {
     else
       voxels_.vacate(place);
   }
-  /// The blocks of voxels that hold what lies in a box.
-  [[nodiscard]] Eigen::AlignedBox<double, Dim> around(const Bounds<Scalar, Dim>& box) const {
-    return voxels_.template blocks_between<Dim>(where(Vector(box.low.data()))->cell,
-                                                where(Vector(box.high.data()))->cell, policy_.voxel_size);
-  }
-  /// All points of a region that lie in a box have been erased, and all that share their blocks.
+  /// How far from a point its voxel may reach along an axis.
+  [[nodiscard]] double reach() const { return 1.001 * policy_.voxel_size; }
+  /// All points of a region have been erased; nothing was said of some in a box whose voxels lie in the region.
   template <class Region>
   void forget_inside(const Region& region, const Bounds<Scalar, Dim>& box) {
-    voxels_.template vacate_inside<Dim>(region, around(box), policy_.voxel_size);
+    if constexpr (requires { widened(region); }) voxels_.vacate_inside(widened(region), wide_box(box));
   }
 
   /// What is saved with a point beside itself.
@@ -123,7 +123,7 @@ class Thinning {
 
  private:
   Policy policy_;
-  VoxelStates<Policy::state_bits> voxels_;
+  VoxelStates<Dim, Policy::state_bits> voxels_;
 };
 
 /// Takes every finite point.
@@ -140,12 +140,14 @@ class Thinning<Scalar, Dim, KeepAll> {
   [[nodiscard]] const KeepAll& policy() const { return policy_; }
   [[nodiscard]] double voxel_size() const { return 0; }
   [[nodiscard]] std::size_t memory() const { return 0; }
+  [[nodiscard]] std::size_t swept() const { return 0; }
+  void reset_swept() {}
   [[nodiscard]] std::optional<Where> where(const Vector& p) const {
     return is_finite(p) ? std::optional<Where>(Where{}) : std::nullopt;
   }
   [[nodiscard]] VoxelVerdict offer(const Where&) const { return VoxelVerdict::add; }
   void forget(const Vector&) const {}
-  [[nodiscard]] Eigen::AlignedBox<double, Dim> around(const Bounds<Scalar, Dim>& box) const { return wide_box(box); }
+  [[nodiscard]] double reach() const { return 0; }
   template <class Region>
   void forget_inside(const Region&, const Bounds<Scalar, Dim>&) const {}
   [[nodiscard]] unsigned state_of(const Vector&) const { return 0; }

@@ -4,27 +4,34 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
+#include <span>
+#include <type_traits>
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/search/detail/erased_regions.hpp"
 #include "chainslam/search/detail/growing_array.hpp"
-#include "chainslam/search/detail/regions.hpp"
 
 namespace chainslam::detail {
 
 /// Which voxels hold points, and a small number for each: a hash of blocks of 4 x 4 x 4 voxels with a mask.
 ///
 /// The table grows by one bucket at a time (linear hashing, Litwin 1980), so that no insertion pays for a new table.
-template <int StateBits>
+/// Nor does an erasure look for the blocks that it has emptied: its region is kept until `sweep` has passed all blocks,
+/// and who comes to one first asks whether it still holds what it says.
+template <int Dim, int StateBits>
 class VoxelStates {
   static_assert(StateBits == 0 || StateBits == 4 || StateBits == 8 || StateBits == 16);
 
  public:
+  using Box = Eigen::AlignedBox<double, Dim>;
   static constexpr int edge = 4;
+  /// Blocks that a sweep looks at, once for each point offered.
+  static constexpr std::size_t swept_at_once = 4;
+
+  explicit VoxelStates(double voxel_size) : erased_(voxel_size) {}
 
   /// A voxel: its block's place, and which of its 64 it is.
   struct Place {
@@ -42,7 +49,10 @@ class VoxelStates {
   /// Likewise, faster after a neighbour.
   [[nodiscard]] Place find_again(const Cell& cell) {
     const Cell block = block_of(cell);
-    if (!(last_ >= 0 && key(last_).block == block)) last_ = find_block(block);
+    if (!(last_ >= 0 && key(last_).block == block)) {
+      last_ = find_block(block);
+      if (last_ >= 0 && !erased_.empty()) catch_up(last_);
+    }
     return {last_, voxel_of(cell)};
   }
   /// The voxel; its block is made if need be, and must get a point.
@@ -85,25 +95,34 @@ class VoxelStates {
     }
   }
 
-  /// Takes the blocks for empty that lie in a region as a whole and touch a box.
-  template <int Dim, class Region>
-  void vacate_inside(const Region& region, const Eigen::AlignedBox<double, Dim>& bounds, double voxel_size) {
-    const BlockRange range(bounds, voxel_size * edge);
-    for (std::size_t i = 0; i < keys_.size(); ++i) {
-      const Key& key = keys_[i];
-      if (!range.contains(key.block) || is_free(key)) continue;
-      if (region.overlap(box<Dim>(key.block, voxel_size)) == Overlap::inside) remove_block(static_cast<Index>(i));
+  /// All points have been erased that lie in a region; takes the voxels for empty that lie in it as a whole.
+  /// @param around  holds those points whose voxels have not been vacated
+  template <class Region>
+  void vacate_inside(const Region& region, const Box& around) {
+    if (erased_.full()) sweep_all();
+    if (erased_.empty()) start_sweep(erased_.last() + 1);
+    erased_.add(region, around);
+    last_ = none;
+  }
+
+  /// Looks at a few blocks, and takes away what has been erased.
+  void sweep() {
+    for (std::size_t i = 0; i < swept_at_once && !erased_.empty(); ++i) {
+      if (next_swept_ < keys_.size()) {
+        sweep(next_swept_++);
+      } else {
+        erased_.drop_until(sweeps_);
+        start_sweep(erased_.last());
+      }
     }
   }
+  /// How many blocks sweeps have looked at since it was last asked to count from zero.
+  [[nodiscard]] std::size_t swept() const { return swept_; }
+  void reset_swept() { swept_ = 0; }
 
-  /// The box of the blocks from one voxel's to another's.
-  template <int Dim>
-  [[nodiscard]] static Eigen::AlignedBox<double, Dim> blocks_between(const Cell& low, const Cell& high,
-                                                                     double voxel_size) {
-    return box<Dim>(block_of(low), voxel_size).merged(box<Dim>(block_of(high), voxel_size));
+  [[nodiscard]] std::size_t memory() const {
+    return heads_.memory() + keys_.memory() + bodies_.memory() + erased_.memory();
   }
-
-  [[nodiscard]] std::size_t memory() const { return heads_.memory() + keys_.memory() + bodies_.memory(); }
 
  private:
   static constexpr Index none = -1;
@@ -113,36 +132,10 @@ class VoxelStates {
   };
   [[nodiscard]] static bool is_free(const Key& key) { return key.next < none; }
 
-  /// Blocks between two corners.
-  class BlockRange {
-   public:
-    template <int Dim>
-    BlockRange(const Eigen::AlignedBox<double, Dim>& box, double block_size) {
-      for (int axis = 0; axis < Dim; ++axis) {
-        const auto i = static_cast<std::size_t>(axis);
-        low_[i] = block(box.min()[axis] / block_size - 1);
-        span_[i] =
-            static_cast<std::uint32_t>(block(box.max()[axis] / block_size + 1)) - static_cast<std::uint32_t>(low_[i]);
-      }
-    }
-    [[nodiscard]] bool contains(const Cell& cell) const {
-      const auto within = [&](std::int32_t at, std::size_t axis) {
-        return static_cast<std::uint32_t>(at) - static_cast<std::uint32_t>(low_[axis]) <= span_[axis];
-      };
-      return (int{within(cell.x, 0)} & int{within(cell.y, 1)} & int{within(cell.z, 2)}) != 0;
-    }
-
-   private:
-    static std::int32_t block(double coordinate) {
-      constexpr double most = 2147483647;
-      return static_cast<std::int32_t>(std::clamp(std::floor(coordinate), -most, most));
-    }
-    std::array<std::int32_t, 3> low_{};
-    std::array<std::uint32_t, 3> span_{};
-  };
   struct NoStates {};
   struct Body {
     std::uint64_t occupied;
+    std::uint64_t seen;  ///< number of the last erased region that it knows of
     [[no_unique_address]] std::conditional_t<
         StateBits == 0, NoStates, std::array<std::uint8_t, static_cast<std::size_t>(std::max(8 * StateBits, 1))>>
         states;
@@ -152,18 +145,28 @@ class VoxelStates {
   [[nodiscard]] Body& body(Place place) { return bodies_[static_cast<std::size_t>(place.block)]; }
   [[nodiscard]] Key& key(Index block) { return keys_[static_cast<std::size_t>(block)]; }
 
-  /// The block's box, grown by what rounding may have moved its points.
-  template <int Dim>
-  [[nodiscard]] static Eigen::AlignedBox<double, Dim> box(const Cell& block, double voxel_size) {
-    constexpr double rounding = 8 * std::numeric_limits<double>::epsilon();
-    const std::array<double, 3> corner{1.0 * block.x, 1.0 * block.y, 1.0 * block.z};
-    Eigen::AlignedBox<double, Dim> box;
-    for (std::size_t axis = 0; axis < Dim; ++axis) {
-      const double slack = rounding * (std::abs(corner[axis]) + 1);
-      box.min()[static_cast<Eigen::Index>(axis)] = (corner[axis] - slack) * (edge * voxel_size);
-      box.max()[static_cast<Eigen::Index>(axis)] = (corner[axis] + 1 + slack) * (edge * voxel_size);
-    }
-    return box;
+  /// Empties the voxels of a block that have been erased since it was last looked at.
+  void catch_up(Index block) {
+    const Cell& cell = key(block).block;
+    if (!erased_.concern(cell)) return;
+    Body& body = bodies_[static_cast<std::size_t>(block)];
+    body.occupied &= ~erased_.gone(cell, body.occupied, body.seen);
+    body.seen = erased_.last();
+  }
+  void sweep(std::size_t place) {
+    ++swept_;
+    if (is_free(keys_[place]) || !erased_.concern(keys_[place].block)) return;
+    catch_up(static_cast<Index>(place));
+    if (bodies_[place].occupied == 0) remove_block(static_cast<Index>(place));
+  }
+  void sweep_all() {
+    for (std::size_t place = 0; place < keys_.size(); ++place) sweep(place);
+    erased_.drop_until(erased_.last());
+  }
+  /// A sweep that makes all blocks know of the regions up to a number.
+  void start_sweep(std::uint64_t number) {
+    sweeps_ = number;
+    next_swept_ = 0;
   }
 
   [[nodiscard]] static std::size_t hash(const Cell& block) {
@@ -199,7 +202,7 @@ class VoxelStates {
     }
     Index& head = heads_[bucket_of(block)];
     keys_[static_cast<std::size_t>(place)] = {block, head};
-    bodies_[static_cast<std::size_t>(place)] = {};
+    bodies_[static_cast<std::size_t>(place)] = {0, erased_.last(), {}};
     head = place;
     return place;
   }
@@ -240,6 +243,10 @@ class VoxelStates {
   std::size_t mask_ = 0;
   Index free_ = none;
   Index last_ = none;  ///< the block that a point was last offered to
+  ErasedRegions<Dim> erased_;
+  std::uint64_t sweeps_ = 0;  ///< number of the last region that the sweep under way makes known everywhere
+  std::size_t next_swept_ = 0;
+  std::size_t swept_ = 0;
 };
 
 }  // namespace chainslam::detail
