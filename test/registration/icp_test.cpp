@@ -23,8 +23,8 @@ struct HeightOnly {
 
 static_assert(Registration<PointToPlaneIcp, PointCloud<float>, IndexedCloud<>>);
 static_assert(Registration<PointToPointIcp, std::vector<Eigen::Vector3d>, KdTree<float>>);
-static_assert(ErrorMetric<PointToPlane, IndexedCloud<>> && ErrorMetric<PointToPoint, KdTree<float>>);
 static_assert(ErrorMetric<HeightOnly, KdTree<float>> && !ErrorMetric<PointToPlane, KdTree<float>>);
+static_assert(!SurfaceMetric<HeightOnly> && !AlignTarget<std::vector<Eigen::Vector3f>>);
 
 const IndexedCloud<>& yard_target() {
   static const IndexedCloud<> target = [] {
@@ -162,18 +162,20 @@ TEST_SUITE("registration/icp") {
               0.01);
   }
 
-  TEST_CASE("the same bits on one thread and on four") {
+  TEST_CASE("the same bits on one thread, on two and on eight") {
     Rng rng(6);
     const SE3d truth = asymmetric_pose();
     const PointCloud<float> source = seen_from(sample(rng, yard(), 5000, 0.02), truth);
     const SE3d guess = truth * random_motion(rng, 0.3, 0.03);
-    const ThreadPool pool(4);
     const AlignResult serial = PointToPlaneIcp{}.align(source, yard_target(), guess);
-    const AlignResult parallel = PointToPlaneIcp{}.align(source, yard_target(), guess, pool);
-    CHECK(serial.T_target_source == parallel.T_target_source);
-    CHECK(serial.hessian == parallel.hessian);
-    CHECK(serial.mean_squared_error == parallel.mean_squared_error);
-    CHECK(serial.iterations == parallel.iterations);
+    for (const Index threads : {1, 2, 8}) {
+      const AlignResult parallel = PointToPlaneIcp{}.align(source, yard_target(), guess, ThreadPool(threads));
+      CHECK(serial.T_target_source == parallel.T_target_source);
+      CHECK(serial.hessian == parallel.hessian);
+      CHECK(serial.covariance == parallel.covariance);
+      CHECK(serial.mean_squared_error == parallel.mean_squared_error);
+      CHECK(serial.iterations == parallel.iterations);
+    }
   }
 
   TEST_CASE("NaN and infinite points are skipped and count for nothing") {

@@ -2,7 +2,9 @@
 
 #include <doctest/doctest.h>
 
+#include "chainslam/registration/icp.hpp"
 #include "chainslam/search/brute_force.hpp"
+#include "chainslam/search/ikd_tree.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "chainslam/search/voxel_map.hpp"
 #include "registration/scenes.hpp"
@@ -21,31 +23,46 @@ struct CountingSearch : BruteForce<float> {
   }
 };
 
-/// The distance to the nearest point within `max_distance`, or -1.
-template <class Search>
-float nearest_squared_distance(const Search& search, const Eigen::Vector3f& query, float max_distance) {
-  Neighbor<float> nearest;
-  if (search.knn(query, {&nearest, 1}, max_distance) == 0) return -1;
-  return nearest.squared_distance;
-}
+/// A target that forgets: every match is searched anew.
+struct Forgetful {
+  using Scalar = float;
+  const IndexedCloud<>& cloud;
 
+  [[nodiscard]] Index match(const Eigen::Vector3f& query, float max_distance) const {
+    Neighbor<float> nearest;
+    return cloud.knn(query, {&nearest, 1}, max_distance * 1.00001F) > 0 ? nearest.index : -1;
+  }
+  [[nodiscard]] const Eigen::Vector3f& position(Index i) const { return cloud.position(i); }
+  [[nodiscard]] const Eigen::Vector3f& normal(Index i) const { return cloud.normal(i); }
+  [[nodiscard]] std::size_t size() const { return cloud.size(); }
+};
+static_assert(MatchingTarget<Forgetful> && !NearestNeighborSearch<Forgetful>);
+
+chainslam::detail::Placement placed(const SE3d& T) { return {T.rotation().matrix(), T.translation()}; }
+
+/// Whether the match of every query is the nearest point: its index, to the bit.
 template <class Search>
 void check_against_fresh_searches(const Search& target, float max_distance) {
-  for_all(30, [&](Rng& rng, int) {
-    const PointCloud<float> queries = sample(rng, yard(), 100, 0.3);
-    chainslam::detail::MatchCache<Search> cache(target, to_index(queries.size()), max_distance);
+  for_all(30, [&](Rng& rng, int seed) {
+    const auto queries =
+        chainslam::detail::source_columns(sample(rng, yard(), 100, 0.3).positions, {.about_centroid = false});
+    chainslam::detail::MatchCache<Search> cache(target, queries.count, max_distance);
     SE3d T;
     double size = 0.5;
     for (int iteration = 0; iteration < 12; ++iteration, size *= 0.5) {
-      for (std::size_t i = 0; i < queries.size(); ++i) {
-        const Eigen::Vector3f query = (T * position(queries, i)).cast<float>();
-        const auto match = cache.find(static_cast<Index>(i), query);
-        const float expected = nearest_squared_distance(target, query, max_distance);
-        if (match.index < 0)
-          CHECK(expected < 0);
-        else
-          CHECK(match.squared_distance == doctest::Approx(expected).epsilon(1e-5).scale(1e-4));
-      }
+      cache.update(queries, placed(T), 0, queries.count, iteration >= seed % 3);
+      chainslam::detail::for_each_moved<float>(
+          queries, placed(T), 0, queries.count, [&](Index i, const Eigen::Vector3f& query) {
+            Neighbor<float> nearest;
+            const bool found = target.knn(query, {&nearest, 1}, max_distance) > 0;
+            const Index match = cache.index(i);
+            if (found) {
+              REQUIRE(match == nearest.index);
+              REQUIRE(*cache.positions().at(2, i) == target.position(match)[2]);
+            } else if (match >= 0) {  // the nearest one, too far away
+              REQUIRE((target.position(match) - query).norm() > max_distance * 0.9999F);
+            }
+          });
       T = T.retract(random_motion(rng, size, size * 0.05).log());
     }
   });
@@ -62,6 +79,7 @@ TEST_SUITE("registration/match_cache") {
       check_against_fresh_searches(KdTree<float>(cloud), max_distance);
     }
     check_against_fresh_searches(VoxelMap<float>(cloud), 0.3f);
+    check_against_fresh_searches(IkdTree<float>(cloud), 0.5f);
   }
 
   TEST_CASE("a target of one point, which has no second to bound the way") {
@@ -70,21 +88,48 @@ TEST_SUITE("registration/match_cache") {
     check_against_fresh_searches(KdTree<float>(one), 3.0f);
   }
 
+  TEST_CASE("points that come twice, of which a search finds the same one each time") {
+    Rng rng(3);
+    PointCloud<float> cloud = sample(rng, yard(), 700, 0.02);
+    const auto once = cloud.positions;
+    cloud.positions.insert(cloud.positions.end(), once.begin(), once.end());
+    check_against_fresh_searches(KdTree<float>(cloud), 1.0f);
+  }
+
   TEST_CASE("searches nothing anew when nothing moves, little when little moves") {
     Rng rng(2);
     const CountingSearch target(sample(rng, yard(), 2000));
-    const PointCloud<float> queries = sample(rng, yard(), 500);
+    const auto queries = chainslam::detail::source_columns(sample(rng, yard(), 500).positions, {});
     chainslam::detail::MatchCache<CountingSearch> cache(target, 500, 1.0f);
     const auto run = [&](double shift) {
       target.searches = 0;
-      for (std::size_t i = 0; i < queries.size(); ++i)
-        (void)cache.find(static_cast<Index>(i),
-                         queries.positions[i] + Eigen::Vector3f::Constant(static_cast<float>(shift)));
+      cache.update(queries, {Eigen::Matrix3d::Identity(), queries.pivot + Eigen::Vector3d::Constant(shift)}, 0, 500,
+                   true);
       return target.searches;
     };
     CHECK(run(0.0) == 500);
     CHECK(run(0.0) == 0);
-    CHECK(run(0.001) < 50);  // spacing is 0.4 m: few have two neighbours equally far within 3 mm
+    CHECK(run(0.001) == 0);
+    CHECK(run(0.05) < 50);  // spacing is 0.4 m, and four candidates are known
+  }
+
+  TEST_CASE("an alignment with cached matches is, to the bit, the one that searches all anew") {
+    for_all(6, [](Rng& rng, int) {
+      PointCloud<float> cloud = sample(rng, yard(), 4000, 0.02);
+      const IndexedCloud<> target(cloud);
+      const SE3d truth = random_motion(rng, 2.0, 1.0);
+      PointCloud<float> source = seen_from(sample(rng, yard(), 1000, 0.02), truth);
+      const SE3d guess = truth * random_motion(rng, 0.4, 0.05);
+      const Icp<PointToPlane, Huber> icp{.kernel = {.width = 0.1}};
+      const AlignResult cached = icp.align(source, target, guess);
+      const AlignResult fresh = icp.align(source, Forgetful{target}, guess);
+      CHECK(cached.iterations > 2);
+      CHECK(cached.iterations == fresh.iterations);
+      CHECK(cached.T_target_source == fresh.T_target_source);
+      CHECK(cached.hessian == fresh.hessian);
+      CHECK(cached.inliers == fresh.inliers);
+      CHECK(cached.mean_squared_error == fresh.mean_squared_error);
+    });
   }
 }
 

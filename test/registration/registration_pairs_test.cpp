@@ -7,6 +7,7 @@
 #include "chainslam/features/normals.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/ply.hpp"
+#include "chainslam/registration/gaussian_voxel_map.hpp"
 #include "chainslam/registration/icp.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "registration/scenes.hpp"
@@ -30,6 +31,16 @@ SE3d read_matrix(const std::filesystem::path& path) {
   return SE3d::from_matrix(T);
 }
 
+/// Three floats a point.
+PointCloud<float> read_points(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  PointCloud<float> cloud;
+  Eigen::Vector3f p;
+  while (file.read(reinterpret_cast<char*>(p.data()), sizeof(p))) cloud.positions.push_back(p);
+  REQUIRE_FALSE(cloud.empty());
+  return cloud;
+}
+
 /// T_94_95 of KITTI's sequence 00 in the LiDAR's frame, from its ground truth and its calibration.
 SE3d kitti_truth() {
   Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
@@ -46,17 +57,59 @@ TEST_SUITE("registration/real pairs") {
     const auto folder = real_data("registration_pairs/small_gicp_outdoor");
     if (!folder) return;
     const SE3d truth = read_matrix(*folder / "T_target_source.txt");
-    const PointCloud<float> source = voxel_downsample(read_ply(*folder / "source.ply"), 0.25);
+    const PointCloud<float> source = oriented(read_ply(*folder / "source.ply"), 0.25).cloud();
     const IndexedCloud<> target = oriented(read_ply(*folder / "target.ply"), 0.25);
-    for (const AlignResult& result : {PointToPlaneIcp{}.align(source, target, SE3d()),
-                                      PointToPlaneIcp{.max_distance = 2}.align(source, target, SE3d()),
-                                      align(source, target, SE3d()), PointToPointIcp{}.align(source, target, SE3d())}) {
+    for (const AlignResult& result :
+         {PointToPlaneIcp{}.align(source, target, SE3d()),
+          PointToPlaneIcp{.max_distance = 2}.align(source, target, SE3d()), align(source, target, SE3d()),
+          PointToPointIcp{}.align(source, target, SE3d()), Gicp{}.align(source, target, SE3d())}) {
       CHECK(result.status == AlignStatus::converged);
       CHECK(translation_error(truth, result.T_target_source) < 0.05);
       CHECK(rotation_error(truth, result.T_target_source) < 0.4 * degree);
       CHECK(result.inlier_ratio > 0.9);
       CHECK(result.mean_squared_error < 0.3);  // the paper's threshold
     }
+    GaussianVoxelMap voxels;
+    voxels.insert(target.cloud());
+    const AlignResult result = Vgicp{}.align(source, voxels, SE3d());
+    CHECK(result.status == AlignStatus::converged);
+    CHECK(translation_error(truth, result.T_target_source) < 0.05);
+    CHECK(rotation_error(truth, result.T_target_source) < 0.5 * degree);
+  }
+
+  TEST_CASE("a scan of KITTI 07 against the four before it, from 0.65 m and 3 degrees away") {
+    const auto folder = real_data("registration_pairs/gtsam_points/kitti_07_dump");
+    if (!folder) return;
+    std::ifstream file(*folder / "graph.txt");
+    std::vector<SE3d> poses;
+    std::string name;
+    Eigen::Vector3d t;
+    Eigen::Quaterniond q;
+    while (poses.size() < 5 && file >> name >> t[0] >> t[1] >> t[2] >> q.x() >> q.y() >> q.z() >> q.w())
+      poses.emplace_back(SO3d::from_quaternion(q), t);
+    REQUIRE(poses.size() == 5);
+    PointCloud<float> submap;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const PointCloud<float> part = read_points(*folder / ("00000" + std::to_string(i)) / "points.bin");
+      for (const Eigen::Vector3f& p : part.positions)
+        submap.positions.emplace_back((poses[0].inverse() * poses[i] * p.cast<double>().eval()).cast<float>());
+    }
+    const SE3d truth = poses[0].inverse() * poses[4];
+    Vector6d away;
+    away << 0.5, 0.4, 0.1, 0, 0, 0.05;
+    const SE3d guess = truth * SE3d::exp(away);
+    const IndexedCloud<> target = oriented(submap, 0.25);
+    const PointCloud<float> scan = oriented(read_points(*folder / "000004/points.bin"), 0.25).cloud();
+    const AlignResult result = Gicp{.max_distance = 2.0}.align(scan, target, guess);
+    CHECK(result.status == AlignStatus::converged);
+    CHECK(translation_error(truth, result.T_target_source) < 0.04);  // small_gicp: 0.036 m, 0.085 degrees
+    CHECK(rotation_error(truth, result.T_target_source) < 0.12 * degree);
+    GaussianVoxelMap voxels;
+    voxels.insert(target.cloud());
+    const AlignResult coarse = Vgicp{.max_distance = 2.0}.align(scan, voxels, guess);
+    CHECK(coarse.status == AlignStatus::converged);
+    CHECK(translation_error(truth, coarse.T_target_source) < 0.05);
+    CHECK(rotation_error(truth, coarse.T_target_source) < 0.2 * degree);
   }
 
   TEST_CASE("two scans of KITTI, and back again") {

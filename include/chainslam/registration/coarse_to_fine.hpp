@@ -1,5 +1,8 @@
 #pragma once
 
+#include <stdexcept>
+
+#include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/registration/icp.hpp"
 
@@ -7,18 +10,50 @@ namespace chainslam {
 
 /// Two registrations in a row: one that reaches far finds the place, one that looks near settles the pose.
 ///
-/// The result is the second's; where the first finds no overlap, it is the first's.
+/// The result is the second's; where the first finds no overlap, or the deadline ends it, it is the first's.
 template <class Coarse = Icp<PointToPlane, GemanMcClure>, class Fine = Coarse>
 struct CoarseToFine {
   Coarse coarse{.max_iterations = 20, .max_distance = 5.0, .kernel = {.width = 1.0}};
   Fine fine{.max_iterations = 50, .max_distance = 2.0, .kernel = {.width = 0.3}};
 
-  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
+  template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
-                                  const Exec& executor = {}) const {
-    const AlignResult first = coarse.align(source, target, guess, executor);
-    if (first.status == AlignStatus::no_overlap || first.status == AlignStatus::too_few_points) return first;
-    return fine.align(source, target, first.T_target_source, executor);
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const {
+    const AlignResult first = coarse.align(source, target, guess, executor, deadline);
+    if (first.status == AlignStatus::no_overlap || first.status == AlignStatus::too_few_points ||
+        first.status == AlignStatus::cancelled)
+      return first;
+    return fine.align(source, target, first.T_target_source, executor, deadline);
+  }
+};
+
+/// One registration at distances that shrink, as the pose gets better, to the registration's own: each stage but the
+/// last takes a few steps from where the one before it ended.
+///
+/// The result is the last stage's; where an earlier one finds no overlap, or the deadline ends it, it is that one's.
+template <class Registration = PointToPlaneIcp>
+struct DistanceSchedule {
+  Registration registration{};
+  double first_distance = 4.0;  ///< metres
+  double ratio = 0.5;           ///< of one stage's distance to the one before it, in (0, 1)
+  Index steps_a_stage = 5;      ///< of the stages before the last
+
+  template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const {
+    if (!(ratio > 0 && ratio < 1)) throw std::invalid_argument("DistanceSchedule: ratio must lie in (0, 1)");
+    SE3d pose = guess;
+    Registration stage = registration;
+    stage.max_iterations = steps_a_stage;
+    for (stage.max_distance = first_distance; stage.max_distance > registration.max_distance;
+         stage.max_distance *= ratio) {
+      const AlignResult result = stage.align(source, target, pose, executor, deadline);
+      if (result.status == AlignStatus::no_overlap || result.status == AlignStatus::too_few_points ||
+          result.status == AlignStatus::cancelled)
+        return result;
+      pose = result.T_target_source;
+    }
+    return registration.align(source, target, pose, executor, deadline);
   }
 };
 

@@ -18,23 +18,46 @@ enum class AlignStatus {
   too_few_points,   ///< source or target has too few finite points; the pose is the guess
   no_overlap,       ///< too few source points have a partner; the pose is the guess
   degenerate,       ///< converged where the points tell; the directions that they do not tell are kept from the guess
+  cancelled,        ///< the deadline passed first; the pose is the best so far
+};
+
+/// What ended the iterations.
+enum class StopReason {
+  not_started,        ///< nothing to iterate on, or no iterations asked for
+  small_step,         ///< the step was below both tolerances
+  small_improvement,  ///< the cost fell by less than its tolerance
+  no_improvement,     ///< no step lowers the cost: a minimum to rounding
+  lost_overlap,       ///< too few partners were left
+  iteration_limit,
+  deadline,
 };
 
 /// What an alignment found. The figures hold at the pose returned.
+///
+/// Tangents are [translation; rotation] of a right perturbation of T_target_source. Spectrum and localizability are
+/// about the source's centroid, rotations measured in metres at the inliers' root mean square distance from it, so that
+/// all six are of one kind.
 struct AlignResult {
   SE3d T_target_source;
-  /// Sum of w J'J, tangent [translation; rotation] of a right perturbation of T_target_source: the information if the
-  /// residuals had a standard deviation of 1 m, so the covariance is mean_squared_residual * hessian^-1 for independent
-  /// residuals. Semi-definite: directions found degenerate carry none.
+  /// Sum of w J'J: the information if the residuals had a standard deviation of 1 m. Semi-definite: directions found
+  /// degenerate carry none.
   Matrix6d hessian = Matrix6d::Zero();
-  Vector6d eigenvalues =
-      Vector6d::Zero();              ///< of the hessian per inlier, lengths in units of the source's extent, ascending
-  Index degenerate_directions = 0;   ///< how many of them were held at the guess
-  Index inliers = 0;                 ///< source points whose nearest target point is near enough
+  /// Of T_target_source, for residuals that err independently of one another: the residuals' variance times hessian^-1.
+  /// Never beyond the largest distance between partners, which is what directions found degenerate have.
+  Matrix6d covariance = Matrix6d::Zero();
+  Vector6d eigenvalues = Vector6d::Zero();       ///< of the hessian per inlier: mean squared cosines, ascending
+  Matrix6d eigenvectors = Matrix6d::Identity();  ///< columns: the directions that go with them
+  Index degenerate_directions = 0;               ///< how many of them, the first, were held at the guess
+  /// For each axis, what is known of it when nothing is known of the others, per inlier: 1 over the diagonal of the
+  /// inverse. A tenth of the degeneracy threshold, which is the least: not told at all, as along a corridor.
+  Vector6d localizability = Vector6d::Zero();
+  Index inliers = 0;                 ///< source points whose nearest target point is near enough, and not rejected
   double inlier_ratio = 0;           ///< inliers over finite source points
+  double overlap = 0;                ///< the same, rejected ones included
   double mean_squared_error = 0;     ///< of the distance to the nearest point over inliers, m^2: the paper's e_ij
   double mean_squared_residual = 0;  ///< of what the metric measures over inliers, m^2
   AlignStatus status = AlignStatus::too_few_points;
+  StopReason stop = StopReason::not_started;
   Index iterations = 0;
 
   [[nodiscard]] bool converged() const { return status == AlignStatus::converged; }
@@ -46,6 +69,8 @@ enum class GlobalAlignStatus {
   too_few_points,   ///< source or target has too few points with a feature; the pose is the identity
   too_few_matches,  ///< fewer than three points look alike; the pose is the identity
   no_consensus,     ///< no pose that matches agree on beyond chance; the pose is the identity
+  refused,          ///< a check did not believe the pose, which is the one that it refused
+  cancelled,        ///< the deadline passed before there was a pose; it is the identity
 };
 
 /// What an alignment without a guess found. The figures hold at the pose returned; the fits are zero without one.
@@ -72,12 +97,29 @@ struct PairError {
   Eigen::Matrix<double, Rows, 3> gradient;
 };
 
-/// Measures how badly a moved source point and its match in the target fit.
+/// A target that says itself which of its elements a point goes with, as a voxel map's cells do.
+///
+/// Law: `match(query, max_distance)` gives an index whose `position` lies within `max_distance`, or -1, and depends on
+/// the arguments alone.
+template <class T>
+concept MatchingTarget = requires(const T& target, const Eigen::Matrix<typename T::Scalar, 3, 1>& query,
+                                  typename T::Scalar distance, Index i) {
+  { target.match(query, distance) } -> std::same_as<Index>;
+  { target.position(i)[0] } -> std::convertible_to<typename T::Scalar>;
+  { target.size() } -> std::convertible_to<std::size_t>;
+};
+
+/// What a source can be aligned to: the nearest point is its match, or the one that the target names.
+template <class T>
+concept AlignTarget = NearestNeighborSearch<T> || MatchingTarget<T>;
+
+/// Measures how badly a moved source point and its match in the target fit, pair by pair. Metrics of surfaces, which
+/// are worked on four pairs at a time, are `SurfaceMetric`s.
 ///
 /// `metric.error(target, match, p_target)` gives a `PairError` whose gradient is exact where the match stays the same.
 /// A match that tells nothing (no normal) gives zeros.
 template <class Metric, class Target>
-concept ErrorMetric = NearestNeighborSearch<Target> &&
+concept ErrorMetric = AlignTarget<Target> &&
     requires(const Metric& metric, const Target& target, Index match, const Eigen::Vector3d& p_target) {
   { metric.error(target, match, p_target).residual } -> std::convertible_to<Eigen::VectorXd>;
   { metric.error(target, match, p_target).gradient } -> std::convertible_to<Eigen::MatrixXd>;
@@ -87,7 +129,7 @@ concept ErrorMetric = NearestNeighborSearch<Target> &&
 ///
 /// The result depends on the arguments alone, not on the executor. Not converging is a status, never a throw.
 template <class R, class Source, class Target>
-concept Registration = Cloud<Source> && NearestNeighborSearch<Target> &&
+concept Registration = Cloud<Source> && AlignTarget<Target> &&
     requires(const R& registration, const Source& source, const Target& target, const SE3d& guess,
              const Serial& executor) {
   { registration.align(source, target, guess, executor) } -> std::same_as<AlignResult>;

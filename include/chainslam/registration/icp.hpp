@@ -2,196 +2,221 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <concepts>
+#include <optional>
 #include <stdexcept>
 #include <utility>
-#include <vector>
 
+#include "chainslam/core/deadline.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/features/normals.hpp"
 #include "chainslam/registration/concepts.hpp"
-#include "chainslam/registration/detail/match_cache.hpp"
-#include "chainslam/registration/detail/normal_equations.hpp"
+#include "chainslam/registration/detail/icp_run.hpp"
+#include "chainslam/registration/detail/source_columns.hpp"
+#include "chainslam/registration/distribution_to_distribution.hpp"
+#include "chainslam/registration/optimizers.hpp"
+#include "chainslam/registration/plane_to_plane.hpp"
 #include "chainslam/registration/point_to_plane.hpp"
 #include "chainslam/registration/point_to_point.hpp"
+#include "chainslam/registration/pose_prior.hpp"
+#include "chainslam/registration/rejectors.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 
 namespace chainslam {
 
-/// Iterative closest points: matches every source point with its nearest target point, takes a Gauss-Newton step on
-/// SE(3), and again (Besl and McKay 1992; Chen and Medioni 1992).
+/// Iterative closest points: matches every source point with its nearest target point, takes a step on SE(3), and again
+/// (Besl and McKay 1992; Chen and Medioni 1992).
 ///
-/// Steps are right perturbations about the source's centroid, so that neither the frame's origin nor the point count
+/// Steps are motions of the source's centroid and about it, so that neither the frame's origin nor the point count
 /// changes what the thresholds mean. Directions that the points do not determine are left at the guess and reported.
 /// Searches whose answer cannot have changed are spared without changing the result.
-template <class Metric = PointToPlane, class Kernel = Trivial>
+///
+/// @tparam Metric     what a pair measures: `PointToPlane`, `PointToPoint`, `PlaneToPlane` (GICP),
+///                    `DistributionToDistribution` (GICP with covariances, VGICP), or your own.
+/// @tparam Kernel     weighs pairs by their residual.
+/// @tparam Rejector   drops pairs, see `rejectors.hpp`.
+/// @tparam Optimizer  chooses steps.
+/// @tparam Prior      what is known of the pose beside the points.
+template <class Metric = PointToPlane, class Kernel = Trivial, class Rejector = KeepPairs,
+          class Optimizer = GaussNewton, class Prior = NoPrior>
 struct Icp {
   static_assert(RobustKernel<Kernel>, "Icp: Kernel needs `double weight(double squared_residual) const`, as in Huber");
+  static_assert(MatchRejector<Rejector>,
+                "Icp: Rejector needs `static constexpr bool needs_normals` and `void operator()(pairs) const`, as in "
+                "OneToOne");
+  static_assert(PoseOptimizer<Optimizer>,
+                "Icp: Optimizer needs `initial_damping` and `std::optional<Vector6d> step(problem, damping) const`, as "
+                "in GaussNewton");
+  static_assert(AlignPrior<Prior>, "Icp: Prior needs `PriorTerms evaluate(T_target_source) const`, as in PosePrior");
+  static_assert(std::same_as<Optimizer, GaussNewton> || RobustCost<Kernel>,
+                "Icp: an optimizer that compares costs needs a Kernel with `double cost(double squared_residual) "
+                "const`, as in Huber");
+  using MetricType = Metric;
+  using KernelType = Kernel;
+  using RejectorType = Rejector;
+
+  /// As many as unknowns.
+  static constexpr Index least_points = 6;
 
   Index max_iterations = 50;            ///< 0 only measures the guess
   double max_distance = 1.0;            ///< metres, between a moved source point and its match
   double translation_tolerance = 1e-3;  ///< metres, of the source's centroid in one step
   double rotation_tolerance = 1e-4;     ///< radians in one step
-  double min_overlap = 0.05;            ///< least share of source points with a match
+  double cost_tolerance = 0;            ///< relative change of the mean cost in one step; 0: not looked at
+  /// The first steps, until they are short, look at one point of so many; all steps after them at all. 1: no such
+  /// steps.
+  Index pilot = 8;
+  double min_overlap = 0.05;  ///< least share of source points with a match
   /// Least eigenvalue of the Hessian per inlier, rotations scaled by the source's extent: a mean squared cosine. 0.005
   /// is the square of 4 degrees, the noise of normals themselves: below it, what looks like information is mostly that
-  /// noise.
-  double degeneracy_threshold = 0.005;
+  /// noise. Metrics may have one of their own.
+  double degeneracy_threshold = detail::degeneracy_threshold_of<Metric>();
+  DegreesOfFreedom free{};  ///< unless all are, steps are about the source's origin
   [[no_unique_address]] Metric metric{};
   [[no_unique_address]] Kernel kernel{};  ///< of the metric's residual, metres
+  [[no_unique_address]] Rejector rejector{};
+  [[no_unique_address]] Optimizer optimizer{};
+  [[no_unique_address]] Prior prior{};
 
   /// Aligns `source` to the points of `target`, starting from `guess`.
   ///
-  /// @param source    points in the source's frame, metres; NaN and infinite points are skipped.
-  /// @param target    search over points in the target's frame; with normals if the metric needs them.
+  /// @param source    points in the source's frame, metres; NaN and infinite points are skipped. With normals or
+  ///                  covariances if the metric or the rejector needs them.
+  /// @param target    search over points in the target's frame, or a target that names the match itself; with normals
+  /// or
+  ///                  covariances if the metric needs them.
   /// @param guess     T_target_source to start from.
   /// @param executor  runs the sums; the result is the same to the bit for any.
+  /// @param deadline  looked at once an iteration; what it cuts short has status `cancelled`.
   /// @returns pose, information, figures and status; never throws for what the points are like.
-  /// @throws std::invalid_argument if an option or the guess makes no sense, or if the target holds no normals.
-  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
+  /// @throws std::invalid_argument if an option or the guess makes no sense, or if a cloud lacks the normals needed.
+  template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
-                                  const Exec& executor = {}) const {
-    static_assert(
-        ErrorMetric<Metric, Target>,
-        "Icp: Metric needs `error(target, match, p_target)` for this target; PointToPlane needs a target with "
-        "`normal(i)`, such as IndexedCloud");
-    check(target, guess);
-    const CenteredSource points = center(source);
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const {
+    require_metric<Source, Target>();
+    check(source, target, guess);
+    const detail::SourceColumns points = detail::source_columns(source, wants());
     AlignResult result;
     result.T_target_source = guess;
-    if (to_index(points.positions.size()) < least_points || target.size() < static_cast<std::size_t>(least_points))
-      return result;
+    if (points.count < least_points || target.size() < static_cast<std::size_t>(least_points)) return result;
 
-    const SE3d T_source_center(SO3d(), points.center);
-    SE3d T_target_center = guess * T_source_center;
-    detail::MatchCache<Target> matches(target, to_index(points.positions.size()),
-                                       static_cast<typename Target::Scalar>(max_distance));
-    const auto measure = [&] { return linearize(points.positions, target, T_target_center, matches, executor); };
-    detail::AlignmentEquations sums = measure();
-    detail::RestrictedStep solution = detail::solve_restricted(sums, degeneracy_threshold);
-    bool small = false;
-    for (; !small && result.iterations < max_iterations && overlaps(sums, points); ++result.iterations) {
-      const Vector6d step = solution.step;
-      small = step.head<3>().norm() < translation_tolerance && step.tail<3>().norm() < rotation_tolerance;
-      T_target_center = T_target_center.retract(step);
-      sums = measure();
-      solution = detail::solve_restricted(sums, degeneracy_threshold);
-    }
-    if (!overlaps(sums, points)) {
+    SE3d start = guess;
+    const bool piloted = points.count >= pilot * least_pilot_points && pilot > 1 && max_iterations > 0;
+    if (piloted) start = steer(points, target, guess, executor, deadline, result.iterations);
+    detail::IcpRun<Icp, Target, Exec> run(*this, points, target, start, degeneracy_threshold, executor);
+    run.measure(piloted);
+    result.stop = iterate(run, deadline, result.iterations, false);
+    if (!run.overlaps()) {
+      run.count(result);
       result.status = AlignStatus::no_overlap;
-      result.inliers = sums.inliers;
-      result.inlier_ratio = ratio(sums, points);
+      result.stop = StopReason::lost_overlap;
       return result;
     }
-    report(result, sums, solution, points);
-    result.T_target_source = T_target_center * T_source_center.inverse();
-    if (small)
-      result.status = solution.left_out > 0 ? AlignStatus::degenerate : AlignStatus::converged;
-    else
-      result.status = AlignStatus::iteration_limit;
+    run.report(result);
+    result.status = status_after(result.stop, run.left_out());
     return result;
   }
 
  private:
-  static constexpr Index least_points = 6;  ///< as many as unknowns
+  /// Points that the first steps are to look at, at least.
+  static constexpr Index least_pilot_points = 512;
 
-  struct CenteredSource {
-    Eigen::Vector3d center = Eigen::Vector3d::Zero();
-    std::vector<Eigen::Vector3d> positions;  ///< the finite points minus the center
-  };
-
-  template <class Target>
-  void check(const Target& target, const SE3d& guess) const {
-    if (!(max_distance > 0) || max_iterations < 0)
-      throw std::invalid_argument("Icp: max_distance must be positive, max_iterations not negative");
-    if (!is_finite(guess.matrix())) throw std::invalid_argument("Icp: the guess is not finite");
-    if constexpr (std::same_as<Metric, PointToPlane> && requires { target.has_normals(); }) {
-      if (target.size() > 0 && !target.has_normals())
-        throw std::invalid_argument("Icp: PointToPlane needs normals in the target; call estimate_normals first");
-    }
-  }
-
-  template <class Source>
-  [[nodiscard]] static CenteredSource center(const Source& source) {
-    const std::size_t count = cloud_size(source);
-    CenteredSource result;
-    result.positions.reserve(count);
-    for (std::size_t i = 0; i < count; ++i) {
-      const Eigen::Vector3d p = position(source, i);
-      if (is_finite(p)) result.positions.push_back(p);
-    }
-    for (const Eigen::Vector3d& p : result.positions) result.center += p;
-    if (!result.positions.empty()) result.center /= static_cast<double>(result.positions.size());
-    for (Eigen::Vector3d& p : result.positions) p -= result.center;
-    return result;
-  }
-
-  [[nodiscard]] static double ratio(const detail::AlignmentEquations& sums, const CenteredSource& points) {
-    return static_cast<double>(sums.inliers) / static_cast<double>(points.positions.size());
-  }
-
-  [[nodiscard]] bool overlaps(const detail::AlignmentEquations& sums, const CenteredSource& points) const {
-    return sums.inliers >= least_points && ratio(sums, points) >= min_overlap;
-  }
-
-  /// Sums over all pairs at the pose T, tangent about the source's center. With e(p) and p = T exp(xi) x,
-  /// de / dxi = (de / dp) R [I, -hat(x)].
+  /// The first steps: brings some of the points near, or leaves them at the guess where too few have a match.
   template <class Target, class Exec>
-  [[nodiscard]] detail::AlignmentEquations linearize(const std::vector<Eigen::Vector3d>& points, const Target& target,
-                                                     const SE3d& T, detail::MatchCache<Target>& matches,
-                                                     const Exec& executor) const {
-    using Scalar = typename Target::Scalar;
-    constexpr Index grain = 512;
-    const Eigen::Matrix3d R = T.rotation().matrix();
-    const Eigen::Vector3d t = T.translation();
-    const auto sum_chunk = [&](Index begin, Index end) {
-      detail::AlignmentEquations sums;
-      for (Index i = begin; i < end; ++i) {
-        const Eigen::Vector3d& x = points[static_cast<std::size_t>(i)];
-        const Eigen::Vector3d p = R * x + t;
-        const auto match = matches.find(i, p.cast<Scalar>());
-        if (match.index < 0) continue;
-        const auto error = metric.error(target, match.index, p);
-        const double squared_residual = error.residual.squaredNorm();
-        const double weight = kernel.weight(squared_residual);
-        for (Eigen::Index row = 0; row < error.residual.rows(); ++row) {
-          const Eigen::Vector3d a = R.transpose() * error.gradient.row(row).transpose();
-          Vector6d jacobian;
-          jacobian << a, x.cross(a);
-          const Vector6d weighted = weight * jacobian;
-          sums.hessian.noalias() += jacobian * weighted.transpose();
-          sums.gradient += weighted * error.residual[row];
-        }
-        sums.weight += weight;
-        sums.squared_residual += squared_residual;
-        sums.squared_distance += static_cast<double>(match.squared_distance);
-        sums.squared_extent += x.squaredNorm();
-        ++sums.inliers;
-      }
-      return sums;
-    };
-    return reduce_chunks(
-        executor, to_index(points.size()), grain, detail::AlignmentEquations{}, sum_chunk,
-        [](detail::AlignmentEquations left, const detail::AlignmentEquations& right) { return left += right; });
+  [[nodiscard]] SE3d steer(const detail::SourceColumns& points, const Target& target, const SE3d& guess,
+                           const Exec& executor, const Deadline& deadline, Index& iterations) const {
+    const detail::SourceColumns some = detail::one_of_each(points, pilot);
+    // What some points tell all but do not determine is not for them to decide.
+    detail::IcpRun<Icp, Target, Exec> run(*this, some, target, guess, 2 * degeneracy_threshold, executor);
+    run.measure(false);
+    const StopReason stop = iterate(run, deadline, iterations, true);
+    return stop == StopReason::lost_overlap || !run.overlaps() ? guess : run.T_target_source();
   }
 
-  static void report(AlignResult& result, const detail::AlignmentEquations& sums,
-                     const detail::RestrictedStep& solution, const CenteredSource& points) {
-    const auto inliers = static_cast<double>(sums.inliers);
-    // A perturbation xi of the source's frame is Ad(T_center_source) xi of the centered one.
-    const Matrix6d Ad = SE3d(SO3d(), -points.center).adjoint();
-    result.hessian = Ad.transpose() * solution.hessian * Ad;
-    result.eigenvalues = solution.eigenvalues;
-    result.degenerate_directions = solution.left_out;
-    result.inliers = sums.inliers;
-    result.inlier_ratio = ratio(sums, points);
-    result.mean_squared_error = sums.squared_distance / inliers;
-    result.mean_squared_residual = sums.squared_residual / inliers;
+  /// @param pilot_only  whether to end with the first short step.
+  template <class Run>
+  [[nodiscard]] StopReason iterate(Run& run, const Deadline& deadline, Index& iterations, bool pilot_only) const {
+    double damping = optimizer.initial_damping;
+    while (iterations < max_iterations) {
+      if (!run.overlaps()) return StopReason::lost_overlap;
+      if (deadline.passed()) return StopReason::deadline;
+      const std::optional<Vector6d> step = optimizer.step(run, damping);
+      if (!step) return StopReason::no_improvement;
+      const double cost_before = run.mean_cost();
+      const bool last = pilot_only && run.is_short(*step);
+      ++iterations;
+      run.move(*step);
+      if (last) return StopReason::small_step;
+      run.measure(!pilot_only);
+      if (pilot_only) continue;
+      if (step->template head<3>().norm() < translation_tolerance &&
+          step->template tail<3>().norm() < rotation_tolerance)
+        return StopReason::small_step;
+      if (std::abs(run.mean_cost() - cost_before) < cost_tolerance * cost_before) return StopReason::small_improvement;
+    }
+    return max_iterations > 0 ? StopReason::iteration_limit : StopReason::not_started;
+  }
+
+  [[nodiscard]] static AlignStatus status_after(StopReason stop, Index left_out) {
+    if (stop == StopReason::deadline) return AlignStatus::cancelled;
+    if (stop == StopReason::iteration_limit || stop == StopReason::not_started) return AlignStatus::iteration_limit;
+    return left_out > 0 ? AlignStatus::degenerate : AlignStatus::converged;
+  }
+
+  [[nodiscard]] detail::SourceWants wants() const {
+    constexpr Surface surface = detail::source_surface<Metric>();
+    detail::SourceWants wanted{.normals = surface == Surface::normal || Rejector::needs_normals,
+                               .covariances = surface == Surface::covariance,
+                               .about_centroid = free.all()};
+    if constexpr (requires { metric.thickness; }) wanted.thickness = metric.thickness;
+    return wanted;
+  }
+
+  template <class Source, class Target>
+  static constexpr void require_metric() {
+    constexpr Surface of_source = detail::source_surface<Metric>(), of_target = detail::target_surface<Metric>();
+    constexpr bool target_normals = of_target == Surface::normal || Rejector::needs_normals;
+    constexpr bool source_normals = of_source == Surface::normal || Rejector::needs_normals;
+    static_assert(SurfaceMetric<Metric> || ErrorMetric<Metric, Target>,
+                  "Icp: Metric needs `evaluate(pair, terms)`, as in PointToPlane, or `error(target, match, p_target)`");
+    static_assert(
+        !target_normals || requires(const Target& t, Index i) { t.normal(i)[0]; },
+        "Icp: PointToPlane needs a target with `normal(i)`, such as IndexedCloud; so do PlaneToPlane and "
+        "WithinAngle");
+    static_assert(
+        of_target != Surface::covariance || requires(const Target& t, Index i) { t.covariance(i)(0, 0); },
+        "Icp: DistributionToDistribution needs a target with `covariance(i)`, such as GaussianVoxelMap");
+    static_assert(!source_normals || OrientedCloud<Source>,
+                  "Icp: PlaneToPlane needs a source with normals, such as PointCloud; so does WithinAngle");
+    static_assert(of_source != Surface::covariance || DistributedCloud<Source> || OrientedCloud<Source>,
+                  "Icp: DistributionToDistribution needs a source with covariances or normals, such as PointCloud");
+  }
+
+  template <class Source, class Target>
+  void check(const Source& source, const Target& target, const SE3d& guess) const {
+    if (!(max_distance > 0) || max_iterations < 0 || pilot < 1)
+      throw std::invalid_argument("Icp: max_distance and pilot must be positive, max_iterations not negative");
+    if (!is_finite(guess.matrix())) throw std::invalid_argument("Icp: the guess is not finite");
+    constexpr Surface of_source = detail::source_surface<Metric>(), of_target = detail::target_surface<Metric>();
+    if constexpr (requires { target.has_normals(); }) {
+      if ((of_target == Surface::normal || Rejector::needs_normals) && target.size() > 0 && !target.has_normals())
+        throw std::invalid_argument("Icp: the metric needs normals in the target; call estimate_normals first");
+    }
+    const bool source_covariances = DistributedCloud<Source>;
+    if ((of_source == Surface::normal || Rejector::needs_normals ||
+         (of_source == Surface::covariance && !source_covariances)) &&
+        cloud_size(source) > 0 && !detail::carries_normals(source))
+      throw std::invalid_argument("Icp: the metric needs normals in the source; call estimate_normals first");
   }
 };
 
 using PointToPlaneIcp = Icp<PointToPlane, Trivial>;
 using PointToPointIcp = Icp<PointToPoint, Trivial>;
+/// Generalized ICP: to a cloud with normals, from a cloud with normals.
+using Gicp = Icp<PlaneToPlane, Trivial>;
+/// Voxelized GICP (Koide et al. 2021): to a `GaussianVoxelMap`, from a cloud with normals or covariances.
+using Vgicp = Icp<DistributionToDistribution, Trivial>;
 
 /// Aligns `source` to `target` with good defaults: to planes, robustly, where the target has normals; else to points.
 /// See `Icp::align`.

@@ -1,22 +1,26 @@
 #pragma once
 
-#include "chainslam/core/finite.hpp"
-#include "chainslam/registration/concepts.hpp"
+#include "chainslam/registration/surface_metric.hpp"
 
 namespace chainslam {
 
 /// The distance of the moved point from the plane through the match (Chen and Medioni 1992). The target needs normals;
 /// a point without one (zero or not finite) tells nothing.
 struct PointToPlane {
-  template <OrientedSearch Target>
-  [[nodiscard]] PairError<1> error(const Target& target, Index match, const Eigen::Vector3d& p_target) const {
-    const auto& q = target.position(match);
-    const auto& n = target.normal(match);
-    const Eigen::Vector3d q_target(static_cast<double>(q[0]), static_cast<double>(q[1]), static_cast<double>(q[2]));
-    const Eigen::Vector3d normal(static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2]));
-    if (!is_finite(normal.squaredNorm())) return {Eigen::Matrix<double, 1, 1>::Zero(), Eigen::RowVector3d::Zero()};
-    return {Eigen::Matrix<double, 1, 1>(normal.dot(p_target - q_target)), normal.transpose()};
+  static constexpr Surface source_surface = Surface::nothing;
+  static constexpr Surface target_surface = Surface::normal;
+  static constexpr int residuals_a_pair = 1;
+
+  template <class Number>
+  void evaluate(const SurfacePair<Number>& pair, PairTerms<Number>& terms) const {
+    const auto& d = pair.offset;
+    const auto& n = pair.target_normal;
+    const Number distance = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
+    terms.information = {n[0] * n[0], n[0] * n[1], n[0] * n[2], n[1] * n[1], n[1] * n[2], n[2] * n[2]};
+    terms.pull = {n[0] * distance, n[1] * distance, n[2] * distance};
+    terms.squared_residual = distance * distance;
   }
 };
+static_assert(SurfaceMetric<PointToPlane>);
 
 }  // namespace chainslam

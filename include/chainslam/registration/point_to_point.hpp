@@ -1,17 +1,23 @@
 #pragma once
 
-#include "chainslam/registration/concepts.hpp"
+#include "chainslam/registration/surface_metric.hpp"
 
 namespace chainslam {
 
-/// The vector from the match to the moved point (Besl and McKay 1992). Any target will do.
+/// The vector from the match to the moved point (Besl and McKay 1992).
 struct PointToPoint {
-  template <NearestNeighborSearch Target>
-  [[nodiscard]] PairError<3> error(const Target& target, Index match, const Eigen::Vector3d& p_target) const {
-    const auto& q = target.position(match);
-    const Eigen::Vector3d q_target(static_cast<double>(q[0]), static_cast<double>(q[1]), static_cast<double>(q[2]));
-    return {p_target - q_target, Eigen::Matrix3d::Identity()};
+  static constexpr Surface source_surface = Surface::nothing;
+  static constexpr Surface target_surface = Surface::nothing;
+  static constexpr int residuals_a_pair = 3;
+
+  template <class Number>
+  void evaluate(const SurfacePair<Number>& pair, PairTerms<Number>& terms) const {
+    const auto& d = pair.offset;
+    terms.information = {Number(1.0), Number(0.0), Number(0.0), Number(1.0), Number(0.0), Number(1.0)};
+    terms.pull = d;
+    terms.squared_residual = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
   }
 };
+static_assert(SurfaceMetric<PointToPoint>);
 
 }  // namespace chainslam

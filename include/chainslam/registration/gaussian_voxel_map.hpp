@@ -1,0 +1,146 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <stdexcept>
+#include <vector>
+
+#include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/cloud/concepts.hpp"
+#include "chainslam/cloud/detail/columns.hpp"
+#include "chainslam/core/finite.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "chainslam/registration/concepts.hpp"
+#include "chainslam/registration/detail/source_columns.hpp"
+
+namespace chainslam {
+
+struct GaussianVoxelMapOptions {
+  double voxel_size = 1.0;  ///< edge, metres
+  /// Voxels that a point may be matched with: 1, its own; 7, those that share a face with it, too; 27, all around it.
+  /// Of several the one whose mean is nearest. With its own alone, a wall along voxels' faces loses the points that lie
+  /// beyond, and the others push it farther off.
+  Index neighborhood = 7;
+  double thickness = 1e-3;  ///< of the discs made from normals, see `PlaneToPlane`
+};
+
+/// A target of Gaussians, one a voxel: the mean of the voxel's points and the mean of their covariances (Koide et al.
+/// 2021). Matching a point with it is one look into a hash, which makes registration fast and its reach wide.
+///
+/// Grows by clouds. Voxels are numbered in the order in which they were first met; the same clouds in the same order
+/// give the same bits. Const calls may run on several threads.
+class GaussianVoxelMap {
+ public:
+  using Scalar = double;
+  using Options = GaussianVoxelMapOptions;
+
+  /// @throws std::invalid_argument if an option is out of range.
+  explicit GaussianVoxelMap(const Options& options = {}) : options_(options), inverse_size_(1.0 / options.voxel_size) {
+    if (!(options.voxel_size > 0) || !is_finite(options.voxel_size) || !is_finite(inverse_size_))
+      throw std::invalid_argument("GaussianVoxelMap: voxel_size must be positive and finite");
+    if (options.neighborhood != 1 && options.neighborhood != 7 && options.neighborhood != 27)
+      throw std::invalid_argument("GaussianVoxelMap: neighborhood must be 1, 7 or 27");
+    if (!(options.thickness > 0 && options.thickness <= 1))
+      throw std::invalid_argument("GaussianVoxelMap: thickness must lie in (0, 1]");
+  }
+
+  /// Adds the cloud's points with their covariances, or with discs across their normals; a point that has neither is a
+  /// ball. NaN points are left out.
+  /// @param T_map_cloud  where the cloud stands in the map.
+  template <Cloud Points>
+  void insert(const Points& cloud, const SE3d& T_map_cloud = {}) {
+    const Eigen::Matrix3d R = T_map_cloud.rotation().matrix();
+    for (std::size_t i = 0; i < cloud_size(cloud); ++i) {
+      const Eigen::Vector3d p = T_map_cloud * chainslam::position(cloud, i);
+      const std::optional<Cell> cell = cell_of(p * inverse_size_);
+      if (!cell) continue;
+      add(*cell, p, R * covariance_of(cloud, i) * R.transpose());
+    }
+  }
+
+  [[nodiscard]] const Options& options() const { return options_; }
+  /// Voxels that hold points.
+  [[nodiscard]] std::size_t size() const { return voxels_.size(); }
+  /// Mean of a voxel's points, metres.
+  [[nodiscard]] const Eigen::Vector3d& position(Index i) const { return at(i).mean; }
+  /// Mean of their covariances.
+  [[nodiscard]] const Eigen::Matrix3d& covariance(Index i) const { return at(i).covariance; }
+  /// Points in a voxel.
+  [[nodiscard]] Index count(Index i) const { return at(i).count; }
+
+  /// The voxel that a point goes with, or -1. See `MatchingTarget`.
+  [[nodiscard]] Index match(const Eigen::Vector3d& query, double max_distance) const {
+    const std::optional<Cell> cell = cell_of(query * inverse_size_);
+    if (!cell) return -1;
+    Match best{-1, max_distance * max_distance};
+    look(*cell, query, best);
+    if (options_.neighborhood == 7) {
+      for (const int step : {-1, 1}) {
+        look({cell->x + step, cell->y, cell->z}, query, best);
+        look({cell->x, cell->y + step, cell->z}, query, best);
+        look({cell->x, cell->y, cell->z + step}, query, best);
+      }
+    } else if (options_.neighborhood == 27) {
+      for (int dx = -1; dx <= 1; ++dx)
+        for (int dy = -1; dy <= 1; ++dy)
+          for (int dz = -1; dz <= 1; ++dz)
+            if (dx != 0 || dy != 0 || dz != 0) look({cell->x + dx, cell->y + dy, cell->z + dz}, query, best);
+    }
+    return best.index;
+  }
+
+ private:
+  struct Voxel {
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+    Index count = 0;
+  };
+  struct Match {
+    Index index;
+    double squared_distance;
+  };
+
+  [[nodiscard]] const Voxel& at(Index i) const { return voxels_[static_cast<std::size_t>(i)]; }
+
+  template <class Points>
+  [[nodiscard]] Eigen::Matrix3d covariance_of(const Points& cloud, std::size_t i) const {
+    if constexpr (DistributedCloud<Points>) {
+      const auto& c = CloudTraits<Points>::covariance(cloud, i);
+      Eigen::Matrix3d covariance;
+      for (int row = 0; row < 3; ++row)
+        for (int column = 0; column < 3; ++column) covariance(row, column) = static_cast<double>(c(row, column));
+      return covariance;
+    } else {
+      Eigen::Vector3d n = Eigen::Vector3d::Zero();
+      if (detail::carries_normals(cloud)) n = detail::normal(cloud, i);
+      if (!is_finite(n)) n.setZero();
+      return Eigen::Matrix3d::Identity() - (1.0 - options_.thickness) * n * n.transpose();
+    }
+  }
+
+  /// Means as they grow: no sum whose rounding depends on the distance from the origin.
+  void add(const Cell& cell, const Eigen::Vector3d& p, const Eigen::Matrix3d& covariance) {
+    const auto [index, is_new] = table_.insert(cell, to_index(voxels_.size(), "voxels"));
+    if (is_new) voxels_.emplace_back();
+    Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
+    const double share = 1.0 / static_cast<double>(++voxel.count);
+    voxel.mean += (p - voxel.mean) * share;
+    voxel.covariance += (covariance - voxel.covariance) * share;
+  }
+
+  void look(const Cell& cell, const Eigen::Vector3d& query, Match& best) const {
+    const Index index = table_.find(cell);
+    if (index < 0) return;
+    const double squared = (at(index).mean - query).squaredNorm();
+    if (squared < best.squared_distance || (best.index < 0 && squared == best.squared_distance))
+      best = {index, squared};
+  }
+
+  Options options_;
+  double inverse_size_;
+  CellTable table_;
+  std::vector<Voxel> voxels_;
+};
+static_assert(MatchingTarget<GaussianVoxelMap>);
+
+}  // namespace chainslam

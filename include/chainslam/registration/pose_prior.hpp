@@ -1,0 +1,60 @@
+#pragma once
+
+#include <array>
+#include <concepts>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/lie/se3.hpp"
+
+namespace chainslam {
+
+/// What a prior adds at a pose, in the unit of the pairs' squared residuals; tangent of a right perturbation of
+/// T_target_source.
+struct PriorTerms {
+  Matrix6d hessian = Matrix6d::Zero();
+  Vector6d gradient = Vector6d::Zero();
+  double cost = 0;
+};
+
+/// What is known of T_target_source beside the points.
+template <class P>
+concept AlignPrior = requires(const P& prior, const SE3d& T_target_source) {
+  { prior.evaluate(T_target_source) } -> std::same_as<PriorTerms>;
+};
+
+/// Nothing is known beforehand.
+struct NoPrior {
+  [[nodiscard]] PriorTerms evaluate(const SE3d& /*T_target_source*/) const { return {}; }
+};
+static_assert(AlignPrior<NoPrior>);
+
+/// A pose with its information, as odometry or an IMU gives it.
+struct PosePrior {
+  SE3d T_target_source{};
+  Matrix6d information = Matrix6d::Zero();  ///< 1/m^2, 1/rad^2, tangent [translation; rotation] of a right perturbation
+  /// How far a pair's residual errs, metres: weighs pairs against the prior. Neighbouring points err together; for
+  /// every hundred that do, take ten times the sensor's noise.
+  double pair_deviation = 0.1;
+
+  [[nodiscard]] PriorTerms evaluate(const SE3d& T) const {
+    const double unit = pair_deviation * pair_deviation;
+    const Vector6d off = T_target_source.local(T);
+    const Matrix6d J = SE3d::left_jacobian_inverse(-off);
+    const Vector6d pull = information * off;
+    return {.hessian = unit * J.transpose() * information * J,
+            .gradient = unit * J.transpose() * pull,
+            .cost = unit * off.dot(pull)};
+  }
+};
+static_assert(AlignPrior<PosePrior>);
+
+/// Which motions of the source are solved for: shifts of its origin along the target's axes and turns about them. A
+/// vehicle on known ground leaves z, roll and pitch out.
+struct DegreesOfFreedom {
+  bool x = true, y = true, z = true, roll = true, pitch = true, yaw = true;
+
+  [[nodiscard]] std::array<bool, 6> mask() const { return {x, y, z, roll, pitch, yaw}; }
+  [[nodiscard]] bool all() const { return x && y && z && roll && pitch && yaw; }
+};
+
+}  // namespace chainslam
