@@ -1,14 +1,16 @@
 #include <benchmark/benchmark.h>
 
-#include <chrono>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <span>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/slam/back_end.hpp"
+#include "versus.hpp"
 
 // What the map costs as it grows, without scans: everything here is ours alone, there is no peer to compare with.
 
@@ -90,22 +92,69 @@ void gnss_candidates(benchmark::State& state) {
 }
 BENCHMARK(gnss_candidates)->Name("slam/gnss_candidates/find/100000");
 
-/// Carrying a session of as many keyframes over into the frame of another, and making the graph anew.
+/// Carrying a session of as many keyframes over into the frame of another, closing it there, and optimising.
 void join(benchmark::State& state) {
   const auto each = static_cast<Index>(state.range(0)) / 2;
-  MapGraph<> graph;
-  for (int session = 0; session < 2; ++session) {
-    graph.begin_session({});
-    for (Index i = 0; i < each; ++i) graph.append(keyframe_at(i, on_circle(i)));
-  }
   for (auto _ : state) {
-    MapGraph<> copy = graph;
-    const auto start = std::chrono::steady_clock::now();
-    copy.join(SessionId{0}, SessionId{1}, SE3d());
-    state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    MapGraph<> graph;
+    for (int session = 0; session < 2; ++session) {
+      graph.begin_session({});
+      for (Index i = 0; i < each; ++i) graph.append(keyframe_at(i, on_circle(i)));
+    }
+    if (!graph.optimise().ok()) throw std::runtime_error("the first optimisation failed");
+    LoopClosure closure{.from = {each / 2}, .to = {each + each / 2}, .T_from_to = SE3d(SO3d(), {0.5, 0, 0})};
+    closure.sqrt_information = 20.0 * SqrtInformation<6>::Identity();
+    const double start = bench::ThreadTime::now();
+    graph.join(SessionId{0}, SessionId{1}, SE3d(SO3d::exp({0, 0, 0.3}), {40, -25, 1}));
+    graph.accept(closure);
+    if (!graph.optimise().ok()) throw std::runtime_error("the optimisation failed");
+    state.SetIterationTime(bench::ThreadTime::now() - start);
   }
 }
 BENCHMARK(join)->Name("slam/map_graph/join")->ArgName("keyframes")->Arg(5'000)->UseManualTime();
+
+/// A drive of many rounds of 1047 keyframes, each keyframe in ten closed with the round before: what optimising costs.
+void optimise(benchmark::State& state) {
+  const auto keyframes = static_cast<Index>(state.range(0));
+  for (auto _ : state) {
+    MapGraph<> graph;
+    Rng rng(3);
+    std::vector<double> seconds;
+    SE3d drifted;
+    for (Index i = 0; i < keyframes; ++i) {
+      if (i > 0) {
+        Vector6d noise;
+        for (double& value : noise) value = rng.normal();
+        noise.head<3>() *= 0.02;
+        noise.tail<3>() *= 1e-3;
+        drifted = drifted * on_circle(i - 1).inverse() * on_circle(i) * SE3d::exp(noise);
+      }
+      graph.append(keyframe_at(i, drifted));
+      if (i % 10 != 0 || i < 1047) continue;
+      LoopClosure closure{.from = {i - 1047}, .to = {i}, .T_from_to = on_circle(i - 1047).inverse() * on_circle(i)};
+      closure.sqrt_information = 20.0 * SqrtInformation<6>::Identity();
+      graph.accept(closure);
+      const double start = bench::ThreadTime::now();
+      if (!graph.optimise().ok()) throw std::runtime_error("an optimisation failed");
+      seconds.push_back(bench::ThreadTime::now() - start);
+    }
+    std::ranges::sort(seconds);
+    double total = 0.0;
+    for (const double one : seconds) total += one;
+    state.SetIterationTime(total);
+    state.counters["mean_ms"] = 1e3 * total / static_cast<double>(seconds.size());
+    state.counters["p99_ms"] = 1e3 * seconds[seconds.size() * 99 / 100];
+    state.counters["max_ms"] = 1e3 * seconds.back();
+  }
+}
+BENCHMARK(optimise)
+    ->Name("slam/map_graph/optimise")
+    ->ArgName("keyframes")
+    ->Arg(3'000)
+    ->Arg(10'000)
+    ->UseManualTime()
+    ->Iterations(1)
+    ->Unit(benchmark::kSecond);
 
 /// What a keyframe costs that closes no loop, in a map of so many: it should not depend on their number.
 void add(benchmark::State& state) {

@@ -42,7 +42,8 @@ struct BackEndCounts {
   Index failed_optimisations = 0;  ///< the estimates before were kept
   Index merges = 0;                ///< frames joined
   Index alignments = 0;            ///< scans aligned to submaps, accepted or not; without those that confirm a merge
-  OptimizeReport last;
+  UpdateReport last;               ///< of the last one, but for the one that finishes
+  ConvergeReport end;              ///< of the one that finishes
 };
 
 /// Keeps the keyframes of all sessions in one pose graph, closes loops, chains them, joins sessions, and optimises.
@@ -128,20 +129,23 @@ class BackEnd {
   /// Optimises to the end and hands out the map.
   [[nodiscard]] std::shared_ptr<const SlamMap> finish() {
     withdraw();
-    if (!map().closures.empty()) optimise();
+    if (!map().closures.empty()) {
+      counts_.end = graph_.converge();
+      count_optimisation(counts_.end.ok());
+    }
     publish_frame();
-    snapshot_.store(std::make_shared<const SlamMap>(map()));
-    return snapshot_.load();
+    return snapshot();
   }
 
   /// The map as it is; owned by the back end, to be read on the thread that adds.
   [[nodiscard]] const SlamMap& map() const { return graph_.map(); }
-  /// The map after the last optimisation; null before the first.
-  [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const { return snapshot_.load(); }
+  /// The map as it is between two steps of the back end, whole; it costs a copy where it has changed since the last
+  /// call, on the thread that asks.
+  [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const { return graph_.snapshot(); }
   /// Where odometry's frame lies in the map, by the newest keyframe; null before the first.
   [[nodiscard]] std::shared_ptr<const SE3d> T_map_odom() const { return T_map_odom_.load(); }
 
-  [[nodiscard]] const auto& graph() const { return graph_.graph(); }
+  [[nodiscard]] const auto& smoother() const { return graph_.smoother(); }
   /// All accepted closures as a graph over the keyframes.
   [[nodiscard]] const ClosureGraph& closure_graph() const { return closure_graph_; }
   [[nodiscard]] const Closer& closer() const { return closer_; }
@@ -268,11 +272,14 @@ class BackEnd {
   }
 
   void optimise() {
-    ++counts_.optimisations;
     counts_.last = graph_.optimise();
-    if (!counts_.last.ok()) ++counts_.failed_optimisations;
+    count_optimisation(counts_.last.ok());
+  }
+
+  void count_optimisation(bool succeeded) {
+    ++counts_.optimisations;
+    if (!succeeded) ++counts_.failed_optimisations;
     index_positions();
-    snapshot_.store(std::make_shared<const SlamMap>(map()));
   }
 
   void publish_frame() {
@@ -291,7 +298,6 @@ class BackEnd {
   GnssInterpolator gnss_;
   bool in_session_ = false;
   BackEndCounts counts_;
-  Snapshot<SlamMap> snapshot_;
   Snapshot<SE3d> T_map_odom_;
 };
 

@@ -1,16 +1,17 @@
 #pragma once
 
-#include <algorithm>
+#include <memory>
+#include <mutex>
 #include <span>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
-#include "chainslam/factor_graph/batch_optimizer.hpp"
-#include "chainslam/factor_graph/factor_graph.hpp"
+#include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/map/slam_map.hpp"
 
 namespace chainslam {
@@ -42,12 +43,16 @@ struct MapGraphOptions {
   /// Whether measurements of a loaded map are replaced by what its optimum says of them, as the released code does: the
   /// map then has no residuals, and counts what it knows twice.
   bool remeasure_loaded = false;
-  LevenbergMarquardt optimizer{.max_iterations = 50, .relative_tolerance = 1e-6};
+  /// How near each optimisation comes to the optimum: a tenth of a standard deviation where chi^2 is some hundreds.
+  SmootherOptions smoother{.linear_tolerance = 3e-4, .nonlinear_tolerance = 3e-4};
+  /// How near the last one does. Its iterations also bound the updates of the others.
+  ConvergeOptions optimizer{.max_iterations = 50, .relative_tolerance = 1e-6, .restart = false};
 };
 
 /// A map and its pose graph: a variable for each keyframe, a prior for each frame, factors for odometry and closures.
 ///
-/// Sessions start in frames of their own. `join` carries one frame over into another.
+/// Sessions start in frames of their own. `join` carries one frame over into another. What changes the map is called by
+/// one thread; `snapshot` may be called by any.
 /// @tparam Kernel  weighs closures down that the rest of the graph contradicts; in standard deviations.
 template <class Kernel = Cauchy>
 class MapGraph {
@@ -57,19 +62,30 @@ class MapGraph {
 
  public:
   using ClosureFactor = BetweenFactor<SE3d, Kernel>;
-  using Graph = std::conditional_t<std::is_same_v<Kernel, Trivial>, PoseGraph, FactorGraph<SE3d, ClosureFactor>>;
+  using Smoother = std::conditional_t<std::is_same_v<Kernel, Trivial>, IncrementalSmoother<SE3d>,
+                                      IncrementalSmoother<SE3d, ClosureFactor>>;
 
   explicit MapGraph(const MapGraphOptions& options = {}, Kernel kernel = {})
-      : options_(options), kernel_(std::move(kernel)) {}
+      : options_(options), kernel_(std::move(kernel)), smoother_(options.smoother) {}
 
+  /// For the thread that changes the map.
   [[nodiscard]] const SlamMap& map() const { return map_; }
-  [[nodiscard]] const Graph& graph() const { return graph_; }
+  /// The map as it is, whole: copied where it has changed since the last call, at the cost of the thread that asks.
+  [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const {
+    const std::scoped_lock lock(changing_);
+    if (!snapshot_) snapshot_ = std::make_shared<const SlamMap>(map_);
+    return snapshot_;
+  }
+  /// The variables are the keyframes, by number.
+  [[nodiscard]] const Smoother& smoother() const { return smoother_; }
   /// The session whose start defines the frame of a keyframe's T_map_body.
   [[nodiscard]] SessionId frame(const Keyframe& keyframe) const { return session(keyframe.session).frame; }
 
   /// Keyframes appended from now on are of a new session, in a frame of its own.
   void begin_session(std::string name) {
+    const Change change(*this);
     const SessionId id{to_index(map_.sessions.size())};
+    priors_.emplace_back();
     map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});
   }
 
@@ -87,6 +103,7 @@ class MapGraph {
   KeyframeId append(Keyframe keyframe) {
     check(keyframe);
     if (map_.sessions.empty()) begin_session({});
+    const Change change(*this);
     Session& session = map_.sessions.back();
     keyframe.id = KeyframeId{to_index(map_.keyframes.size())};
     keyframe.session = session.id;
@@ -101,7 +118,7 @@ class MapGraph {
       map_.odometry.push_back(
           {last.id, keyframe.id, T_last_new, options_.odometry_noise(T_last_new).sqrt_information()});
     }
-    graph_.add_value(keyframe.T_map_body);
+    smoother_.add_value(keyframe.T_map_body);
     if (session.keyframes++ == 0)
       add_prior(session);
     else
@@ -110,46 +127,62 @@ class MapGraph {
     return map_.keyframes.back().id;
   }
 
-  void set_gnss(KeyframeId id, const GnssFix& fix) { map_.keyframes[static_cast<std::size_t>(id.value)].gnss = fix; }
+  void set_gnss(KeyframeId id, const GnssFix& fix) {
+    const Change change(*this);
+    keyframe(id.value).gnss = fix;
+  }
 
   /// @returns the closure's position among the map's closures.
   Index accept(const LoopClosure& closure) {
+    const Change change(*this);
     add_factor(closure);
     map_.closures.push_back(closure);
     return to_index(map_.closures.size()) - 1;
   }
-  void refuse(const LoopClosure& closure) { map_.refusals.push_back(closure); }
+  void refuse(const LoopClosure& closure) {
+    const Change change(*this);
+    map_.refusals.push_back(closure);
+  }
 
-  /// Carries all sessions of the frame `joined` over into `frame`, and makes the graph anew: priors at the aligned
-  /// poses, or none.
+  /// Carries all sessions of the frame `joined` over into `frame`, as one body: what lies between their keyframes stays
+  /// as it is linearised. They keep priors at the aligned poses, or none.
   void join(SessionId frame, SessionId joined, const SE3d& T_frame_joined) {
+    const Change change(*this);
+    std::vector<Key> moved;
     for (Session& session : map_.sessions) {
       if (session.frame != joined) continue;
       session.frame = frame;
-      for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) {
-        SE3d& T_map_body = map_.keyframes[static_cast<std::size_t>(i)].T_map_body;
-        T_map_body = T_frame_joined * T_map_body;
-      }
       session.prior = T_frame_joined * session.prior;
-      if (options_.anchor_joined_sessions && session.keyframes > 0)
-        session.prior = map_.keyframes[static_cast<std::size_t>(session.first_keyframe)].T_map_body;
-      else
-        session.prior_sqrt_information.setZero();
+      if (!options_.anchor_joined_sessions || session.keyframes == 0) session.prior_sqrt_information.setZero();
+      FactorId& prior = priors_[static_cast<std::size_t>(session.id.value)];
+      if (smoother_.contains(prior)) smoother_.remove(prior);
+      for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) moved.push_back(i);
     }
-    rebuild();
+    smoother_.move(moved, T_frame_joined);
+    take(moved);
+    if (!options_.anchor_joined_sessions) return;
+    for (const Key key : moved) {
+      Session& session = map_.sessions[static_cast<std::size_t>(keyframe(key).session.value)];
+      if (session.first_keyframe != key) continue;
+      session.prior = keyframe(key).T_map_body;
+      add_prior(session);
+    }
   }
 
   /// Adds another map: its sessions follow those that are here, in frames of their own, and everything in it keeps the
   /// measurements it had. If the map is empty, all numbers stay the same.
   void load(const SlamMap& other) {
+    const Change change(*this);
     const Index keyframes = to_index(map_.keyframes.size());
     const Index sessions = to_index(map_.sessions.size());
+    const Index odometry = to_index(map_.odometry.size());
     const Index closures = to_index(map_.closures.size());
     const auto moved = [&](KeyframeId id) { return KeyframeId{id.value + keyframes}; };
     for (Session session : other.sessions) {
       session.id.value += sessions;
       session.frame.value += sessions;
       session.first_keyframe += keyframes;
+      priors_.emplace_back();
       map_.sessions.push_back(std::move(session));
     }
     for (Keyframe keyframe : other.keyframes) {
@@ -172,19 +205,60 @@ class MapGraph {
     };
     append_closures(other.closures, map_.closures);
     append_closures(other.refusals, map_.refusals);
-    if (options_.remeasure_loaded) remeasure();
-    rebuild();
+    if (options_.remeasure_loaded) {
+      remeasure();
+      rebuild();
+    } else {
+      add_to_smoother(sessions, keyframes, odometry, closures);
+    }
   }
 
-  /// Moves the keyframes to the graph's optimum; leaves them where they are if there is none.
-  OptimizeReport optimise() {
-    const OptimizeReport report = chainslam::optimise(graph_, options_.optimizer, solver_);
-    if (report.ok())
-      for (Keyframe& keyframe : map_.keyframes) keyframe.T_map_body = graph_[keyframe.id.value];
+  /// Takes in what was added, and moves the keyframes to the optimum, as near as the smoother's tolerances say. If that
+  /// fails they stay, and what was added waits for the next time.
+  UpdateReport optimise() {
+    UpdateReport report;
+    report.variables = smoother_.floating();
+    if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
+    for (Index k = 0; report.ok() && k < options_.optimizer.max_iterations; ++k) {
+      report = smoother_.update();
+      const Change change(*this);
+      if (report.ok())
+        take(smoother_.changed());
+      else
+        rebuild();
+      if (report.waiting == 0) break;
+    }
+    return report;
+  }
+
+  /// The same, to the end.
+  ConvergeReport converge() {
+    ConvergeReport report;
+    report.variables = smoother_.floating();
+    if (!report.variables.empty()) {
+      report.status = UpdateStatus::unconstrained;
+      return report;
+    }
+    report = smoother_.converge(options_.optimizer);
+    const Change change(*this);
+    if (!report.ok())
+      rebuild();
+    else
+      for (Key key = 0; key < smoother_.size(); ++key) keyframe(key).T_map_body = smoother_[key];
     return report;
   }
 
  private:
+  /// While it lives, the map changes, and nobody else reads it.
+  class Change {
+   public:
+    explicit Change(MapGraph& graph) : lock_(graph.changing_) { graph.snapshot_.reset(); }
+
+   private:
+    std::scoped_lock<std::mutex> lock_;
+  };
+
+  [[nodiscard]] Keyframe& keyframe(Index i) { return map_.keyframes[static_cast<std::size_t>(i)]; }
   [[nodiscard]] const Session& session(SessionId id) const { return map_.sessions[static_cast<std::size_t>(id.value)]; }
 
   void check(const Keyframe& keyframe) const {
@@ -199,32 +273,46 @@ class MapGraph {
     for (LoopClosure& closure : map_.closures) closure.T_from_to = pose(closure.from).inverse() * pose(closure.to);
   }
 
+  void take(std::span<const Key> keys) {
+    for (const Key key : keys) keyframe(key).T_map_body = smoother_[key];
+  }
+
   void rebuild() {
-    graph_ = Graph();
-    for (const Keyframe& keyframe : map_.keyframes) graph_.add_value(keyframe.T_map_body);
-    for (const Session& session : map_.sessions) add_prior(session);
-    for (const OdometryMeasurement& step : map_.odometry) add_factor(step);
-    for (const LoopClosure& closure : map_.closures) add_factor(closure);
+    smoother_ = Smoother(options_.smoother);
+    add_to_smoother(0, 0, 0, 0);
+  }
+  /// Adds all of the map from these positions on.
+  void add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures) {
+    const auto from = [](const auto& list, Index first) {
+      return std::span(list).subspan(static_cast<std::size_t>(first));
+    };
+    for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) smoother_.add_value(keyframe.T_map_body);
+    for (const Session& session : from(map_.sessions, sessions)) add_prior(session);
+    for (const OdometryMeasurement& step : from(map_.odometry, odometry)) add_factor(step);
+    for (const LoopClosure& closure : from(map_.closures, closures)) add_factor(closure);
   }
 
   void add_prior(const Session& session) {
-    if (session.keyframes > 0 && !session.prior_sqrt_information.isZero(0))
-      graph_.add(PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
+    if (session.keyframes == 0 || session.prior_sqrt_information.isZero(0)) return;
+    priors_[static_cast<std::size_t>(session.id.value)] =
+        smoother_.add(PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
   }
   void add_factor(const OdometryMeasurement& step) {
-    graph_.add(BetweenFactor<SE3d>{step.from.value, step.to.value, step.T_from_to, step.sqrt_information});
+    smoother_.add(BetweenFactor<SE3d>{step.from.value, step.to.value, step.T_from_to, step.sqrt_information});
   }
   void add_factor(const LoopClosure& closure) {
     if (!closure.sqrt_information.isZero(0))
-      graph_.add(
+      smoother_.add(
           ClosureFactor{closure.from.value, closure.to.value, closure.T_from_to, closure.sqrt_information, kernel_});
   }
 
   MapGraphOptions options_;
   [[no_unique_address]] Kernel kernel_;
   SlamMap map_;
-  Graph graph_;
-  BlockCholesky<6> solver_;
+  Smoother smoother_;
+  std::vector<FactorId> priors_;  ///< of each session
+  mutable std::mutex changing_;
+  mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since
 };
 
 }  // namespace chainslam
