@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -281,5 +282,46 @@ TEST_SUITE("factor_graph/incremental_smoother") {
     CHECK(smoother.cost() <= 1.0001 * graph.cost());
     REQUIRE(smoother.converge().ok());
     CHECK(smoother.cost() == doctest::Approx(graph.cost()).epsilon(1e-7));
+  }
+
+  TEST_CASE("where full steps end in the wrong place, converge starts again from the chordal relaxation") {
+    constexpr int size = 12;
+    const SE2d step(SO2d::from_angle(2 * std::numbers::pi / size), {1, 0});
+    for (const bool restart : {false, true}) {
+      IncrementalSmoother<SE2d> smoother;
+      for (int k = 0; k < size; ++k) smoother.add_value(SE2d());  // a ring, wound the wrong way
+      for (int k = 0; k < size; ++k)
+        smoother.add_between(k, (k + 1) % size, step, NoiseModel<3>::from_sigmas({0.1, 0.1, 0.1}));
+      smoother.set_fixed(0);
+      const ConvergeReport report = smoother.converge({.restart = restart});
+      REQUIRE(report.ok());
+      CHECK(report.converged);
+      CHECK(report.final_cost == doctest::Approx(smoother.cost()).epsilon(1e-9).scale(1e-9));
+      CHECK(report.final_cost <= report.initial_cost);
+      CHECK((report.final_cost < 1e-9) == restart);
+      CHECK((report.method == ConvergeMethod::chordal_restart) == restart);
+      smoother.add_value(smoother[size - 1]);  // and goes on from there
+      smoother.add_between(size - 1, size, step, NoiseModel<3>::from_sigma(0.1));
+      REQUIRE(smoother.update().ok());
+      CHECK(smoother[size].local(smoother[size - 1] * step).norm() < 1e-6);
+    }
+  }
+
+  TEST_CASE("converge never raises the cost, wherever the estimate starts") {
+    for_all(20, [](Rng& rng, int size) {
+      FactorGraph<SE2d> graph = random_graph<SE2d>(rng, size + 10, 0.05);
+      IncrementalSmoother<SE2d> smoother;
+      for (Key key = 0; key < graph.values().size(); ++key)
+        smoother.add_value(key == 0 ? graph[0] : graph[key].retract(random_tangent<SE2d>(rng, 5.0, 1.5)));
+      for (const auto& factor : graph.betweens()) smoother.add(factor);
+      smoother.set_fixed(0);
+      graph.set_fixed(0);
+      REQUIRE(optimise(graph).ok());
+      const ConvergeReport report = smoother.converge({.restart = size % 2 == 0});
+      REQUIRE(report.ok());
+      CHECK(report.final_cost <= report.initial_cost);
+      CHECK(report.final_cost == doctest::Approx(smoother.cost()));
+      if (size % 2 == 0) CHECK(report.final_cost <= (1 + 1e-6) * graph.cost());
+    });
   }
 }
