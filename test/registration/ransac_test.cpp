@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <chrono>
 #include <limits>
 #include <numbers>
 #include <vector>
@@ -15,7 +16,8 @@
 namespace chainslam::test {
 namespace {
 
-/// Points in a yard, the same ones seen from elsewhere with noise, and matches of which some are wrong.
+/// Points in a yard, the same ones seen from elsewhere with noise, and matches
+/// of which some are wrong.
 struct MatchedScene {
   PointCloud<float> source, target;
   std::vector<FeatureMatch> matches;
@@ -61,8 +63,8 @@ TEST_SUITE("registration/ransac") {
         const GlobalAlignResult result = align({.max_distance = 0.3, .seed = rng.bits()}, made);
         CHECK(result.status == GlobalAlignStatus::found);
         CHECK(result.matches == 600);
-        // The fit of n >= 60 matches with 5 cm each way: 5 cm / sqrt 60 = 6 mm; wrong ones that agree by chance add
-        // some.
+        // The fit of n >= 60 matches with 5 cm each way: 5 cm / sqrt 60 = 6 mm;
+        // wrong ones that agree by chance add some.
         CHECK(translation_error(made.truth, result.T_target_source) < 0.06);
         CHECK(rotation_error(made.truth, result.T_target_source) < 0.5 * degree);
         const double right = 1 - wrong;
@@ -76,7 +78,8 @@ TEST_SUITE("registration/ransac") {
   }
 
   TEST_CASE("stops after as many hypotheses as the share of right matches asks for") {
-    // A triple of right matches is among k with 0.999 if k = log(0.001) / log(1 - 0.5^3) = 52; noise wants a few more.
+    // A triple of right matches is among k with 0.999 if k = log(0.001) / log(1
+    // - 0.5^3) = 52; noise wants a few more.
     Rng rng(3);
     const MatchedScene half = scene(rng, 1000, 0.5, 0.0);
     const GlobalAlignResult result = align({.max_distance = 0.3, .edge_length_ratio = 0}, half);
@@ -111,7 +114,8 @@ TEST_SUITE("registration/ransac") {
     double once = 0, again = 0;
     for_all(20, [&](Rng& rng, int) {
       const MatchedScene made = scene(rng, 300, 0.5, 0.1);
-      once += translation_error(made.truth, align({.max_distance = 0.5, .refits = 0}, made).T_target_source);
+      once += translation_error(
+          made.truth, align({.max_distance = 0.5, .local_optimization = {.rounds = 0}}, made).T_target_source);
       again += translation_error(made.truth, align({.max_distance = 0.5}, made).T_target_source);
     });
     CHECK(again < 0.5 * once);
@@ -131,9 +135,49 @@ TEST_SUITE("registration/ransac") {
         CHECK(parallel.fitness_target == serial.fitness_target);
         CHECK(parallel.inlier_rmse == serial.inlier_rmse);
       }
-      const Ransac other{.max_distance = 0.3, .refits = 0, .seed = ransac.seed + 1};
+      const Ransac other{.max_distance = 0.3, .seed = ransac.seed + 1, .local_optimization = {.rounds = 0}};
       CHECK(!(other.align(made.source, target, made.matches).T_target_source == serial.T_target_source));
     });
+  }
+
+  TEST_CASE(
+      "giving up early changes nothing where it is bounded, and little "
+      "by the sequential test") {
+    int same = 0;
+    for_all(20, [&same](Rng& rng, int) {
+      const MatchedScene made = scene(rng, 600, 0.85, 0.05);
+      const KdTree<float> target(made.target);
+      const BasicRansac<Refit, NoBailOut> whole{.max_distance = 0.3, .seed = rng.bits()};
+      const BasicRansac<Refit, BoundedScoring> bounded{.max_distance = 0.3, .seed = whole.seed};
+      const BasicRansac<Refit, SequentialTest> tested{.max_distance = 0.3, .seed = whole.seed};
+      const GlobalAlignResult expected = whole.align(made.source, target, made.matches);
+      const GlobalAlignResult result = bounded.align(made.source, target, made.matches);
+      CHECK(result.T_target_source == expected.T_target_source);
+      CHECK(result.iterations == expected.iterations);
+      const GlobalAlignResult guessed = tested.align(made.source, target, made.matches);
+      REQUIRE(guessed.found());
+      CHECK(translation_error(made.truth, guessed.T_target_source) < 0.1);
+      same += guessed.T_target_source == expected.T_target_source ? 1 : 0;
+    });
+    CHECK(same >= 10);
+    // Of 64 matches, none agree: 64 log(0.99 / 0.9) = 6.1 exceeds -log 0.01
+    // = 4.6; of 40, it is 3.8.
+    const SequentialTest test;
+    CHECK(test.give_up(64, 1000, 0, 0, 1, 0));
+    CHECK(!test.give_up(40, 1000, 0, 0, 1, 0));
+    CHECK(!test.give_up(64, 1000, 5, 5, 1, 0));
+    CHECK(BoundedScoring{}.give_up(90, 100, 40, 40, 1, 50));
+    CHECK(!BoundedScoring{}.give_up(89, 100, 40, 40, 1, 50));
+  }
+
+  TEST_CASE("a deadline that has passed ends the search with the best so far") {
+    Rng rng(8);
+    const MatchedScene made = scene(rng, 400, 1.0, 0.0);  // else all hypotheses are tried
+    const Deadline passed = Deadline::in(std::chrono::nanoseconds(0));
+    const GlobalAlignResult result =
+        Ransac{.max_distance = 0.05}.align(made.source, KdTree<float>(made.target), made.matches, Serial{}, passed);
+    CHECK(result.iterations < 1000);
+    CHECK(result.status == GlobalAlignStatus::no_consensus);
   }
 
   TEST_CASE("matches that agree on nothing, or on a line, are no consensus") {

@@ -97,7 +97,7 @@ template <class Scalar>
 void mean_histogram(const HistogramRows& histograms, std::span<const Neighbor<Scalar>> neighbors, FpfhBlend blend,
                     std::array<float, HistogramRows::stride>& mean) {
   constexpr std::size_t registers = HistogramRows::stride / lane_count;
-  std::array<Floats, registers> sums{};
+  std::array<FloatLanes, registers> sums{};
   float weights = 0;
   for (const Neighbor<Scalar>& neighbor : neighbors) {
     const auto j = static_cast<std::size_t>(neighbor.index);
@@ -106,7 +106,7 @@ void mean_histogram(const HistogramRows& histograms, std::span<const Neighbor<Sc
     const float weight = 1 / (blend == FpfhBlend::half_own ? std::sqrt(squared) : squared);
     const float* row = histograms[j];
     for (std::size_t k = 0; k < registers; ++k) {
-      Floats values;
+      FloatLanes values;
       load(row + k * lane_count, values);
       sums[k] += weight * values;
     }

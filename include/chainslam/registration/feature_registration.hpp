@@ -9,13 +9,16 @@
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/features/fpfh.hpp"
 #include "chainslam/features/matching.hpp"
+#include "chainslam/features/neighborhoods.hpp"
 #include "chainslam/features/normals.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/ransac.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
+#include "chainslam/search/kd_tree.hpp"
 
 namespace chainslam {
 
@@ -62,29 +65,38 @@ struct FeatureRegistration {
     PointCloud<float> cloud = voxel_downsample(points, voxel_size);
     const std::vector<Eigen::Vector3f> seen_sides = std::move(cloud.normals);
     cloud.normals.clear();
-    estimate_normals(cloud, normals, Eigen::Vector3d::Zero(), executor);
+    const KdTree<float> tree(cloud);
+    const Neighborhoods near(cloud, tree, features.radius, features.max_neighbors, executor);
+    if (normals.radius <= features.radius)
+      estimate_normals(cloud, near, normals, Eigen::Vector3d::Zero(), executor);
+    else
+      estimate_normals(cloud, tree, normals, Eigen::Vector3d::Zero(), executor);
     for (std::size_t i = 0; i < seen_sides.size(); ++i)
       if (cloud.normals[i].dot(seen_sides[i]) < 0) cloud.normals[i] = -cloud.normals[i];
-    IndexedCloud<> indexed(std::move(cloud));
-    FpfhFeatures described = estimate_fpfh(indexed.cloud(), indexed, features, executor);
-    return {std::move(indexed), std::move(described)};
+    FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);
+    return {IndexedCloud<>(std::move(cloud)), std::move(described)};
   }
 
+  /// @param deadline  for an estimator that takes one; past it, the best so far is the answer.
   /// @returns T_target_source with its figures, which count thinned points; the same to the bit for any executor.
   /// @throws std::invalid_argument if an option makes no sense.
   template <Executor Exec = Serial>
   [[nodiscard]] GlobalAlignResult align(const DescribedCloud& source, const DescribedCloud& target,
-                                        const Exec& executor = {}) const {
+                                        const Exec& executor = {}, const Deadline& deadline = {}) const {
     constexpr std::size_t least_points = 3;
     if (source.cloud.size() < least_points || target.cloud.size() < least_points) return {};
     const std::vector<FeatureMatch> matches = match_features(source.features, target.features, matching, executor);
-    return estimator.align(source.cloud.cloud(), target.cloud, matches, executor);
+    if constexpr (requires { estimator.align(source.cloud.cloud(), target.cloud, matches, executor, deadline); })
+      return estimator.align(source.cloud.cloud(), target.cloud, matches, executor, deadline);
+    else
+      return estimator.align(source.cloud.cloud(), target.cloud, matches, executor);
   }
 
   /// The same for clouds as they come; see `describe`.
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
-  [[nodiscard]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {}) const {
-    return align(describe(source, executor), describe(target, executor), executor);
+  [[nodiscard]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {},
+                                        const Deadline& deadline = {}) const {
+    return align(describe(source, executor), describe(target, executor), executor, deadline);
   }
 };
 static_assert(GlobalRegistration<FeatureRegistration<>, PointCloud<float>, PointCloud<float>>);

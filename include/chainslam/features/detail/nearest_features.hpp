@@ -174,7 +174,7 @@ class NearestTable {
   }
   [[nodiscard]] float rounded_squared_distance(Index query, Index other) const {
     const float *a = queries_->feature(query), *b = others_->feature(other);
-    Floats sum{}, left, right;
+    FloatLanes sum{}, left, right;
     for (std::size_t row = 0; row < queries_->stride(); row += lane_count) {
       load(a + row, left);
       load(b + row, right);
@@ -225,7 +225,7 @@ class DistanceTiles {
   }
 
  private:
-  using Tile = std::array<std::array<Floats, 2>, tile_rows>;
+  using Tile = std::array<std::array<FloatLanes, 2>, tile_rows>;
 
   /// Infinitely long where a panel has no more features: nothing is ever near.
   [[nodiscard]] static std::vector<float> padded(std::span<const float> norms, std::size_t width) {
@@ -236,7 +236,7 @@ class DistanceTiles {
 
   /// |a|^2 / 2 + |b|^2 / 2 - a . b, half the squared distance, of every pair.
   void measure(std::size_t row_panel, std::size_t column_panel, Tile& result) const {
-    Floats left, right;
+    FloatLanes left, right;
     load(&column_norms_[column_panel * tile_columns], left);
     load(&column_norms_[column_panel * tile_columns + lane_count], right);
     Tile tile;
@@ -258,8 +258,8 @@ class DistanceTiles {
   }
 
   /// Where a row's distances are within a limit, its own or the columns'.
-  static void find_near(const std::array<Floats, 2>& row, float limit, const Floats& left, const Floats& right,
-                        Masks& near) {
+  static void find_near(const std::array<FloatLanes, 2>& row, float limit, const FloatLanes& left,
+                        const FloatLanes& right, MaskLanes& near) {
     near |= (row[0] <= left) | (row[1] <= right) | (row[0] <= limit) | (row[1] <= limit);
   }
 
@@ -269,17 +269,17 @@ class DistanceTiles {
     measure(row_panel, column_panel, tile);
     const std::size_t first_row = row_panel * tile_rows, first_column = column_panel * tile_columns;
     const float* row_limits = of_rows.limits() + first_row;
-    Floats left, right;
+    FloatLanes left, right;
     load(of_columns.limits() + first_column, left);
     load(of_columns.limits() + first_column + lane_count, right);
-    Masks near{};
+    MaskLanes near{};
 #pragma GCC unroll 6
     for (std::size_t r = 0; r < tile_rows; ++r) find_near(tile[r], row_limits[r], left, right, near);
     if (!any(near)) return;
     const std::size_t rows = std::min(tile_rows, row_count_ - first_row);
     const std::size_t columns = std::min(tile_columns, column_count_ - first_column);
     for (std::size_t r = 0; r < rows; ++r) {
-      near = Masks{};
+      near = MaskLanes{};
       find_near(tile[r], row_limits[r], left, right, near);
       if (!any(near)) continue;
       for (std::size_t c = 0; c < columns; ++c) {

@@ -41,7 +41,7 @@ class PairHistogram {
     const std::size_t padded = whole_lanes(size_);
     for (std::size_t i = size_; i < padded; ++i)
       for (std::vector<float>& column : columns_) column[i] = 0;
-    Masks valid{};
+    MaskLanes valid{};
     for (std::size_t i = 0; i < padded; i += lane_count) measure(i, normal, valid);
     const std::int32_t pairs = -sum(valid);
     count_angles(padded, pairs, counts.data());
@@ -57,22 +57,22 @@ class PairHistogram {
   }
 
   /// Replaces the columns by what is compared with the borders: the point whose direction is theta's, alpha, phi.
-  void measure(std::size_t i, const Eigen::Vector3f& normal, Masks& valid) {
+  void measure(std::size_t i, const Eigen::Vector3f& normal, MaskLanes& valid) {
     constexpr float least_squared_sine = 1e-12F;
-    Floats dx, dy, dz, qx, qy, qz;
+    FloatLanes dx, dy, dz, qx, qy, qz;
     load(&columns_[0][i], dx);
     load(&columns_[1][i], dy);
     load(&columns_[2][i], dz);
     load(&columns_[3][i], qx);
     load(&columns_[4][i], qy);
     load(&columns_[5][i], qz);
-    const Floats zero{};
-    const Floats px = zero + normal[0], py = zero + normal[1], pz = zero + normal[2];
-    const Floats along_p = dx * px + dy * py + dz * pz, along_q = dx * qx + dy * qy + dz * qz;
-    const Floats cosine = px * qx + py * qy + pz * qz;
-    const Masks swapped = along_p * along_p < along_q * along_q;
+    const FloatLanes zero{};
+    const FloatLanes px = zero + normal[0], py = zero + normal[1], pz = zero + normal[2];
+    const FloatLanes along_p = dx * px + dy * py + dz * pz, along_q = dx * qx + dy * qy + dz * qz;
+    const FloatLanes cosine = px * qx + py * qy + pz * qz;
+    const MaskLanes swapped = along_p * along_p < along_q * along_q;
 
-    Floats ux, uy, uz, tx, ty, tz;
+    FloatLanes ux, uy, uz, tx, ty, tz;
     choose(swapped, qx, px, ux);
     choose(swapped, qy, py, uy);
     choose(swapped, qz, pz, uz);
@@ -80,18 +80,18 @@ class PairHistogram {
     choose(swapped, py, qy, ty);
     choose(swapped, pz, qz, tz);
     // The line runs from the frame's point to the other: swapped, that is -d.
-    Floats along, across;
+    FloatLanes along, across;
     choose(swapped, -along_q, along_p, along);
     choose(swapped, -along_p, along_q, across);
-    const Floats vx = dy * uz - dz * uy, vy = dz * ux - dx * uz, vz = dx * uy - dy * ux;
-    const Floats squared_length = dx * dx + dy * dy + dz * dz, squared_width = vx * vx + vy * vy + vz * vz;
-    const Masks good = squared_width > least_squared_sine * squared_length;
-    Floats inverse_length, inverse_width, alpha;
+    const FloatLanes vx = dy * uz - dz * uy, vy = dz * ux - dx * uz, vz = dx * uy - dy * ux;
+    const FloatLanes squared_length = dx * dx + dy * dy + dz * dz, squared_width = vx * vx + vy * vy + vz * vz;
+    const MaskLanes good = squared_width > least_squared_sine * squared_length;
+    FloatLanes inverse_length, inverse_width, alpha;
     inverse_root(squared_length, inverse_length);
     inverse_root(squared_width, inverse_width);
     negate_where(swapped, (vx * tx + vy * ty + vz * tz) * inverse_width, alpha);
-    const Floats none = zero - 2.0F;  // below all borders
-    Floats column;
+    const FloatLanes none = zero - 2.0F;  // below all borders
+    FloatLanes column;
     choose(good, squared_width * inverse_width * cosine, zero, column);
     store(column, &columns_[0][i]);
     choose(good, across - along * cosine, zero, column);
@@ -109,17 +109,17 @@ class PairHistogram {
     constexpr std::size_t borders = fpfh_bins / 2;
     constexpr std::array<float, borders> cosines{0.95949297F, 0.65486073F, 0.14231484F, -0.41541501F, -0.84125353F};
     constexpr std::array<float, borders> sines{0.28173256F, 0.75574957F, 0.98982144F, 0.90963200F, 0.54064082F};
-    std::array<Masks, borders> beyond{}, below{};
-    const Floats zero{};
+    std::array<MaskLanes, borders> beyond{}, below{};
+    const FloatLanes zero{};
     for (std::size_t i = 0; i < padded; i += lane_count) {
-      Floats x, y, above;
+      FloatLanes x, y, above;
       load(&columns_[0][i], x);
       load(&columns_[1][i], y);
-      const Masks lower = y < zero;
+      const MaskLanes lower = y < zero;
       negate_where(lower, y, above);
 #pragma GCC unroll 5
       for (std::size_t j = 0; j < borders; ++j) {
-        const Masks left = cosines[j] * above > sines[j] * x;
+        const MaskLanes left = cosines[j] * above > sines[j] * x;
         beyond[j] += left;
         below[j] += left & lower;
       }
@@ -138,9 +138,9 @@ class PairHistogram {
 
   /// 11 equal bins over [-1, 1].
   static void count_cosines(const float* values, std::size_t padded, std::int32_t pairs, std::int32_t* counts) {
-    std::array<Masks, fpfh_bins - 1> beyond{};
+    std::array<MaskLanes, fpfh_bins - 1> beyond{};
     for (std::size_t i = 0; i < padded; i += lane_count) {
-      Floats value;
+      FloatLanes value;
       load(values + i, value);
 #pragma GCC unroll 10
       for (std::size_t j = 0; j < fpfh_bins - 1; ++j)

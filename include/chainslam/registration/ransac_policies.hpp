@@ -1,0 +1,95 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <concepts>
+#include <cstddef>
+#include <optional>
+#include <stdexcept>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/registration/detail/consensus.hpp"
+#include "chainslam/registration/matched_points.hpp"
+
+namespace chainslam {
+
+/// Makes a hypothesis better that beats those before it.
+///
+/// Law: `improve(points, hypothesis, max_distance)` returns one whose gain is not smaller.
+template <class L>
+concept LocalOptimization = requires(const L& local, const MatchedPoints& points, const Hypothesis& hypothesis,
+                                     double max_distance) {
+  { local.improve(points, hypothesis, max_distance) } -> std::same_as<Hypothesis>;
+};
+
+/// Leaves hypotheses as the triples gave them.
+struct NoLocalOptimization {
+  [[nodiscard]] Hypothesis improve(const MatchedPoints& /*points*/, const Hypothesis& hypothesis,
+                                   double /*max_distance*/) const {
+    return hypothesis;
+  }
+};
+
+/// Fits the motion again to all matches that agree, while that makes it better (Chum, Matas and Kittler 2003).
+struct Refit {
+  Index rounds = 10;  ///< at most; 0: not at all
+
+  [[nodiscard]] Hypothesis improve(const MatchedPoints& points, const Hypothesis& hypothesis,
+                                   double max_distance) const {
+    Hypothesis best = hypothesis;
+    for (Index round = 0; round < rounds && best.consensus >= AnyRotation::least_points; ++round) {
+      const std::vector<double> weights = detail::agreeing(points, best.T_target_source, max_distance);
+      const std::optional<SE3d> fit = fit_motion<AnyRotation>(points.source, points.target, weights);
+      if (!fit) break;
+      const Hypothesis next = detail::judge(points, *fit, max_distance);
+      if (!(next.gain > best.gain)) break;
+      best = next;
+    }
+    return best;
+  }
+};
+static_assert(LocalOptimization<NoLocalOptimization> && LocalOptimization<Refit>);
+
+/// Judges a hypothesis by the matches, which come in random order, and may give up on it before the last.
+///
+/// Law: `give_up(seen, count, agreed, gain, largest_gain, least_gain)`, asked after each block of matches, is true
+/// where the hypothesis need not be looked at further: `seen` of `count` matches have been judged, `agreed` of them
+/// agree, with `gain` in all; one match gains at most `largest_gain`; a hypothesis with no more than `least_gain` is of
+/// no use.
+template <class B>
+concept BailOut = requires(const B& bail_out, Index number, double gain) {
+  { bail_out.give_up(number, number, number, gain, gain, gain) } -> std::same_as<bool>;
+};
+
+/// Always looks at all matches.
+struct NoBailOut {
+  [[nodiscard]] bool give_up(Index, Index, Index, double, double, double) const { return false; }
+};
+
+/// Gives up where even if all other matches fitted perfectly the hypothesis would not be of use: changes no result.
+struct BoundedScoring {
+  [[nodiscard]] bool give_up(Index seen, Index count, Index /*agreed*/, double gain, double largest_gain,
+                             double least_gain) const {
+    return gain + (count - seen) * largest_gain <= least_gain;
+  }
+};
+
+/// Gives up where the matches seen speak for a hypothesis from wrong matches and against one from right ones, by Wald's
+/// sequential probability ratio test (Chum and Matas 2008): a right one is given up by mistake in `mistakes` of cases.
+struct SequentialTest {
+  double right_share = 0.1;    ///< of all matches, least, that agree with a right hypothesis
+  double chance_share = 0.01;  ///< that agree with a wrong one
+  double mistakes = 0.01;
+
+  [[nodiscard]] bool give_up(Index seen, Index count, Index agreed, double gain, double largest_gain,
+                             double least_gain) const {
+    if (BoundedScoring{}.give_up(seen, count, agreed, gain, largest_gain, least_gain)) return true;
+    const double evidence = agreed * std::log(chance_share / right_share) +
+                            (seen - agreed) * std::log((1 - chance_share) / (1 - right_share));
+    return evidence > -std::log(mistakes);
+  }
+};
+static_assert(BailOut<NoBailOut> && BailOut<BoundedScoring> && BailOut<SequentialTest>);
+
+}  // namespace chainslam
