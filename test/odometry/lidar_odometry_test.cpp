@@ -10,6 +10,7 @@
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/odometry/odometry_source.hpp"
 #include "chainslam/odometry/recorded_odometry.hpp"
+#include "support/quick.hpp"
 #include "support/world.hpp"
 
 using namespace chainslam;
@@ -77,7 +78,7 @@ TEST_SUITE("odometry/lidar_odometry") {
     CHECK(run.max_angle < 0.006);
   }
 
-  TEST_CASE("correcting the sweeps is what keeps the walk straight") {
+  TEST_CASE("correcting the sweeps is what keeps the walk straight" * doctest::skip(quick())) {
     const auto crosswise = [](const Run& run) {
       double sum = 0;
       for (const Frame& frame : run.frames) sum += frame.health.residual_rms;
@@ -262,7 +263,7 @@ TEST_SUITE("odometry/lidar_odometry") {
     CHECK(worst < 0.03);
   }
 
-  TEST_CASE("the covariance is about as large as the errors are") {
+  TEST_CASE("the covariance is about as large as the errors are" * doctest::skip(quick())) {
     // Normalised squared errors of the poses of a walk, over the six dimensions: one would be perfect.
     LidarOdometryOptions<> options;
     LidarOdometry<> odometry(options);

@@ -10,6 +10,7 @@
 #include "chainslam/search/kd_tree.hpp"
 #include "chainslam/search/voxel_map.hpp"
 #include "support/property.hpp"
+#include "support/quick.hpp"
 #include "support/world.hpp"
 
 using namespace chainslam;
@@ -45,7 +46,7 @@ SE3d off_by(Rng& rng, double metres, double radians) {
 }  // namespace
 
 TEST_SUITE("odometry/scan_to_map") {
-  TEST_CASE("a guess within its stated error is brought home") {
+  TEST_CASE("a guess within its stated error is brought home" * doctest::skip(quick())) {
     for_all(12, [](Rng& rng, int) {
       const World world = hall();
       const VoxelMap<float> map = map_of(world, rng);
