@@ -1,24 +1,45 @@
 #include "chainslam/features/matching.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <nanoflann.hpp>
+#include <numbers>
 #include <utility>
 #include <vector>
 
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/features/fpfh.hpp"
-#include "chainslam/features/normals.hpp"
-#include "chainslam/search/indexed_cloud.hpp"
+#include "chainslam/features/neighborhoods.hpp"
+#include "chainslam/search/kd_tree.hpp"
 #include "clouds.hpp"
 #include "versus.hpp"
+#ifdef CHAINSLAM_PEER_KISS_MATCHER
+#include "registration/peers/kiss_matcher.hpp"
+#endif
+#ifdef CHAINSLAM_PEER_OPEN3D
+#include "registration/peers/open3d.hpp"
+#endif
 
 namespace chainslam {
 namespace {
 
-FpfhFeatures describe(const PointCloud<float>& scan) {
-  PointCloud<float> cloud = voxel_downsample(scan, 1.0);
-  estimate_normals(cloud, {.neighbors = 30, .radius = 2.0});
-  const IndexedCloud<> indexed(std::move(cloud));
-  return estimate_fpfh(indexed.cloud(), indexed);
+/// The points of a sector of 200 degrees, thinned to 0.5 m, and their features:
+/// about 5000.
+struct Described {
+  PointCloud<float> cloud;
+  FpfhFeatures features;
+};
+
+Described describe(const PointCloud<float>& scan) {
+  PointCloud<float> sector;
+  for (const Eigen::Vector3f& p : scan.positions)
+    if (std::abs(std::atan2(p.y(), p.x())) <= 100 * std::numbers::pi_v<float> / 180) sector.positions.push_back(p);
+  Described described{voxel_downsample(sector, 0.5), {}};
+  const Neighborhoods near(described.cloud, KdTree<float>(described.cloud), 2.5, 0);
+  estimate_normals(described.cloud, near, {.neighbors = 0, .radius = 1.5});
+  described.features = estimate_fpfh(described.cloud, near);
+  return described;
 }
 
 /// The field's usual way: a k-d tree in 33 dimensions each way.
@@ -45,21 +66,59 @@ std::vector<FeatureMatch> match_by_trees(const FpfhFeatures& source, const FpfhF
   return matches;
 }
 
-/// Mutual matches of the features of two scans, thinned to 1 m.
+#ifdef CHAINSLAM_PEER_KISS_MATCHER
+/// Our features as KISS-Matcher takes them: all match the same numbers.
+bench::KissMatcherFeatures for_kiss_matcher(const Described& described) {
+  bench::KissMatcherFeatures features;
+  for (Eigen::Index i = 0; i < described.features.cols(); ++i) {
+    if (described.features.col(i).isZero(0)) continue;
+    features.positions.push_back(described.cloud.positions[static_cast<std::size_t>(i)]);
+    std::copy_n(described.features.col(i).data(), 33, features.features.emplace_back().begin());
+  }
+  return features;
+}
+#endif
+
+/// Mutual matches of the features of two scans' sectors.
 void matching(benchmark::State& state, const bench::ScanPair& pair) {
-  const FpfhFeatures source = describe(pair.second), target = describe(pair.first);
-  const auto ours = [&] { return static_cast<double>(match_features(source, target).size()); };
-  const auto theirs = [&] { return static_cast<double>(match_by_trees(source, target).size()); };
-  bench::require_same_answers(std::array{ours()}, std::array{theirs()}, 2e-3);  // ties
-  bench::versus(state, "nanoflann", ours, theirs);
+  const Described source = describe(pair.second), target = describe(pair.first);
+  const auto ours = [&] { return static_cast<double>(match_features(source.features, target.features).size()); };
+  const auto theirs = [&] { return static_cast<double>(match_by_trees(source.features, target.features).size()); };
+  bench::require_same_answers(std::array{ours()}, std::array{theirs()},
+                              2e-3);  // ties
+#ifdef CHAINSLAM_PEER_KISS_MATCHER
+  const bench::KissMatcherFeatures kiss_source = for_kiss_matcher(source), kiss_target = for_kiss_matcher(target);
+#endif
+#ifdef CHAINSLAM_PEER_OPEN3D
+  // It matches features of its own: as many numbers, of the same points.
+  bench::Open3dCloud open3d_source(source.cloud.positions), open3d_target(target.cloud.positions);
+  for (bench::Open3dCloud* cloud : {&open3d_source, &open3d_target}) {
+    cloud->estimate_normals(30, 1.5);
+    cloud->estimate_fpfh(2.5);
+  }
+#endif
+  bench::versus(
+      state, ours, bench::Peer{"nanoflann", theirs}
+#ifdef CHAINSLAM_PEER_KISS_MATCHER
+      ,
+      bench::Peer{
+          "kiss_matcher",
+          [&] { return static_cast<double>(bench::kiss_matcher_matches(kiss_source, kiss_target, false).size()); }}
+#endif
+#ifdef CHAINSLAM_PEER_OPEN3D
+      ,
+      bench::Peer{"open3d",
+                  [&] { return static_cast<double>(bench::open3d_matches(open3d_source, open3d_target).size()); }}
+#endif
+  );
   state.counters["matches"] = ours();
-  state.counters["source"] = static_cast<double>(source.cols());
-  state.counters["target"] = static_cast<double>(target.cols());
+  state.counters["source"] = static_cast<double>(source.features.cols());
+  state.counters["target"] = static_cast<double>(target.features.cols());
 }
 
-const bool registered = [] {
+[[maybe_unused]] const bool matching_registered = [] {
   for (const bench::ScanPair& pair : bench::scan_pairs())
-    benchmark::RegisterBenchmark(("features/matching/" + pair.name + "_mutual").c_str(),
+    benchmark::RegisterBenchmark(("features/matching/" + pair.name).c_str(),
                                  [&pair](benchmark::State& state) { matching(state, pair); })
         ->UseManualTime()
         ->Unit(benchmark::kMillisecond);
