@@ -2,9 +2,13 @@
 
 #include <doctest/doctest.h>
 
+#include <array>
 #include <cmath>
 #include <limits>
+#include <vector>
 
+#include "chainslam/cloud/plane_fit.hpp"
+#include "chainslam/cloud/symmetric_eigen.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/search/brute_force.hpp"
 #include "chainslam/search/voxel_map.hpp"
@@ -21,7 +25,82 @@ PointCloud<float> sphere(Rng& rng, int count, double radius) {
   return cloud;
 }
 
+/// Clumps of different density, a line, duplicates and points that are not finite: what makes a guessed reach wrong.
+PointCloud<float> uneven(Rng& rng, int size) {
+  PointCloud<float> cloud;
+  const auto add = [&](const Eigen::Vector3d& p) { cloud.positions.emplace_back(p.cast<float>()); };
+  const int clumps = 1 + static_cast<int>(rng.uniform_index(4));
+  for (int clump = 0; clump < clumps; ++clump) {
+    const Eigen::Vector3d middle(rng.uniform(-50, 50), rng.uniform(-50, 50), rng.uniform(-5, 5));
+    const double spread = std::pow(10.0, rng.uniform(-2, 1));
+    for (int i = 0; i < 10 * size; ++i)
+      add(middle + spread * Eigen::Vector3d(rng.normal(), rng.normal(), 0.1 * rng.normal()));
+  }
+  for (int i = 0; i < size; ++i) add(Eigen::Vector3d(0.3 * i, 70, 0));
+  const std::size_t before = cloud.size();
+  for (int i = 0; i < size; ++i)
+    cloud.positions.push_back(cloud.positions[static_cast<std::size_t>(rng.uniform_index(to_index(before)))]);
+  cloud.positions.emplace_back(std::numeric_limits<float>::quiet_NaN(), 0.0f, 0.0f);
+  cloud.positions.emplace_back(0.0f, std::numeric_limits<float>::infinity(), 0.0f);
+  return cloud;
+}
+
 TEST_SUITE("features/normals") {
+  TEST_CASE("a tree's own points, asked leaf by leaf, get what looking at every point gives") {
+    test::for_all(40, [](Rng& rng, int size) {
+      PointCloud<float> by_leaves = uneven(rng, size), by_brute_force = by_leaves;
+      NormalOptions options{.neighbors = 3 + static_cast<Index>(rng.uniform_index(40)), .covariances = true};
+      if (rng.uniform() < 0.3) options.radius = rng.uniform(0.05, 5);
+      if (rng.uniform() < 0.2) options = {.neighbors = 0, .radius = rng.uniform(0.05, 2), .covariances = true};
+      const NormalEstimates ours = estimate_normals(by_leaves, options);
+      const NormalEstimates expected = estimate_normals(by_brute_force, BruteForce<>(by_brute_force), options);
+      CHECK(ours.without_normal == expected.without_normal);
+      REQUIRE(ours.covariances.size() == by_leaves.size());
+      for (std::size_t i = 0; i < by_leaves.size(); ++i) {
+        CHECK(by_leaves.normals[i].isZero(0) == by_brute_force.normals[i].isZero(0));
+        // The same neighbours in another order: sums in double of float differences.
+        const float trace = expected.covariances[i][0] + expected.covariances[i][3] + expected.covariances[i][5];
+        for (std::size_t j = 0; j < 6; ++j)
+          CHECK(std::abs(ours.covariances[i][j] - expected.covariances[i][j]) <= 1e-6f * trace);
+        CHECK(std::abs(ours.curvature[i] - expected.curvature[i]) < 1e-5f);
+      }
+    });
+  }
+
+  TEST_CASE("covariances are those of the neighbours about their mean") {
+    test::for_all(10, [](Rng& rng, int size) {
+      PointCloud<float> cloud = uneven(rng, size);
+      const NormalEstimates estimates = estimate_normals(cloud, {.neighbors = 12, .covariances = true});
+      const BruteForce<> search(cloud);
+      std::vector<Neighbor<float>> neighbors(12);
+      for (std::size_t i = 0; i + 2 < cloud.size(); i += 7) {
+        if (cloud.normals[i].isZero(0)) continue;
+        const auto found = static_cast<std::size_t>(search.knn(cloud.positions[i], neighbors));
+        Eigen::Matrix<double, 3, Eigen::Dynamic> points(3, static_cast<Eigen::Index>(found));
+        for (std::size_t j = 0; j < found; ++j)
+          points.col(static_cast<Eigen::Index>(j)) = search.position(neighbors[j].index).cast<double>();
+        const Eigen::Vector3d mean = points.rowwise().mean();
+        const Eigen::Matrix3d expected =
+            (points.colwise() - mean) * (points.colwise() - mean).transpose() / static_cast<double>(found);
+        const std::array<float, 6>& c = estimates.covariances[i];
+        Eigen::Matrix3d ours;
+        ours << c[0], c[1], c[2], c[1], c[3], c[4], c[2], c[4], c[5];
+        CHECK((ours - expected).norm() <= 1e-5 * expected.trace());  // float coordinates to 70 m
+        const Eigen::Vector3d normal = cloud.normals[i].cast<double>();
+        CHECK(normal.dot(expected * normal) <= fit_plane(points).eigenvalues[0] + 1e-6 * expected.trace());
+      }
+    });
+  }
+
+  TEST_CASE("thousands of points in one place are no matter") {
+    Rng rng(9);
+    PointCloud<float> cloud = sphere(rng, 2000, 3.0);
+    cloud.positions.resize(12'000, Eigen::Vector3f(3, 0, 0));
+    const NormalEstimates estimates = estimate_normals(cloud, {.neighbors = 10});
+    CHECK(estimates.without_normal >= 10'000);
+    CHECK(estimates.without_normal < 10'200);  // and those whose neighbours are in that place
+  }
+
   TEST_CASE("normals of a sphere point at a viewpoint in its middle") {
     Rng rng(1);
     PointCloud<float> cloud = sphere(rng, 5000, 5.0);
@@ -110,6 +189,43 @@ TEST_SUITE("features/normals") {
       CHECK(estimates.planarity == expected.planarity);
       CHECK(estimates.curvature == expected.curvature);
     }
+  }
+
+  TEST_CASE("eight eigenproblems at a time agree with one at a time") {
+    test::for_all(200, [](Rng& rng, int) {
+      std::array<Eigen::Matrix3d, detail::plane_lanes> matrices;
+      detail::SymmetricLanes lanes{};
+      for (int lane = 0; lane < detail::plane_lanes; ++lane) {
+        const Eigen::Matrix3d axes =
+            Eigen::Quaterniond(rng.normal(), rng.normal(), rng.normal(), rng.normal()).normalized().toRotationMatrix();
+        const double scale = std::pow(10.0, rng.uniform(-8, 8));
+        // A ball, a disc, a line, nothing, and anything.
+        const std::array<Eigen::Vector3d, 5> shapes{Eigen::Vector3d(1, 1, 1),
+                                                    {1e-9, 1, 1},
+                                                    {1e-9, 1e-9, 1},
+                                                    {0, 0, 0},
+                                                    {rng.uniform(), rng.uniform(), rng.uniform()}};
+        const Eigen::Vector3d values = scale * shapes[static_cast<std::size_t>(rng.uniform_index(5))];
+        Eigen::Matrix3d& m = matrices[static_cast<std::size_t>(lane)];
+        m = axes * values.asDiagonal() * axes.transpose();
+        lanes.xx[lane] = m(0, 0), lanes.xy[lane] = m(1, 0), lanes.xz[lane] = m(2, 0);
+        lanes.yy[lane] = m(1, 1), lanes.yz[lane] = m(2, 1), lanes.zz[lane] = m(2, 2);
+      }
+      detail::LeastEigenLanes eigen{};
+      detail::least_eigenvectors(lanes, eigen);
+      for (int lane = 0; lane < detail::plane_lanes; ++lane) {
+        const Eigen::Matrix3d& m = matrices[static_cast<std::size_t>(lane)];
+        const SymmetricEigen3 expected = symmetric_eigen(m);
+        const double tolerance = 1e-14 * m.norm() + 1e-300;
+        Eigen::Vector3d v;
+        for (std::size_t i = 0; i < 3; ++i) {
+          CHECK(std::abs(eigen.values[i][lane] - expected.values[static_cast<Eigen::Index>(i)]) <= tolerance);
+          v[static_cast<Eigen::Index>(i)] = eigen.vector[i][lane];
+        }
+        CHECK(v.norm() == doctest::Approx(1.0).epsilon(1e-14));
+        CHECK((m * v - expected.values[0] * v).norm() <= 10 * tolerance);
+      }
+    });
   }
 
   TEST_CASE("options that name no neighbourhood are refused") {

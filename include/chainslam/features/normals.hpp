@@ -1,16 +1,21 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cstddef>
 #include <limits>
-#include <span>
 #include <stdexcept>
+#include <type_traits>
 #include <vector>
 
-#include "chainslam/cloud/plane_fit.hpp"
+#include "chainslam/cloud/detail/plane_lanes.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
+#include "chainslam/search/detail/leaf_neighbors.hpp"
+#include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/search/kd_tree.hpp"
 
 namespace chainslam {
@@ -21,33 +26,140 @@ struct NormalOptions {
   Index neighbors = 20;                                     ///< 0: all within `radius`
   double radius = std::numeric_limits<double>::infinity();  ///< metres
   Index min_neighbors = 5;                                  ///< with fewer, a point gets no normal
+  bool covariances = false;                                 ///< whether to give them, too
 };
 
 /// What `estimate_normals` learned besides the normals, for each point.
 struct NormalEstimates {
   std::vector<float> planarity;  ///< (l1 - l0) / l2 in [0, 1], see `PlaneFit`; 0 without a normal
   std::vector<float> curvature;  ///< l0 / (l0 + l1 + l2) in [0, 1/3]; 0 without a normal
-  Index without_normal = 0;      ///< points that got none: isolated, on a line, NaN
+  /// Of the neighbours about their mean: xx, xy, xz, yy, yz, zz, m^2; zeros without a normal. Empty unless asked for.
+  std::vector<std::array<float, 6>> covariances;
+  Index without_normal = 0;  ///< points that got none: isolated, on a line, NaN
 };
 
 namespace detail {
 
-/// The plane through a point's neighbours; `neighbors` and `positions` are scratch memory.
-template <NearestNeighborSearch Search>
-[[nodiscard]] PlaneFit plane_at(const Search& search, const Eigen::Matrix<typename Search::Scalar, 3, 1>& point,
-                                const NormalOptions& options, std::vector<Neighbor<typename Search::Scalar>>& neighbors,
-                                std::vector<Eigen::Matrix<typename Search::Scalar, 3, 1>>& positions) {
-  const auto radius = static_cast<typename Search::Scalar>(options.radius);
-  if (options.neighbors > 0) {
-    neighbors.resize(static_cast<std::size_t>(options.neighbors));
-    neighbors.resize(static_cast<std::size_t>(search.knn(point, neighbors, radius)));
-  } else {
-    search.within(point, radius, neighbors);
+/// Where normals and what goes with them are written.
+struct NormalWriter {
+  PointCloud<float>& cloud;
+  NormalEstimates& estimates;
+  const NormalOptions& options;
+  Eigen::Vector3d viewpoint;
+
+  /// Fits the planes of the neighbourhoods at hand, which are then forgotten. Returns how many points got no normal.
+  template <class Scalar>
+  Index write(PlaneLanes<Scalar>& lanes) const {
+    constexpr double line_ratio = 1e-8;  // as in fit_plane
+    SymmetricLanes covariances;
+    LeastEigenLanes eigen;
+    lanes.covariances(covariances);
+    least_eigenvectors(covariances, eigen);
+    Index without = 0;
+    for (int lane = 0; lane < lanes.used(); ++lane) {
+      const auto i = static_cast<std::size_t>(lanes.point(lane));
+      const double l0 = std::max(eigen.values[0][lane], 0.0), l1 = eigen.values[1][lane], l2 = eigen.values[2][lane];
+      if (lanes.count(lane) < std::max(options.min_neighbors, Index{3}) || !(l1 > line_ratio * l2) || !(l2 > 0)) {
+        ++without;
+        continue;
+      }
+      const Eigen::Vector3d n(eigen.vector[0][lane], eigen.vector[1][lane], eigen.vector[2][lane]);
+      const bool away = n.dot(viewpoint - position(cloud, i)) < 0;
+      cloud.normals[i] = (away ? Eigen::Vector3d(-n) : n).cast<float>();
+      estimates.planarity[i] = static_cast<float>((l1 - l0) / l2);
+      estimates.curvature[i] = static_cast<float>(l0 / (l0 + l1 + l2));
+      if (!options.covariances) continue;
+      const auto entry = [&](const Doubles& values) { return static_cast<float>(values[lane]); };
+      estimates.covariances[i] = {entry(covariances.xx), entry(covariances.xy), entry(covariances.xz),
+                                  entry(covariances.yy), entry(covariances.yz), entry(covariances.zz)};
+    }
+    lanes.clear();
+    return without;
   }
-  if (static_cast<Index>(neighbors.size()) < options.min_neighbors) return {};
-  positions.clear();
-  for (const auto& neighbor : neighbors) positions.push_back(search.position(neighbor.index));
-  return fit_plane(positions);
+};
+
+/// The `KdTree` in a search, or nothing.
+template <class Search>
+[[nodiscard]] constexpr std::nullptr_t tree_in(const Search&) {
+  return nullptr;
+}
+template <class Scalar>
+[[nodiscard]] const KdTree<Scalar>* tree_in(const KdTree<Scalar>& tree) {
+  return &tree;
+}
+template <class Scalar>
+[[nodiscard]] const KdTree<Scalar>* tree_in(const IndexedCloud<KdTree<Scalar>>& indexed) {
+  return &indexed.search();
+}
+
+/// Whether the tree holds the points of the cloud that are finite, and no others.
+template <class Scalar>
+[[nodiscard]] bool holds(const KdTree<Scalar>& tree, const PointCloud<float>& cloud) {
+  if (tree.size() + static_cast<std::size_t>(tree.rejected()) != cloud.size()) return false;
+  const TreeLeaves<KdTree<Scalar>> leaves(tree);
+  for (Index leaf = 0; leaf < leaves.count(); ++leaf) {
+    const auto indices = leaves.indices(leaf);
+    for (std::size_t lane = 0; lane < indices.size(); ++lane)
+      if (leaves.points(leaf).position(static_cast<int>(lane)) !=
+          cloud.positions[static_cast<std::size_t>(indices[lane])].template cast<Scalar>())
+        return false;
+  }
+  return true;
+}
+
+/// Normals of a tree's own points, which ask leaf by leaf. Returns how many of them got none.
+template <class Scalar, Executor Exec>
+Index estimate_in_leaves(const KdTree<Scalar>& tree, const NormalWriter& writer, const Exec& exec) {
+  constexpr Index grain = 32;
+  const NormalOptions& options = writer.options;
+  return reduce_chunks(
+      exec, TreeLeaves<KdTree<Scalar>>(tree).count(), grain, Index{0},
+      [&](Index begin, Index end) {
+        LeafNeighbors<KdTree<Scalar>> neighbors(tree, static_cast<std::size_t>(options.neighbors),
+                                                static_cast<Scalar>(options.radius));
+        PlaneLanes<Scalar> lanes;
+        Index without = 0;
+        for (Index leaf = begin; leaf < end; ++leaf)
+          neighbors.search(leaf, [&](Index i, std::size_t count, auto&& offset) {
+            lanes.add(i, count, offset);
+            if (lanes.full()) without += writer.write(lanes);
+          });
+        return without + writer.write(lanes);
+      },
+      [](Index left, Index right) { return left + right; });
+}
+
+/// Normals of any points, which ask one by one. Returns how many of them got none.
+template <NearestNeighborSearch Search, Executor Exec>
+Index estimate_one_by_one(const Search& search, const NormalWriter& writer, const Exec& exec) {
+  constexpr Index grain = 256;
+  using Scalar = typename Search::Scalar;
+  const NormalOptions& options = writer.options;
+  return reduce_chunks(
+      exec, to_index(writer.cloud.size(), "cloud"), grain, Index{0},
+      [&](Index begin, Index end) {
+        std::vector<Neighbor<Scalar>> neighbors;
+        PlaneLanes<Scalar> lanes;
+        Index without = 0;
+        for (Index i = begin; i < end; ++i) {
+          const Eigen::Matrix<Scalar, 3, 1> point =
+              writer.cloud.positions[static_cast<std::size_t>(i)].template cast<Scalar>();
+          if (options.neighbors > 0) {
+            neighbors.resize(static_cast<std::size_t>(options.neighbors));
+            neighbors.resize(
+                static_cast<std::size_t>(search.knn(point, neighbors, static_cast<Scalar>(options.radius))));
+          } else {
+            search.within(point, static_cast<Scalar>(options.radius), neighbors);
+          }
+          lanes.add(i, neighbors.size(), [&](std::size_t j, std::size_t axis) {
+            const auto row = static_cast<Eigen::Index>(axis);
+            return static_cast<Scalar>(search.position(neighbors[j].index)[row] - point[row]);
+          });
+          if (lanes.full()) without += writer.write(lanes);
+        }
+        return without + writer.write(lanes);
+      },
+      [](Index left, Index right) { return left + right; });
 }
 
 }  // namespace detail
@@ -64,36 +176,22 @@ template <NearestNeighborSearch Search>
 template <NearestNeighborSearch Search, Executor Exec = Serial>
 NormalEstimates estimate_normals(PointCloud<float>& cloud, const Search& search, const NormalOptions& options = {},
                                  const Eigen::Vector3d& viewpoint = Eigen::Vector3d::Zero(), const Exec& exec = {}) {
-  constexpr Index grain = 256;
-  using Scalar = typename Search::Scalar;
   if (options.neighbors < 0 || !(options.radius > 0) || (options.neighbors == 0 && !is_finite(options.radius)))
     throw std::invalid_argument("estimate_normals: set neighbors > 0, or a finite radius > 0");
-  const Index count = to_index(cloud.size(), "cloud");
   NormalEstimates estimates;
   cloud.normals.assign(cloud.size(), Eigen::Vector3f::Zero());
   estimates.planarity.assign(cloud.size(), 0.0f);
   estimates.curvature.assign(cloud.size(), 0.0f);
-
-  const auto estimate_chunk = [&](Index begin, Index end) {
-    std::vector<Neighbor<Scalar>> neighbors;
-    std::vector<Eigen::Matrix<Scalar, 3, 1>> positions;
-    Index without = 0;
-    for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
-      const Eigen::Matrix<Scalar, 3, 1> point = cloud.positions[i].cast<Scalar>();
-      const PlaneFit plane = detail::plane_at(search, point, options, neighbors, positions);
-      if (!plane.good()) {
-        ++without;
-        continue;
-      }
-      const bool away = plane.normal.dot(viewpoint - position(cloud, i)) < 0;
-      cloud.normals[i] = (away ? Eigen::Vector3d(-plane.normal) : plane.normal).cast<float>();
-      estimates.planarity[i] = static_cast<float>(plane.planarity());
-      estimates.curvature[i] = static_cast<float>(plane.curvature());
+  if (options.covariances) estimates.covariances.assign(cloud.size(), {});
+  const detail::NormalWriter writer{cloud, estimates, options, viewpoint};
+  const auto tree = detail::tree_in(search);
+  if constexpr (std::is_pointer_v<decltype(tree)>) {
+    if (detail::holds(*tree, cloud)) {
+      estimates.without_normal = tree->rejected() + detail::estimate_in_leaves(*tree, writer, exec);
+      return estimates;
     }
-    return without;
-  };
-  estimates.without_normal =
-      reduce_chunks(exec, count, grain, Index{0}, estimate_chunk, [](Index left, Index right) { return left + right; });
+  }
+  estimates.without_normal = detail::estimate_one_by_one(search, writer, exec);
   return estimates;
 }
 

@@ -16,6 +16,11 @@
 
 namespace chainslam {
 
+namespace detail {
+template <class Tree>
+class TreeLeaves;
+}
+
 /// A static k-d tree with buckets: built once from a cloud, then exact nearest neighbours and radius search.
 ///
 /// A cell is split across its widest side in the middle of its points' box, which keeps cells compact where LiDAR
@@ -28,6 +33,7 @@ namespace chainslam {
 template <class ScalarType = float, int Dim = 3>
 class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, Dim> {
   friend detail::SearchVerbs<KdTree, ScalarType, Dim>;
+  friend detail::TreeLeaves<KdTree>;
 
  public:
   using Scalar = ScalarType;
