@@ -139,7 +139,7 @@ TEST_SUITE("registration/icp parts") {
       const SE3d truth = asymmetric_pose() * random_motion(rng, 1.0, 0.5);
       const PointCloud<float> source = seen_from(sample(rng, yard(), 2000, 0.01), truth);
       const SE3d guess = truth * random_motion(rng, 0.3, 0.03);
-      const Icp<PointToPlane, Cauchy, KeepPairs, LevenbergMarquardt> damped{.kernel = {.width = 0.2}};
+      const Icp<PointToPlane, Cauchy, KeepPairs, LevenbergMarquardtStep> damped{.kernel = {.width = 0.2}};
       const Icp<PointToPlane, Cauchy> plain{.kernel = {.width = 0.2}};
       const AlignResult a = damped.align(source, parts_target(), guess), b = plain.align(source, parts_target(), guess);
       CHECK(a.converged());
@@ -152,7 +152,7 @@ TEST_SUITE("registration/icp parts") {
       [[nodiscard]] double cost_after(const Vector6d&) const { return 2; }
     };
     double damping = 0.1;
-    CHECK_FALSE(LevenbergMarquardt{.max_trials = 3}.step(Uphill{}, damping).has_value());
+    CHECK_FALSE(LevenbergMarquardtStep{.max_trials = 3}.step(Uphill{}, damping).has_value());
     CHECK(damping == doctest::Approx(100));
   }
 
@@ -167,7 +167,7 @@ TEST_SUITE("registration/icp parts") {
     const PointCloud<float> source = sample(rng, inner, 2000, 0.01);
     Vector6d off;
     off << 0.5, 0.1, 0, 0, 0, 0.01;
-    using WithPrior = Icp<PointToPlane, Trivial, KeepPairs, GaussNewton, PosePrior>;
+    using WithPrior = Icp<PointToPlane, Trivial, KeepPairs, GaussNewtonStep, PosePrior>;
     const SE3d said(SO3d(), Eigen::Vector3d(0.2, 0.05, 0));
     const WithPrior icp{
         .translation_tolerance = 1e-6,

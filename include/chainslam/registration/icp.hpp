@@ -39,7 +39,7 @@ namespace chainslam {
 /// @tparam Optimizer  chooses steps.
 /// @tparam Prior      what is known of the pose beside the points.
 template <class Metric = PointToPlane, class Kernel = Trivial, class Rejector = KeepPairs,
-          class Optimizer = GaussNewton, class Prior = NoPrior>
+          class Optimizer = GaussNewtonStep, class Prior = NoPrior>
 struct Icp {
   static_assert(RobustKernel<Kernel>, "Icp: Kernel needs `double weight(double squared_residual) const`, as in Huber");
   static_assert(MatchRejector<Rejector>,
@@ -47,9 +47,9 @@ struct Icp {
                 "OneToOne");
   static_assert(PoseOptimizer<Optimizer>,
                 "Icp: Optimizer needs `initial_damping` and `std::optional<Vector6d> step(problem, damping) const`, as "
-                "in GaussNewton");
+                "in GaussNewtonStep");
   static_assert(AlignPrior<Prior>, "Icp: Prior needs `PriorTerms evaluate(T_target_source) const`, as in PosePrior");
-  static_assert(std::same_as<Optimizer, GaussNewton> || RobustCost<Kernel>,
+  static_assert(std::same_as<Optimizer, GaussNewtonStep> || RobustCost<Kernel>,
                 "Icp: an optimizer that compares costs needs a Kernel with `double cost(double squared_residual) "
                 "const`, as in Huber");
   using MetricType = Metric;

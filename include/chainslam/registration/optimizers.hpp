@@ -38,7 +38,7 @@ concept PoseOptimizer = requires(const O& optimizer, const detail::AlignProblemA
 
 /// Takes every step of the normal equations. Nearest points are matched anew after each, so that a good guess needs no
 /// more.
-struct GaussNewton {
+struct GaussNewtonStep {
   static constexpr double initial_damping = 0;
 
   template <AlignProblem Problem>
@@ -46,11 +46,11 @@ struct GaussNewton {
     return problem.solve(damping);
   }
 };
-static_assert(PoseOptimizer<GaussNewton>);
+static_assert(PoseOptimizer<GaussNewtonStep>);
 
 /// Takes only steps that lower the cost, shortening them until they do (Levenberg 1944, Marquardt 1963). Damping is
 /// added to eigenvalues that are mean squared cosines, so that it means the same for metres and radians.
-struct LevenbergMarquardt {
+struct LevenbergMarquardtStep {
   double initial_damping = 1e-4;
   double factor = 10;     ///< between dampings
   Index max_trials = 10;  ///< within one iteration
@@ -70,6 +70,6 @@ struct LevenbergMarquardt {
     return std::nullopt;
   }
 };
-static_assert(PoseOptimizer<LevenbergMarquardt>);
+static_assert(PoseOptimizer<LevenbergMarquardtStep>);
 
 }  // namespace chainslam
