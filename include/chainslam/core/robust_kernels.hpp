@@ -80,6 +80,16 @@ struct Tukey {
   }
 };
 
+/// Least squares up to `width`, nothing beyond: residuals there cost the same, however large.
+struct Truncated {
+  double width = 1.0;  ///< in the residual's unit
+
+  [[nodiscard]] double weight(double squared_residual) const { return squared_residual <= width * width ? 1.0 : 0.0; }
+  [[nodiscard]] double cost(double squared_residual) const {
+    return squared_residual <= width * width ? squared_residual : width * width;
+  }
+};
+
 /// Quadratic up to `width`, then a switch that closes the more, the larger the residual: dynamic covariance scaling
 /// (Agarwal et al. 2013), with Phi = `width`^2. Bounded by 3 `width`^2.
 struct DynamicCovarianceScaling {
@@ -120,6 +130,6 @@ struct Barron {
 };
 
 static_assert(RobustCost<Trivial> && RobustCost<Huber> && RobustCost<Cauchy> && RobustCost<GemanMcClure> &&
-              RobustCost<Tukey> && RobustCost<DynamicCovarianceScaling> && RobustCost<Barron>);
+              RobustCost<Tukey> && RobustCost<Truncated> && RobustCost<DynamicCovarianceScaling> && RobustCost<Barron>);
 
 }  // namespace chainslam
