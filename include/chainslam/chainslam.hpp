@@ -129,6 +129,7 @@
 #include "chainslam/search/ikd_tree.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/search/kd_tree.hpp"
+#include "chainslam/search/leaf_neighbors.hpp"
 #include "chainslam/search/voxel_map.hpp"
 #include "chainslam/sensor/gnss_fix.hpp"
 #include "chainslam/sensor/imu_sample.hpp"

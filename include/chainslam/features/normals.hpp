@@ -9,14 +9,14 @@
 #include <type_traits>
 #include <vector>
 
-#include "chainslam/cloud/detail/plane_lanes.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/features/detail/plane_lanes.hpp"
 #include "chainslam/search/concepts.hpp"
-#include "chainslam/search/detail/leaf_neighbors.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/search/kd_tree.hpp"
+#include "chainslam/search/leaf_neighbors.hpp"
 
 namespace chainslam {
 
@@ -92,28 +92,13 @@ template <class Scalar>
   return &indexed.search();
 }
 
-/// Whether the tree holds the points of the cloud that are finite, and no others.
-template <class Scalar>
-[[nodiscard]] bool holds(const KdTree<Scalar>& tree, const PointCloud<float>& cloud) {
-  if (tree.size() + static_cast<std::size_t>(tree.rejected()) != cloud.size()) return false;
-  const TreeLeaves<KdTree<Scalar>> leaves(tree);
-  for (Index leaf = 0; leaf < leaves.count(); ++leaf) {
-    const auto indices = leaves.indices(leaf);
-    for (std::size_t lane = 0; lane < indices.size(); ++lane)
-      if (leaves.points(leaf).position(static_cast<int>(lane)) !=
-          cloud.positions[static_cast<std::size_t>(indices[lane])].template cast<Scalar>())
-        return false;
-  }
-  return true;
-}
-
 /// Normals of a tree's own points, which ask leaf by leaf. Returns how many of them got none.
 template <class Scalar, Executor Exec>
 Index estimate_in_leaves(const KdTree<Scalar>& tree, const NormalWriter& writer, const Exec& exec) {
   constexpr Index grain = 32;
   const NormalOptions& options = writer.options;
   return reduce_chunks(
-      exec, TreeLeaves<KdTree<Scalar>>(tree).count(), grain, Index{0},
+      exec, LeafNeighbors<KdTree<Scalar>>(tree, 1, 1).leaves(), grain, Index{0},
       [&](Index begin, Index end) {
         LeafNeighbors<KdTree<Scalar>> neighbors(tree, static_cast<std::size_t>(options.neighbors),
                                                 static_cast<Scalar>(options.radius));
@@ -186,7 +171,7 @@ NormalEstimates estimate_normals(PointCloud<float>& cloud, const Search& search,
   const detail::NormalWriter writer{cloud, estimates, options, viewpoint};
   const auto tree = detail::tree_in(search);
   if constexpr (std::is_pointer_v<decltype(tree)>) {
-    if (detail::holds(*tree, cloud)) {
+    if (LeafNeighbors<std::remove_cvref_t<decltype(*tree)>>(*tree, 1, 1).holds(cloud)) {
       estimates.without_normal = tree->rejected() + detail::estimate_in_leaves(*tree, writer, exec);
       return estimates;
     }

@@ -12,31 +12,54 @@
 #include <type_traits>
 #include <vector>
 
+#include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/search/concepts.hpp"
+#include "chainslam/search/detail/lanes.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
 #include "chainslam/search/detail/tree_leaves.hpp"
 
-namespace chainslam::detail {
+namespace chainslam {
 
-/// The k nearest of each of a `KdTree`'s own points, a leaf at a time: its points ask together. What lies within reach
-/// of the leaf is gathered once, and from that each point takes its k nearest, in no order but always the same.
+/// The k nearest of each of a `KdTree`'s own points, a leaf at a time: its points ask together, three times as fast as
+/// one by one. What lies within reach of the leaf is gathered once, and from that each point takes its k nearest, in no
+/// order but always the same.
 ///
 /// How far a leaf reaches is guessed from the leaf before. Points that find fewer than k within that distance ask again
 /// with a longer one, and in the end, or where too much lies within reach, the tree, so that the answers are exact
-/// whatever the guess.
+/// whatever the guess. Use one object for leaves that follow one another, and one a thread.
 template <class Tree>
 class LeafNeighbors {
  public:
   using Scalar = typename Tree::Scalar;
   using Vector = typename Tree::Vector;
 
-  /// @param k  0: all within `max_distance`.
+  /// @param tree          of three dimensions; must outlive this.
+  /// @param k             0: all within `max_distance`.
+  /// @param max_distance  metres, > 0.
   LeafNeighbors(const Tree& tree, std::size_t k, Scalar max_distance)
       : tree_(&tree),
         leaves_(tree),
         k_(k == 0 ? std::numeric_limits<std::size_t>::max() : k),
         max_distance_(max_distance),
-        limit_(distance_bound(max_distance)) {}
+        limit_(detail::distance_bound(max_distance)) {}
+
+  /// Leaves of the tree, each with 1 to 32 points.
+  [[nodiscard]] Index leaves() const { return leaves_.count(); }
+
+  /// Whether the tree holds the points of the cloud that are finite, and no others.
+  template <Cloud Points>
+  [[nodiscard]] bool holds(const Points& cloud) const {
+    if (tree_->size() + static_cast<std::size_t>(tree_->rejected()) != cloud_size(cloud)) return false;
+    for (Index leaf = 0; leaf < leaves_.count(); ++leaf) {
+      const std::span<const Index> indices = leaves_.indices(leaf);
+      for (std::size_t lane = 0; lane < indices.size(); ++lane)
+        if (leaves_.points(leaf).position(static_cast<int>(lane)) !=
+            position(cloud, static_cast<std::size_t>(indices[lane])).template cast<Scalar>())
+          return false;
+    }
+    return true;
+  }
 
   /// Calls `visit(index, count, offset)` for each point of the leaf: it has `count` neighbours, itself among them, the
   /// i-th at `offset(i, axis)` from it.
@@ -114,7 +137,7 @@ class LeafNeighbors {
           distances[i] += outside * outside;
         }
       }
-      for (std::uint32_t mask = lanes_below(distances, wide); mask != 0; mask &= mask - 1) {
+      for (std::uint32_t mask = detail::lanes_below(distances, wide); mask != 0; mask &= mask - 1) {
         const auto lane = static_cast<std::size_t>(std::countr_zero(mask));
         for (std::size_t axis = 0; axis < 3; ++axis) block_[axis][gathered_] = points.columns[axis][lane];
         ++gathered_;
@@ -191,7 +214,7 @@ class LeafNeighbors {
     for (std::size_t begin = 0; begin < padded; begin += width) {
       alignas(64) std::array<Scalar, width> distances;
       std::memcpy(distances.data(), squared_.data() + begin, sizeof(distances));
-      for (std::uint32_t mask = lanes_below(distances, bound); mask != 0; mask &= mask - 1) {
+      for (std::uint32_t mask = detail::lanes_below(distances, bound); mask != 0; mask &= mask - 1) {
         const auto lane = static_cast<std::size_t>(std::countr_zero(mask));
         chosen_[chosen_count_] = static_cast<std::uint32_t>(begin + lane);
         candidates_[chosen_count_++] = distances[lane];
@@ -250,12 +273,12 @@ class LeafNeighbors {
   static constexpr std::size_t spare = 12;  ///< how many more than k need not be told apart by a nearer bound
 
   const Tree* tree_;
-  TreeLeaves<Tree> leaves_;
+  detail::TreeLeaves<Tree> leaves_;
   std::size_t k_;
   Scalar max_distance_;
   Scalar limit_;                  ///< the first squared distance that is too far
   Scalar reach_ = 0, guess_ = 0;  ///< squared: for the next leaf, the next point
-  typename TreeLeaves<Tree>::Corner low_{}, high_{};
+  typename detail::TreeLeaves<Tree>::Corner low_{}, high_{};
   std::vector<Index> near_;
   std::array<std::vector<Scalar>, 3> block_;  ///< what is gathered, in columns, and some that are infinitely far
   std::size_t gathered_ = 0;
@@ -267,4 +290,4 @@ class LeafNeighbors {
   Scalar farthest_ = 0;
 };
 
-}  // namespace chainslam::detail
+}  // namespace chainslam
