@@ -35,23 +35,8 @@ class Ours : public Structure {
 
   void knn(const Points& queries, std::size_t k) override {
     resize(queries.size(), k);
-    for (std::size_t i = 0; i < queries.size(); ++i) {
-      if constexpr (FixedSizeSearch<Search>) {
-        if (k == 1) {
-          keep(i, search().template knn<1>(queries[i], infinity));
-          continue;
-        }
-        if (k == 5) {
-          keep(i, search().template knn<5>(queries[i], infinity));
-          continue;
-        }
-        if (k == 20) {
-          keep(i, search().template knn<20>(queries[i], infinity));
-          continue;
-        }
-      }
-      counts_[i] = search().knn(queries[i], row(i), infinity);
-    }
+    if (knn_of_fixed_size<1, 2, 5, 20>(queries, k)) return;
+    for (std::size_t i = 0; i < queries.size(); ++i) counts_[i] = search().knn(queries[i], row(i), infinity);
   }
 
   void knn_again(const Points& queries, std::size_t k) override {
@@ -118,10 +103,21 @@ class Ours : public Structure {
   std::size_t k_ = 0;
 
  private:
+  /// Asks by the number that the compiler knows, if k is one of these. Returns whether it is.
+  template <int... Sizes>
+  bool knn_of_fixed_size(const Points& queries, std::size_t k) {
+    if constexpr (FixedSizeSearch<Search>)
+      return ((k == Sizes && (knn_of_size<Sizes>(queries), true)) || ...);
+    else
+      return false;
+  }
   template <int K>
-  void keep(std::size_t query, const KNearest<float, K>& nearest) {
-    std::copy(nearest.neighbors.begin(), nearest.neighbors.end(), row(query).begin());
-    counts_[query] = nearest.count;
+  void knn_of_size(const Points& queries) {
+    for (std::size_t i = 0; i < queries.size(); ++i) {
+      const KNearest<float, K> nearest = search().template knn<K>(queries[i], infinity);
+      std::copy(nearest.neighbors.begin(), nearest.neighbors.end(), row(i).begin());
+      counts_[i] = nearest.count;
+    }
   }
 
   std::optional<Search> search_;

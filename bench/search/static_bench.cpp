@@ -7,6 +7,7 @@
 #include "search/ours.hpp"
 #include "search/peers/peers.hpp"
 #include "search/timing.hpp"
+#include "search/workload.hpp"
 
 namespace chainslam::bench {
 namespace {
@@ -63,6 +64,25 @@ void knn(benchmark::State& state, const Maker& maker, const ScanPair& pair, std:
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(queries.size()));
 }
 
+/// The nearest of the second scan's points, as registration asks again when the scan has moved by centimetres: ours
+/// starts from the last answer, peers from nothing.
+void nearest_again(benchmark::State& state, const Maker& maker, const ScanPair& pair) {
+  const std::vector<Maker> makers = against_peers(maker);
+  const auto structures = built(makers, pair.first.positions);
+  const Points& scan = pair.second.positions;
+  const std::array<Points, 2> queries{scan, moved_a_little(scan, Eigen::Vector3f::Zero(), 1)};
+  for (const auto& structure : structures) {
+    structure->knn(queries[1], 1);
+    structure->knn_again(queries[0], 1);
+  }
+  const std::vector<double> answers = as_doubles(structures.front()->squared_distances());
+  for (const auto& structure : structures) require_same_answers(answers, as_doubles(structure->squared_distances()));
+  std::vector<std::size_t> asked(makers.size(), 0);
+  contest(state, makers,
+          [&](std::size_t i) { return measure([&] { structures[i]->knn_again(queries[++asked[i] % 2], 1); }).thread; });
+  state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(scan.size()));
+}
+
 /// Everything within 0.5 m.
 void within(benchmark::State& state, const Maker& maker, const ScanPair& pair) {
   std::vector<Maker> makers = against_peers(maker);
@@ -110,6 +130,10 @@ const bool registered = [] {
       const std::string prefix = &pair == &pairs().front() ? "" : pair.name + "_";
       add(prefix + "radius", [&](benchmark::State& state) { within(state, maker, pair); });
       add(prefix + "build", [&](benchmark::State& state) { build(state, maker, pair); });
+      if (maker.name != "kd_tree") continue;  // what registration asks of it
+      add(prefix + "nn1_cold", [&](benchmark::State& state) { knn(state, maker, pair, 1); });
+      add(prefix + "nn2_cold", [&](benchmark::State& state) { knn(state, maker, pair, 2); });
+      add(prefix + "nn1_warm", [&](benchmark::State& state) { nearest_again(state, maker, pair); });
     }
   return true;
 }();

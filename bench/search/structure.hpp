@@ -78,6 +78,17 @@ struct Maker {
   bool finds_within = true;  ///< has a radius search
 };
 
+/// The squared distances of answers that hold them as `squared`, k a query; infinity where there were fewer.
+template <class Found>
+[[nodiscard]] std::vector<float> squared_in_rows(const std::vector<Found>& answers, std::size_t k) {
+  std::vector<float> all;
+  for (const Found& found : answers) {
+    all.insert(all.end(), found.squared.begin(), found.squared.end());
+    all.resize(all.size() + k - found.squared.size(), std::numeric_limits<float>::infinity());
+  }
+  return all;
+}
+
 /// Answers of nanoflann's form, in columns.
 class DistanceRows {
  public:

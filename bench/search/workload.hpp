@@ -27,6 +27,15 @@ struct Step {
   std::vector<Move> moves;
 };
 
+/// Points moved about a center by some centimetres and tenths of a degree times `size`.
+inline Points moved_a_little(const Points& points, const Eigen::Vector3f& center, float size) {
+  const Eigen::AngleAxisf turn(0.003f * size, Eigen::Vector3f(0.3f, -0.2f, 0.93f).normalized());
+  const Eigen::Vector3f shift = size * Eigen::Vector3f(0.04f, -0.03f, 0.01f);
+  Points moved;
+  for (const Eigen::Vector3f& p : points) moved.emplace_back(center + turn * (p - center) + shift);
+  return moved;
+}
+
 /// What LiDAR odometry asks of its map (Xu et al. 2022, FAST-LIO2): a walk along the streets of the made city, at each
 /// crossing in a random direction but back, 1 m a scan; scans thinned to the means of 0.5 m voxels, about 8 000 points;
 /// whenever the sensor has moved 20 m, the map keeps the square of +-100 m around it.
@@ -46,7 +55,10 @@ class Walk {
       Step& step = steps_.emplace_back();
       step.scan =
           voxel_downsample(city.scan({eye.x(), eye.y(), 1.8}, static_cast<std::uint64_t>(i)), map_voxel).positions;
-      if (i % again_every == 0) step.again = moved_a_little(step.scan, {eye.x(), eye.y(), 1.8});
+      // Each time a fifth of the last: a filter that converges.
+      if (i % again_every == 0)
+        for (const float size : {1.0f, 0.2f, 0.04f})
+          step.again.push_back(moved_a_little(step.scan, Eigen::Vector3d(eye.x(), eye.y(), 1.8).cast<float>(), size));
       if ((eye - center).norm() >= move_every) {
         step.moves.push_back(move(center, eye));
         center = eye;
@@ -69,19 +81,6 @@ class Walk {
       const Eigen::Vector2i next = turn == 0 ? heading : turn == 1 ? left : Eigen::Vector2i(-left);
       if ((crossing + next).cwiseAbs().maxCoeff() <= last_crossing) return next;
     }
-  }
-
-  /// Centimetres and tenths of a degree about the sensor, each time a fifth of the last: a filter that converges.
-  static std::vector<Points> moved_a_little(const Points& scan, const Eigen::Vector3d& eye) {
-    std::vector<Points> moved;
-    const Eigen::Vector3f center = eye.cast<float>();
-    for (const float size : {1.0f, 0.2f, 0.04f}) {
-      const Eigen::AngleAxisf turn(0.003f * size, Eigen::Vector3f(0.3f, -0.2f, 0.93f).normalized());
-      const Eigen::Vector3f shift = size * Eigen::Vector3f(0.04f, -0.03f, 0.01f);
-      Points& points = moved.emplace_back();
-      for (const Eigen::Vector3f& p : scan) points.emplace_back(center + turn * (p - center) + shift);
-    }
-    return moved;
   }
 
   static Box square(const Eigen::Vector2d& center) {

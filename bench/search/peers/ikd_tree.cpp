@@ -39,15 +39,7 @@ class IkdTreePeer : public Structure {
       tree_->Nearest_Search(converted(queries[i]), static_cast<int>(k), found_[i].points, found_[i].squared);
   }
 
-  [[nodiscard]] std::vector<float> squared_distances() const override {
-    std::vector<float> all;
-    for (const Found& found : found_) {
-      all.insert(all.end(), found.squared.begin(), found.squared.end());
-      all.resize(all.size() + k_ - found.squared.size(), std::numeric_limits<float>::infinity());
-    }
-    return all;
-  }
-
+  [[nodiscard]] std::vector<float> squared_distances() const override { return squared_in_rows(found_, k_); }
   void drop_answers() override { found_ = {}; }
 
   [[nodiscard]] std::size_t within(const Points& queries, float radius) override {
