@@ -43,8 +43,7 @@ struct MapGraphOptions {
   /// Whether measurements of a loaded map are replaced by what its optimum says of them, as the released code does: the
   /// map then has no residuals, and counts what it knows twice.
   bool remeasure_loaded = false;
-  /// How near each optimisation comes to the optimum: a tenth of a standard deviation where chi^2 is some hundreds.
-  SmootherOptions smoother{.linear_tolerance = 3e-4, .nonlinear_tolerance = 3e-4};
+  SmootherOptions smoother{};  ///< how near each optimisation comes to the optimum
   /// How near the last one does. Its iterations also bound the updates of the others.
   ConvergeOptions optimizer{.max_iterations = 50, .relative_tolerance = 1e-6, .restart = false};
 };
