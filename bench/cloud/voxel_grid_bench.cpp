@@ -1,54 +1,42 @@
 #include "chainslam/cloud/voxel_grid.hpp"
 
-#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <string>
 #include <unordered_map>
 #include <utility>
+#include <vector>
 
 #include "chainslam/cloud/plane_fit.hpp"
 #include "clouds.hpp"
+#include "registration_pairs.hpp"
 #include "versus.hpp"
+#ifdef CHAINSLAM_PEER_SMALL_GICP
+#include "registration/peers/small_gicp.hpp"
+#endif
+#ifdef CHAINSLAM_PEER_PCL
+#include "registration/peers/pcl.hpp"
+#endif
+#ifdef CHAINSLAM_PEER_OPEN3D
+#include "registration/peers/open3d.hpp"
+#endif
 
 namespace chainslam {
 namespace {
 
-using bench::ScanPair;
 using bench::versus;
 using Positions = std::vector<Eigen::Vector3f>;
 
-/// 21 bits an axis: what the usual voxel grids pack a cell into; only right near the origin.
-std::uint64_t packed_key(const Eigen::Vector3f& p, float inverse_size) {
-  const auto part = [&](float v) {
-    return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(v * inverse_size)) + (1 << 20)) & 0x1fffffU;
-  };
-  return part(p[0]) | part(p[1]) << 21 | part(p[2]) << 42;
-}
-
-/// The way of small_gicp and Open3D's legacy code, written plainly: sort by key, then average runs.
-Positions by_sorting(const Positions& points, float size) {
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> keys;
-  keys.reserve(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i)
-    keys.emplace_back(packed_key(points[i], 1 / size), static_cast<std::uint32_t>(i));
-  std::ranges::sort(keys, {}, [](const auto& key) { return key.first; });
-  Positions means;
-  for (std::size_t begin = 0; begin < keys.size();) {
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    std::size_t end = begin;
-    for (; end < keys.size() && keys[end].first == keys[begin].first; ++end)
-      sum += points[keys[end].second].cast<double>();
-    means.push_back((sum / static_cast<double>(end - begin)).cast<float>());
-    begin = end;
-  }
-  return means;
-}
-
-/// The way of a first draft: the standard library's hash map.
+/// The way of a first draft: the standard library's hash map; 21 bits an axis in a key, right near the origin.
 Positions by_unordered_map(const Positions& points, float size) {
+  const auto part = [&](float v) {
+    return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(v / size)) + (1 << 20)) & 0x1fffffU;
+  };
   std::unordered_map<std::uint64_t, std::pair<Eigen::Vector3d, int>> cells;
   for (const Eigen::Vector3f& p : points) {
-    auto& cell = cells.try_emplace(packed_key(p, 1 / size), Eigen::Vector3d::Zero(), 0).first->second;
+    const std::uint64_t key = part(p[0]) | part(p[1]) << 21 | part(p[2]) << 42;
+    auto& cell = cells.try_emplace(key, Eigen::Vector3d::Zero(), 0).first->second;
     cell.first += p.cast<double>();
     ++cell.second;
   }
@@ -64,16 +52,45 @@ std::vector<double> sums(const Positions& points) {
   return {static_cast<double>(points.size()), sum[0], sum[1], sum[2]};
 }
 
-void downsample(benchmark::State& state, const ScanPair& pair, double size) {
-  const Positions& points = pair.first.positions;
-  const auto edge = static_cast<float>(size);
-  const auto ours = [&] { return voxel_downsample(points, size).positions; };
-  // Sums of tens of thousands of coordinates of both signs: the difference is of rounding.
-  bench::require_same_answers(sums(ours()), sums(by_sorting(points, edge)), 1e-5, 1e-2);
-  bench::require_same_answers(sums(ours()), sums(by_unordered_map(points, edge)), 1e-5, 1e-2);
-  versus(
-      state, [&] { return ours().size(); }, bench::Peer{"sorting", [&] { return by_sorting(points, edge).size(); }},
-      bench::Peer{"unordered_map", [&] { return by_unordered_map(points, edge).size(); }});
+/// Peers differ from us where their cells do (Open3D counts them from the cloud's lowest corner): the number of voxels
+/// then differs a little.
+void require_as_many(std::size_t ours, std::size_t theirs, double share) {
+  bench::require_same_answers(std::array{static_cast<double>(ours)}, std::array{static_cast<double>(theirs)}, share);
+}
+
+void downsample(benchmark::State& state, const PointCloud<float>& cloud, double size) {
+  const Positions& points = cloud.positions;
+  const auto ours = [&] { return voxel_downsample(points, size).size(); };
+#ifdef CHAINSLAM_PEER_SMALL_GICP
+  const bench::SmallGicpCloud small_gicp(points);
+  // The same cells, in double.
+  bench::require_same_answers(sums(voxel_downsample(points, size).positions),
+                              sums(small_gicp.downsampled(size).positions()), 1e-5, 1e-2);
+#endif
+#ifdef CHAINSLAM_PEER_PCL
+  const bench::PclCloud pcl(points);
+  require_as_many(ours(), pcl.downsampled(size).size(), 1e-3);  // its cells are reckoned in float
+#endif
+#ifdef CHAINSLAM_PEER_OPEN3D
+  const bench::Open3dCloud open3d(points);
+  require_as_many(ours(), open3d.downsampled(size).size(), 0.2);
+#endif
+  versus(state, ours,
+         bench::Peer{"unordered_map", [&] { return by_unordered_map(points, static_cast<float>(size)).size(); }}
+#ifdef CHAINSLAM_PEER_SMALL_GICP
+         ,
+         bench::Peer{"small_gicp", [&] { return small_gicp.downsampled(size).size(); }}
+#endif
+#ifdef CHAINSLAM_PEER_PCL
+         ,
+         bench::Peer{"pcl", [&] { return pcl.downsampled(size).size(); }}
+#endif
+#ifdef CHAINSLAM_PEER_OPEN3D
+         ,
+         bench::Peer{"open3d", [&] { return open3d.downsampled(size).size(); }}
+#endif
+  );
+  state.counters["voxels"] = static_cast<double>(ours());
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(points.size()));
 }
 
@@ -94,12 +111,15 @@ void fit_planes(benchmark::State& state) {
 }
 
 const bool registered = [] {
-  for (const ScanPair& pair : bench::scan_pairs())
+  const auto add = [](const std::string& name, const PointCloud<float>& cloud) {
     for (const double size : {0.25, 0.5})
-      benchmark::RegisterBenchmark(("cloud/voxel_grid/" + pair.name + (size < 0.5 ? "_025m" : "_050m")).c_str(),
-                                   [&pair, size](benchmark::State& state) { downsample(state, pair, size); })
+      benchmark::RegisterBenchmark(("cloud/voxel_grid/" + name + (size < 0.5 ? "_025m" : "_050m")).c_str(),
+                                   [&cloud, size](benchmark::State& state) { downsample(state, cloud, size); })
           ->UseManualTime()
           ->Unit(benchmark::kMillisecond);
+  };
+  for (const bench::RealPair& pair : bench::real_pairs()) add(pair.name, pair.target);
+  add("city", bench::scan_pairs().back().first);
   return true;
 }();
 BENCHMARK(fit_planes)->Name("cloud/plane_fit/five_points")->Unit(benchmark::kMicrosecond);
