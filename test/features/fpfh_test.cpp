@@ -18,7 +18,8 @@
 namespace chainslam {
 namespace {
 
-/// A floor, a wall, part of a ball and some brush, 8 m wide, seen from above.
+/// A floor, a wall, part of a ball and some brush, 8 m wide, seen from above. Normals are made a little rough: of two
+/// alike to rounding it is rounding that tells which is nearer to the line between them.
 PointCloud<float> corner_with_ball(Rng& rng, int count) {
   PointCloud<float> cloud;
   for (int i = 0; i < count; ++i) {
@@ -30,6 +31,9 @@ PointCloud<float> corner_with_ball(Rng& rng, int count) {
     cloud.positions.push_back(p.cast<float>());
   }
   estimate_normals(cloud, {.neighbors = 10}, {4, 4, 20});
+  for (Eigen::Vector3f& n : cloud.normals)
+    if (!n.isZero())
+      n = (n + 0.02F * Eigen::Vector3d(rng.normal(), rng.normal(), rng.normal()).cast<float>()).normalized();
   return cloud;
 }
 

@@ -10,6 +10,7 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/features/detail/distance_tiles.hpp"
 #include "chainslam/features/detail/nearest_features.hpp"
 
 namespace chainslam {
@@ -46,7 +47,7 @@ namespace detail {
   return next > 0 ? std::min(1.0, std::sqrt(table.squared_distance(query, pair.best) / next)) : 1.0;
 }
 
-/// Orders by quality and cuts off the worst, then orders as asked.
+/// Cuts off the worst, and orders as asked.
 inline void keep_best(std::vector<FeatureMatch>& matches, const MatchOptions& options) {
   const auto better = [](const FeatureMatch& a, const FeatureMatch& b) {
     return std::tie(a.ratio, a.source) < std::tie(b.ratio, b.source);
@@ -55,7 +56,7 @@ inline void keep_best(std::vector<FeatureMatch>& matches, const MatchOptions& op
   const bool cut = limit > 0 && matches.size() > limit;
   if (cut || options.by_quality) std::sort(matches.begin(), matches.end(), better);
   if (cut) matches.resize(limit);
-  if (cut && !options.by_quality)
+  if (!options.by_quality)
     std::sort(matches.begin(), matches.end(),
               [](const FeatureMatch& a, const FeatureMatch& b) { return a.source < b.source; });
 }
@@ -64,7 +65,8 @@ inline void keep_best(std::vector<FeatureMatch>& matches, const MatchOptions& op
 
 /// Pairs each source feature with the nearest target feature, and keeps the pairs that are nearest both ways.
 ///
-/// Exact: all are compared with all, once for both directions; of equal distances the lowest index wins.
+/// Exact, as if all were compared with all: the distances that may matter are taken once for both directions. Of equal
+/// ones the lowest index wins.
 /// @param source, target  d x n and d x m, one feature a column; columns of zeros or not finite are never matched.
 /// @returns pairs in the order asked for, the same for any executor.
 /// @throws std::invalid_argument if the features differ in length or an option makes no sense.
@@ -79,7 +81,8 @@ template <Executor Exec = Serial>
   (void)to_index(std::max(source.cols(), target.cols()), "features");
   const bool with_ratio = options.max_ratio < 1 || options.max_matches > 0 || options.by_quality;
   const Eigen::VectorXf center = detail::middle(target);
-  const detail::FeatureSet sources(source, center), targets(target, center);
+  const Eigen::VectorXf direction = detail::spread(target);
+  const detail::FeatureSet sources(source, center, direction), targets(target, center, direction);
   const detail::NearestBothWays nearest = detail::nearest_both_ways(sources, targets, center, with_ratio, executor);
   std::vector<FeatureMatch> matches;
   for (Index k = 0; k < sources.size(); ++k) {

@@ -2,14 +2,12 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <limits>
 #include <span>
 #include <utility>
 #include <vector>
 
-#include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/lanes.hpp"
 #include "chainslam/core/types.hpp"
@@ -43,19 +41,52 @@ namespace chainslam::detail {
   return center;
 }
 
-/// The features that say something, packed for products: panels of `Width` features, row after row.
+/// A unit vector along which the features differ most, about: the power method on a sample's covariance. Features whose
+/// shadows on it are far apart are at least as far apart themselves; for that, any unit vector would do.
+[[nodiscard]] inline Eigen::VectorXf spread(const Eigen::Ref<const Eigen::MatrixXf>& features) {
+  constexpr Eigen::Index most = 500;
+  constexpr int rounds = 20;
+  const Eigen::Index step = std::max<Eigen::Index>(features.cols() / most, 1);
+  std::vector<Eigen::Index> sample;
+  for (Eigen::Index i = 0; i < features.cols(); i += step)
+    if (is_usable(features.col(i).squaredNorm())) sample.push_back(i);
+  Eigen::VectorXf mean = Eigen::VectorXf::Zero(features.rows());
+  for (const Eigen::Index i : sample) mean += features.col(i) / static_cast<float>(sample.size());
+  Eigen::MatrixXf covariance = Eigen::MatrixXf::Zero(features.rows(), features.rows());
+  for (const Eigen::Index i : sample) {
+    const Eigen::VectorXf d = features.col(i) - mean;
+    covariance.noalias() += d * d.transpose();
+  }
+  Eigen::VectorXf direction = Eigen::VectorXf::Ones(features.rows());
+  for (int round = 0; round < rounds; ++round) {
+    const Eigen::VectorXf next = covariance * direction;
+    const float length = next.norm();
+    if (!(length > 0) || !is_finite(length)) break;
+    direction = next / length;
+  }
+  return direction.normalized();
+}
+
+/// The features that say something, in the order of their shadows on a direction.
 class FeatureSet {
  public:
-  /// Of the columns those that are finite and not all zeros, minus `center`.
-  FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const Eigen::VectorXf& center) {
+  /// Of the columns those that are finite and not all zeros.
+  FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const Eigen::VectorXf& center,
+             const Eigen::VectorXf& direction) {
+    std::vector<std::pair<float, Index>> order;
     for (Eigen::Index i = 0; i < features.cols(); ++i)
-      if (is_usable(features.col(i).squaredNorm())) indices_.push_back(static_cast<Index>(i));
+      if (is_usable(features.col(i).squaredNorm()))
+        order.emplace_back(direction.dot(features.col(i) - center), static_cast<Index>(i));
+    std::sort(order.begin(), order.end());
     stride_ = whole_lanes(static_cast<std::size_t>(features.rows()));
-    values_.resize(indices_.size() * stride_);
-    for (std::size_t k = 0; k < indices_.size(); ++k)
-      std::copy_n(features.col(indices_[k]).data(), features.rows(), &values_[k * stride_]);
-    half_squared_norms_.reserve(indices_.size());
-    for (const Index i : indices_) half_squared_norms_.push_back(0.5F * (features.col(i) - center).squaredNorm());
+    values_.resize(order.size() * stride_);
+    for (std::size_t k = 0; k < order.size(); ++k) {
+      const Index i = order[k].second;
+      shadows_.push_back(order[k].first);
+      indices_.push_back(i);
+      std::copy_n(features.col(i).data(), features.rows(), &values_[k * stride_]);
+      half_squared_norms_.push_back(0.5F * (features.col(i) - center).squaredNorm());
+    }
   }
 
   [[nodiscard]] Index size() const { return static_cast<Index>(indices_.size()); }
@@ -64,6 +95,8 @@ class FeatureSet {
   [[nodiscard]] const float* feature(Index k) const { return &values_[static_cast<std::size_t>(k) * stride_]; }
   [[nodiscard]] std::size_t stride() const { return stride_; }
   [[nodiscard]] std::span<const float> half_squared_norms() const { return half_squared_norms_; }
+  /// On the direction, from the center; ascending.
+  [[nodiscard]] std::span<const float> shadows() const { return shadows_; }
   /// All features minus `center`, `width` side by side: element (row, k) of panel p at (p * rows + row) * width + k.
   /// The last panel is filled up with zeros.
   [[nodiscard]] std::vector<float> panels(std::size_t width, const Eigen::VectorXf& center) const {
@@ -80,7 +113,7 @@ class FeatureSet {
   std::size_t stride_ = 0;
   std::vector<float> values_;
   std::vector<Index> indices_;
-  std::vector<float> half_squared_norms_;
+  std::vector<float> half_squared_norms_, shadows_;
 };
 
 /// The nearest feature found so far, and the next: numbers in their set, and half their squared distances as products
@@ -88,13 +121,14 @@ class FeatureSet {
 struct NearestPair {
   Index best = -1, second = -1;
   float best_half = std::numeric_limits<float>::infinity(), second_half = std::numeric_limits<float>::infinity();
+  bool same = false;  ///< the nearest is the very same feature
 };
 
 /// The nearest of one set for every feature of another.
 ///
 /// Distances come from products and may be off by a known bound; where that leaves open which of two is nearer, both
-/// are measured in full, in double: the answer does not depend on rounding. Of equal distances the one offered first
-/// wins.
+/// are measured in full, in double: the answer does not depend on rounding, nor on the order of what is offered: of
+/// equal distances the lowest index wins.
 class NearestTable {
  public:
   /// So many more limits can be read behind the last query's: nothing is within them.
@@ -120,15 +154,16 @@ class NearestTable {
     if (pair.best < 0 || nearer(query, other, half, pair)) {
       const Index last = std::exchange(pair.best, other);
       const float last_half = std::exchange(pair.best_half, half);
+      pair.same = half <= slack(query, 0) && rounded_squared_distance(query, other) <= 0;
       if (with_second_) offer_second(pair, last, last_half);
     } else if (with_second_) {
       offer_second(pair, other, half);
     }
-    limits_[at] = same(query, pair) ? nothing : pair.best_half + slack(query, pair.best_half);
+    limits_[at] = pair.best_half + slack(query, pair.best_half);
     if (with_second_) limits_[at] = std::max(limits_[at], pair.second_half);
   }
 
-  /// What another table of the same two sets found, after this one.
+  /// What another table of the same two sets found.
   void offer(const NearestTable& found) {
     for (Index query = 0; query < queries_->size(); ++query) {
       const NearestPair& pair = found[query];
@@ -151,10 +186,6 @@ class NearestTable {
  private:
   static constexpr float nothing = -std::numeric_limits<float>::infinity();
 
-  /// Whether the nearest is the same feature: nothing that comes later can be nearer. Flat ground has many of them.
-  [[nodiscard]] bool same(Index query, const NearestPair& pair) const {
-    return pair.best_half <= slack(query, 0) && rounded_squared_distance(query, pair.best) == 0;
-  }
   /// By how much a product may exceed `half` although the distance does not: both are off by `rounding_` times the half
   /// norms |a|^2 / 2 + |b|^2 / 2, and |b|^2 <= 2 |a|^2 + 2 |a - b|^2.
   [[nodiscard]] float slack(Index query, float half) const {
@@ -164,13 +195,15 @@ class NearestTable {
     const float unsure_half = slack(query, std::max(half, pair.best_half));
     if (half > pair.best_half + unsure_half) return false;
     if (half + unsure_half < pair.best_half) return true;
-    if (other == pair.best) return false;
+    const bool before = others_->index(other) < others_->index(pair.best);
+    if (other == pair.best || (pair.same && !before)) return false;
     // Differences squared and summed are off by no more than n eps of the sum itself.
     const float theirs = rounded_squared_distance(query, other), best = rounded_squared_distance(query, pair.best);
     const float unsure = std::numeric_limits<float>::epsilon() * static_cast<float>(queries_->stride() + 4);
     if (theirs > best + unsure * (theirs + best)) return false;
     if (theirs + unsure * (theirs + best) < best) return true;
-    return squared_distance(query, other) < squared_distance(query, pair.best);
+    const double exactly = squared_distance(query, other), best_exactly = squared_distance(query, pair.best);
+    return exactly < best_exactly || (exactly == best_exactly && before);
   }
   [[nodiscard]] float rounded_squared_distance(Index query, Index other) const {
     const float *a = queries_->feature(query), *b = others_->feature(other);
@@ -200,128 +233,5 @@ class NearestTable {
   std::vector<NearestPair> pairs_;
   std::vector<float> limits_;
 };
-
-/// All distances between two sets of features, a tile at a time, offered to the tables of both.
-class DistanceTiles {
- public:
-  static constexpr std::size_t tile_rows = 6, tile_columns = 2 * lane_count;
-
-  DistanceTiles(const FeatureSet& rows, const FeatureSet& columns, const Eigen::VectorXf& center)
-      : rows_(rows.panels(tile_rows, center)),
-        columns_(columns.panels(tile_columns, center)),
-        length_(static_cast<std::size_t>(center.rows())),
-        row_count_(static_cast<std::size_t>(rows.size())),
-        column_count_(static_cast<std::size_t>(columns.size())),
-        row_norms_(padded(rows.half_squared_norms(), tile_rows)),
-        column_norms_(padded(columns.half_squared_norms(), tile_columns)) {}
-
-  [[nodiscard]] Index row_panels() const { return static_cast<Index>(row_norms_.size() / tile_rows); }
-
-  /// Compares the features of row panels [begin, end) with all others.
-  void offer(Index begin, Index end, NearestTable& of_rows, NearestTable& of_columns) const {
-    for (std::size_t panel = 0; panel * tile_columns < column_count_; ++panel)
-      for (auto row = static_cast<std::size_t>(begin); row < static_cast<std::size_t>(end); ++row)
-        offer_tile(row, panel, of_rows, of_columns);
-  }
-
- private:
-  using Tile = std::array<std::array<FloatLanes, 2>, tile_rows>;
-
-  /// Infinitely long where a panel has no more features: nothing is ever near.
-  [[nodiscard]] static std::vector<float> padded(std::span<const float> norms, std::size_t width) {
-    std::vector<float> result(norms.begin(), norms.end());
-    result.resize((norms.size() + width - 1) / width * width, std::numeric_limits<float>::infinity());
-    return result;
-  }
-
-  /// |a|^2 / 2 + |b|^2 / 2 - a . b, half the squared distance, of every pair.
-  void measure(std::size_t row_panel, std::size_t column_panel, Tile& result) const {
-    FloatLanes left, right;
-    load(&column_norms_[column_panel * tile_columns], left);
-    load(&column_norms_[column_panel * tile_columns + lane_count], right);
-    Tile tile;
-    const float* norms = &row_norms_[row_panel * tile_rows];
-#pragma GCC unroll 6
-    for (std::size_t r = 0; r < tile_rows; ++r) tile[r] = {norms[r] + left, norms[r] + right};
-    const float* a = &rows_[row_panel * tile_rows * length_];
-    const float* b = &columns_[column_panel * tile_columns * length_];
-    for (std::size_t k = 0; k < length_; ++k, a += tile_rows, b += tile_columns) {
-      load(b, left);
-      load(b + lane_count, right);
-#pragma GCC unroll 6
-      for (std::size_t r = 0; r < tile_rows; ++r) {
-        tile[r][0] -= a[r] * left;
-        tile[r][1] -= a[r] * right;
-      }
-    }
-    result = tile;
-  }
-
-  /// Where a row's distances are within a limit, its own or the columns'.
-  static void find_near(const std::array<FloatLanes, 2>& row, float limit, const FloatLanes& left,
-                        const FloatLanes& right, MaskLanes& near) {
-    near |= (row[0] <= left) | (row[1] <= right) | (row[0] <= limit) | (row[1] <= limit);
-  }
-
-  void offer_tile(std::size_t row_panel, std::size_t column_panel, NearestTable& of_rows,
-                  NearestTable& of_columns) const {
-    Tile tile;
-    measure(row_panel, column_panel, tile);
-    const std::size_t first_row = row_panel * tile_rows, first_column = column_panel * tile_columns;
-    const float* row_limits = of_rows.limits() + first_row;
-    FloatLanes left, right;
-    load(of_columns.limits() + first_column, left);
-    load(of_columns.limits() + first_column + lane_count, right);
-    MaskLanes near{};
-#pragma GCC unroll 6
-    for (std::size_t r = 0; r < tile_rows; ++r) find_near(tile[r], row_limits[r], left, right, near);
-    if (!any(near)) return;
-    const std::size_t rows = std::min(tile_rows, row_count_ - first_row);
-    const std::size_t columns = std::min(tile_columns, column_count_ - first_column);
-    for (std::size_t r = 0; r < rows; ++r) {
-      near = MaskLanes{};
-      find_near(tile[r], row_limits[r], left, right, near);
-      if (!any(near)) continue;
-      for (std::size_t c = 0; c < columns; ++c) {
-        const auto row = static_cast<Index>(first_row + r), column = static_cast<Index>(first_column + c);
-        const float half = tile[r][c / lane_count][c % lane_count];
-        if (half <= of_rows.limit(row)) of_rows.offer(row, column, half);
-        if (half <= of_columns.limit(column)) of_columns.offer(column, row, half);
-      }
-    }
-  }
-
-  std::vector<float> rows_, columns_;
-  std::size_t length_, row_count_, column_count_;
-  std::vector<float> row_norms_, column_norms_;
-};
-
-/// The nearest both ways.
-struct NearestBothWays {
-  NearestTable of_source, of_target;
-};
-
-/// From one pass over all distances: of the features of both sets, the nearest of the other.
-template <Executor Exec>
-[[nodiscard]] NearestBothWays nearest_both_ways(const FeatureSet& source, const FeatureSet& target,
-                                                const Eigen::VectorXf& center, bool with_second, const Exec& executor) {
-  // A sum of n products is off by at most n eps |a| |b| <= n eps (|a|^2 + |b|^2) / 2; twice that, and the norms' own.
-  const float rounding = std::numeric_limits<float>::epsilon() * static_cast<float>(2 * center.rows() + 16);
-  NearestBothWays found{NearestTable(source, target, rounding, with_second),
-                        NearestTable(target, source, rounding, with_second)};
-  if (source.size() == 0 || target.size() == 0) return found;
-  const DistanceTiles tiles(source, target, center);
-  // What the first panels found spares the others, which do not know of each other, most of their offers.
-  const Index panels = tiles.row_panels();
-  const Index ahead = std::min(std::max(Index{40}, panels / 16), panels), rest = panels - ahead;
-  const Index grain = std::max(Index{96}, (rest + 5) / 6);
-  tiles.offer(0, ahead, found.of_source, found.of_target);
-  std::vector<NearestTable> parts(static_cast<std::size_t>(count_chunks(rest, grain)), found.of_target);
-  executor.for_chunks(rest, grain, [&](Index begin, Index end) {
-    tiles.offer(ahead + begin, ahead + end, found.of_source, parts[static_cast<std::size_t>(begin / grain)]);
-  });
-  for (const NearestTable& part : parts) found.of_target.offer(part);
-  return found;
-}
 
 }  // namespace chainslam::detail
