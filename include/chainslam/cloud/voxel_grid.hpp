@@ -56,10 +56,12 @@ template <Cloud Points>
 
 namespace detail {
 
-/// Puts the points into voxels, in their order. `add(voxel, block, i, point)` adds point i of the block, which is
-/// `point` of the cloud, to that voxel of the table. Returns how many points were rejected.
-template <class Content, Cloud Points, class Add>
-Index fill_voxels(const Points& cloud, double inverse_size, VoxelTable<Content>& table, Add&& add) {
+/// Puts the points into voxels, in their order. `first(block, i, point)` makes a voxel's content of point i of the
+/// block, which is `point` of the cloud; `add(content, block, i, point)` adds another; `visit(point, voxel)` learns
+/// where each went. Returns how many points were rejected.
+template <class Content, Cloud Points, class First, class Add, class Visit>
+Index fill_voxels(const Points& cloud, double inverse_size, VoxelTable<Content>& table, First&& first, Add&& add,
+                  Visit&& visit) {
   const std::size_t count = static_cast<std::size_t>(to_index(cloud_size(cloud), "cloud"));
   Index rejected = 0;
   CellBlock block;
@@ -71,19 +73,24 @@ Index fill_voxels(const Points& cloud, double inverse_size, VoxelTable<Content>&
         ++rejected;
         continue;
       }
-      const std::size_t point = begin + i;
-      add(table.find_or_add(block.cell(i), static_cast<Index>(point)), block, i, point);
+      const auto point = static_cast<Index>(begin + i);
+      visit(begin + i, table.put(
+                           block.cell(i), point, [&] { return first(block, i, point); },
+                           [&](Content& content) { add(content, block, i, point); }));
     }
   }
   return rejected;
 }
 
+inline constexpr auto visit_nothing = [](std::size_t, std::size_t) {};
+
 template <class Scalar, Cloud Points>
 [[nodiscard]] DownsampledCloud<Scalar> first_in_voxels(const Points& cloud, double inverse_size) {
   struct Nothing {};
   VoxelTable<Nothing> table(cloud_size(cloud));
-  const Index rejected =
-      fill_voxels(cloud, inverse_size, table, [](std::size_t, const CellBlock&, std::size_t, std::size_t) {});
+  const Index rejected = fill_voxels(
+      cloud, inverse_size, table, [](const CellBlock&, std::size_t, Index) { return Nothing{}; },
+      [](Nothing&, const CellBlock&, std::size_t, Index) {}, visit_nothing);
   return {.cloud = select<Scalar>(cloud, table.first_points()), .rejected = rejected};
 }
 
@@ -91,18 +98,20 @@ template <class Scalar, Cloud Points>
 template <class Scalar, Cloud Points>
 [[nodiscard]] DownsampledCloud<Scalar> nearest_in_voxels(const Points& cloud, double inverse_size) {
   struct Nearest {
-    double squared_offset = std::numeric_limits<double>::infinity();
-    Index point = 0;
+    double squared_offset;
+    Index point;
   };
   VoxelTable<Nearest> table(cloud_size(cloud));
-  const auto add = [&](std::size_t voxel, const CellBlock& block, std::size_t i, std::size_t point) {
-    Nearest& nearest = table[voxel];
+  const auto first = [](const CellBlock& block, std::size_t i, Index point) {
+    return Nearest{block.squared_offset(i), point};
+  };
+  const auto add = [](Nearest& nearest, const CellBlock& block, std::size_t i, Index point) {
     const double squared = block.squared_offset(i);
     const bool nearer = squared < nearest.squared_offset;
-    nearest.point = nearer ? static_cast<Index>(point) : nearest.point;
+    nearest.point = nearer ? point : nearest.point;
     nearest.squared_offset = nearer ? squared : nearest.squared_offset;
   };
-  const Index rejected = fill_voxels(cloud, inverse_size, table, add);
+  const Index rejected = fill_voxels(cloud, inverse_size, table, first, add, visit_nothing);
   std::vector<Index> chosen;
   chosen.reserve(table.voxels().size());
   for (const auto& voxel : table.voxels()) chosen.push_back(voxel.content.point);
@@ -113,9 +122,10 @@ inline constexpr Index in_no_voxel = -1;
 
 /// Sums of offsets, and how many: whole numbers, which any order of adding brings to the same bits.
 struct VoxelSum {
-  std::array<std::int64_t, 4> offsets{};
+  std::array<std::int64_t, 4> offsets;
   [[nodiscard]] double count() const { return static_cast<double>(offsets[3]); }
 
+  explicit VoxelSum(const CellBlock::Offset& first) : offsets{first[0], first[1], first[2], first[3]} {}
   void add(const CellBlock::Offset& offset) {
     for (std::size_t i = 0; i < 4; ++i) offsets[i] += offset[i];
   }
@@ -171,19 +181,15 @@ template <class Scalar, Cloud Points>
   const bool normals = carries_normals(cloud), times = carries_times(cloud), intensities = carries_intensities(cloud);
   MeanTable table(cloud_size(cloud));
   std::vector<Index> voxel_of_point;
-  const auto add = [&](std::size_t voxel, const CellBlock& block, std::size_t i, std::size_t) {
-    table[voxel].add(block.offset(i));
-  };
+  const auto first = [](const CellBlock& block, std::size_t i, Index) { return VoxelSum(block.offset(i)); };
+  const auto add = [](VoxelSum& sum, const CellBlock& block, std::size_t i, Index) { sum.add(block.offset(i)); };
   DownsampledCloud<Scalar> result;
   if (normals || times || intensities) {
     voxel_of_point.assign(cloud_size(cloud), in_no_voxel);
-    result.rejected = fill_voxels(cloud, 1.0 / size, table,
-                                  [&](std::size_t voxel, const CellBlock& block, std::size_t i, std::size_t point) {
-                                    add(voxel, block, i, point);
-                                    voxel_of_point[point] = static_cast<Index>(voxel);
-                                  });
+    const auto note = [&](std::size_t point, std::size_t voxel) { voxel_of_point[point] = static_cast<Index>(voxel); };
+    result.rejected = fill_voxels(cloud, 1.0 / size, table, first, add, note);
   } else {
-    result.rejected = fill_voxels(cloud, 1.0 / size, table, add);
+    result.rejected = fill_voxels(cloud, 1.0 / size, table, first, add, visit_nothing);
   }
   if (table.voxels().empty()) return result;
   PointCloud<Scalar>& means = result.cloud;

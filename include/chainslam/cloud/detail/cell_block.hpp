@@ -45,17 +45,20 @@ class CellBlock {
     for (std::size_t axis = 0; axis < 3; ++axis) split(scaled_[axis], cells_[axis], offsets_[axis], count);
     for (std::size_t i = 0; i < count; ++i) {
       const std::int32_t x = cells_[0][i], y = cells_[1][i], z = cells_[2][i];
-      std::uint32_t h = static_cast<std::uint32_t>(x) * 0x9e37'79b1U + static_cast<std::uint32_t>(y) * 0x85eb'ca77U +
-                        static_cast<std::uint32_t>(z) * 0xc2b2'ae3dU;
+      std::uint32_t h = static_cast<std::uint32_t>(x >> 1) * 0x9e37'79b1U +
+                        static_cast<std::uint32_t>(y >> 1) * 0x85eb'ca77U +
+                        static_cast<std::uint32_t>(z >> 1) * 0xc2b2'ae3dU;
       h ^= h >> 15;
-      hashed_[i] = {{x, y, z}, h * 0x2c1b'3c6dU};
+      h *= 0x2c1b'3c6dU;
+      const auto octant = static_cast<std::uint32_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2);
+      hashed_[i] = {{x, y, z}, (h & ~7U) | octant};
     }
     for (std::size_t i = 0; i < count; ++i) point_offsets_[i] = {offsets_[0][i], offsets_[1][i], offsets_[2][i], 1};
   }
 
   /// Whether point i has a cell: it is finite and less than 2^31 cells from the origin.
   [[nodiscard]] bool inside(std::size_t i) const { return inside_[i] != 0; }
-  /// Its cell, with a hash whose upper bits are the best.
+  /// Its cell. The hash is that of the cube of eight cells, and in its three lowest bits which of them the cell is.
   [[nodiscard]] const HashedCell& cell(std::size_t i) const { return hashed_[i]; }
   [[nodiscard]] const Offset& offset(std::size_t i) const { return point_offsets_[i]; }
   [[nodiscard]] double squared_offset(std::size_t i) const {
