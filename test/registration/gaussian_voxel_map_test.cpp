@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "chainslam/core/thread_pool.hpp"
+#include "chainslam/registration/gaussian_cloud.hpp"
 #include "chainslam/registration/icp.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"
@@ -116,6 +117,31 @@ TEST_SUITE("registration/gaussian_voxel_map") {
       for (const Index threads : {2, 8})
         CHECK(Vgicp{}.align(source, map, guess, ThreadPool(threads)).T_target_source == result.T_target_source);
     });
+  }
+
+  TEST_CASE("covariances of discs, point by point, give what normals give") {
+    Rng rng(4);
+    const SE3d truth = asymmetric_pose();
+    const PointCloud<float> surface = sample(rng, yard(), 8000);
+    const PointCloud<float> source = with_normals_from(sample(rng, yard(), 2000, 0.01), truth);
+    const auto discs = [](const PointCloud<float>& cloud) {
+      GaussianCloud gaussians{cloud.positions, {}};
+      for (const Eigen::Vector3f& n : cloud.normals)
+        gaussians.covariances.push_back(chainslam::detail::disc({n[0], n[1], n[2]}, 1e-3));
+      return gaussians;
+    };
+    const SE3d guess = truth * random_motion(rng, 0.2, 0.03);
+    const IndexedGaussians<> gaussians(discs(surface));
+    const AlignResult by_normals = Gicp{}.align(source, IndexedCloud<>(surface), guess);
+    const AlignResult by_covariances = Icp<DistributionToDistribution>{}.align(discs(source), gaussians, guess);
+    CHECK(by_covariances.status == AlignStatus::converged);
+    CHECK(by_covariances.inliers == by_normals.inliers);
+    CHECK(translation_error(by_normals.T_target_source, by_covariances.T_target_source) < 1e-5);
+    CHECK(rotation_error(by_normals.T_target_source, by_covariances.T_target_source) < 1e-6);
+    // A cloud with normals will do for a source, too.
+    CHECK(translation_error(by_covariances.T_target_source,
+                            Icp<DistributionToDistribution>{}.align(source, gaussians, guess).T_target_source) < 1e-6);
+    CHECK_THROWS_AS(IndexedGaussians<>(GaussianCloud{surface.positions, {}}), std::invalid_argument);
   }
 
   TEST_CASE("nothing in it, and mistakes") {

@@ -51,15 +51,16 @@ class MatchCache : public MatchColumns<typename Target::Scalar, TargetSurface> {
   /// Brings the matches of points [begin, end) up to date. Different ranges may be updated at the same time.
   /// @param keep  whether to note what spares later searches; not worth it before a long way.
   void update(const SourceColumns& source, const Placement& at, Index begin, Index end, bool keep) {
-    Vector3 before = Vector3::Constant(Base::far);
+    Index before = -1;  // the last point that was searched for: its matches bound what the next one needs to look at
     for_each_moved<Scalar>(source, at, begin, end, [&](Index i, const Vector3& query) {
       const Scalar moved = (query - noted_query(i)).squaredNorm();
       if (moved < *limits_.at(0, i)) return;
       const Hint hint = look_at_candidates(i, query);
       if (hint.settled) return;
-      const Scalar bound = keep ? hint.all : std::min(hint.one, (query - before).norm());
+      Scalar bound = keep ? hint.all : hint.one;
+      if (before >= 0) bound = std::min(bound, std::sqrt(farthest_candidate(before, query, keep ? kept : 1)));
       search(i, query, bound * (1 + safety), keep);
-      if (this->index(i) >= 0) before = matched(i);
+      before = i;
     });
   }
 
@@ -91,8 +92,16 @@ class MatchCache : public MatchColumns<typename Target::Scalar, TargetSurface> {
   [[nodiscard]] Vector3 noted_query(Index i) const {
     return {*queries_.at(0, i), *queries_.at(1, i), *queries_.at(2, i)};
   }
-  [[nodiscard]] Vector3 matched(Index i) const {
-    return {*this->positions().at(0, i), *this->positions().at(1, i), *this->positions().at(2, i)};
+  /// Squared distance of the farthest of the first `count` candidates of point i.
+  [[nodiscard]] Scalar farthest_candidate(Index i, const Vector3& query, std::size_t count) const {
+    const Candidates& near = candidates_[static_cast<std::size_t>(i)];
+    Scalar farthest = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+      const Scalar dx = near.positions[0][k] - query[0], dy = near.positions[1][k] - query[1],
+                   dz = near.positions[2][k] - query[2];
+      farthest = std::max(farthest, dx * dx + dy * dy + dz * dz);
+    }
+    return farthest;
   }
 
   [[nodiscard]] Hint look_at_candidates(Index i, const Vector3& query) {
