@@ -286,6 +286,24 @@ TEST_SUITE("slam/map_graph") {
     CHECK(sessions.graph.smoother().factor_count() == 1 + 14 + 2 + 4);
   }
 
+  TEST_CASE("after a failure, a join lets go of the prior of its own session alone") {
+    Rng rng(10);
+    RandomSessions sessions(rng, 3, 6);
+    REQUIRE(sessions.graph.optimise().ok());
+    sessions.graph.join(SessionId{0}, SessionId{1}, random_motion(rng, 5, 1));
+    LoopClosure unmeasured = random_closure(rng, sessions.truth, 2, 8);
+    unmeasured.sqrt_information.row(2).setZero();
+    unmeasured.sqrt_information.col(2).setZero();
+    sessions.graph.accept(unmeasured);
+    REQUIRE(sessions.graph.optimise().status == UpdateStatus::singular);
+    sessions.graph.join(SessionId{2}, SessionId{0}, random_motion(rng, 5, 1));
+    CHECK(sessions.graph.smoother().count<PriorFactor<SE3d>>() == 1);
+    sessions.graph.accept(random_closure(rng, sessions.truth, 3, 9));
+    sessions.graph.accept(random_closure(rng, sessions.truth, 4, 15));
+    CHECK(sessions.graph.optimise().ok());
+    CHECK(sessions.graph.smoother().count<PriorFactor<SE3d>>() == 1);
+  }
+
   TEST_CASE("a join linearises nothing anew but what ties the session to others") {
     Rng rng(8);
     RandomSessions sessions(rng, 2, 200);

@@ -278,6 +278,7 @@ class MapGraph {
 
   void rebuild() {
     smoother_ = Smoother(options_.smoother);
+    priors_.assign(map_.sessions.size(), {});
     add_to_smoother(0, 0, 0, 0);
   }
   /// Adds all of the map from these positions on.
