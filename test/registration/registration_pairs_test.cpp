@@ -23,7 +23,7 @@ IndexedCloud<> oriented(const PointCloud<float>& scan, double voxel_size) {
   return IndexedCloud<>(std::move(cloud));
 }
 
-SE3d read_matrix(const std::filesystem::path& path) {
+SE3d read_transform(const std::filesystem::path& path) {
   std::ifstream file(path);
   Eigen::Matrix4d T;
   for (int i = 0; i < 16; ++i) file >> T(i / 4, i % 4);
@@ -56,7 +56,7 @@ TEST_SUITE("registration/real pairs") {
   TEST_CASE("two scans of an outdoor LiDAR, from half a metre away") {
     const auto folder = real_data("registration_pairs/small_gicp_outdoor");
     if (!folder) return;
-    const SE3d truth = read_matrix(*folder / "T_target_source.txt");
+    const SE3d truth = read_transform(*folder / "T_target_source.txt");
     const PointCloud<float> source = oriented(read_ply(*folder / "source.ply"), 0.25).cloud();
     const IndexedCloud<> target = oriented(read_ply(*folder / "target.ply"), 0.25);
     for (const AlignResult& result :
