@@ -41,6 +41,7 @@ class FactorPool {
   [[nodiscard]] Index add(const F& factor, Index term) {
     ++alive_;
     if (free_.empty()) {
+      if (entries_.size() == entries_.capacity()) entries_.reserve(entries_.size() + entries_.size() / 4 + 16);
       entries_.push_back({factor, term, 0, true});
       return to_index(entries_.size()) - 1;
     }

@@ -1,10 +1,14 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <bit>
+#include <cassert>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <memory>
+#include <type_traits>
 #include <vector>
 
 #include "chainslam/sparse/detail/table.hpp"
@@ -13,65 +17,152 @@ namespace chainslam::detail {
 
 /// Memory for many arrays that come and go: taken from the system in large pieces, and used again without asking it.
 ///
-/// Arrays are rounded up to one of eight sizes between powers of two, and wait in a list of their size when given back.
-/// They do not move, and are not initialised. O(1).
+/// Arrays that are given back become one block with free neighbours; a block that is too large is split: two-level
+/// segregated fit (Masmano, Ripoll, Crespo and Real 2004, "TLSF"). Arrays do not move, and are not initialised. O(1).
 template <class T>
 class Arena {
+  static_assert(std::is_trivially_copyable_v<T> && sizeof(T) <= 8 && alignof(T) <= 8);
+
  public:
-  /// An array of at least `count` elements; give it back with the same count.
+  /// An array of `count` elements.
   [[nodiscard]] T* take(Offset count) {
-    const std::size_t size = size_class(count);
-    if (size < free_.size() && !free_[size].empty()) {
-      T* const array = free_[size].back();
-      free_[size].pop_back();
-      return array;
+    const std::size_t words = words_for(count);
+    std::byte* block = find(words);
+    if (block == nullptr) block = add_piece(words);
+    remove(block);
+    Header head = read<Header>(block);
+    const std::size_t rest = head.size - words;
+    head.free = 0;
+    if (rest >= smallest_block) {
+      head.size = static_cast<std::uint32_t>(words);
+      add_free(block + words * word, rest, words);
     }
-    const Offset rounded = class_size(size);
-    if (rounded > left_) {
-      const Offset piece = std::max(rounded, smallest_piece);
-      pieces_.push_back(std::make_unique_for_overwrite<T[]>(static_cast<std::size_t>(piece)));
-      total_ += piece;
-      if (piece - rounded <= left_) return pieces_.back().get();
-      next_ = pieces_.back().get();
-      left_ = piece;
-    }
-    T* const array = next_;
-    next_ += rounded;
-    left_ -= rounded;
-    return array;
+    write(block, head);
+    return reinterpret_cast<T*>(block + word);
   }
 
+  /// @param count  as it was taken.
   void give_back(T* array, Offset count) {
-    const std::size_t size = size_class(count);
-    if (size >= free_.size()) free_.resize(size + 1);
-    free_[size].push_back(array);
+    std::byte* block = reinterpret_cast<std::byte*>(array) - word;
+    const Header head = read<Header>(block);
+    assert(head.free == 0 && head.size >= words_for(count));
+    static_cast<void>(count);
+    std::size_t size = head.size, before = head.before;
+    std::byte* const next = block + size * word;
+    if (read<Header>(next).free != 0) {
+      remove(next);
+      size += read<Header>(next).size;
+    }
+    if (before != 0 && read<Header>(block - before * word).free != 0) {
+      block -= before * word;
+      remove(block);
+      size += before;
+      before = read<Header>(block).before;
+    }
+    add_free(block, size, before);
   }
 
-  /// Elements taken from the system.
-  [[nodiscard]] Offset capacity() const { return total_; }
+  /// Elements that fit into what was taken from the system.
+  [[nodiscard]] Offset capacity() const { return words_ * static_cast<Offset>(word / sizeof(T)); }
 
  private:
-  static constexpr Offset smallest_piece = 32768;
+  static constexpr std::size_t word = 8;
+  static constexpr std::size_t smallest_block = 3;  ///< header and links, in words as all sizes
+  static constexpr std::size_t smallest_piece = 32768;
 
-  /// Sizes are 8, 9, ... 15 times a power of two, and 1 ... 7.
-  [[nodiscard]] static std::size_t size_class(Offset count) {
-    const auto wanted = static_cast<std::uint64_t>(std::max<Offset>(count, 1));
-    if (wanted < 16) return static_cast<std::size_t>(wanted);
-    const int shift = static_cast<int>(std::bit_width(wanted - 1)) - 4;
-    const std::uint64_t eighths = ((wanted - 1) >> shift) + 1;  // 9 ... 16
-    return static_cast<std::size_t>(shift) * 8 + static_cast<std::size_t>(eighths);
+  /// Before each block. One of size 0 ends a piece.
+  struct Header {
+    std::uint32_t size;         ///< header included
+    std::uint32_t before : 31;  ///< size of the block before, 0 at the start of a piece
+    std::uint32_t free : 1;
+  };
+  static_assert(sizeof(Header) == word);
+  /// Behind the header of a free block: its neighbours in the list of its bin.
+  struct Links {
+    std::byte* next;
+    std::byte* previous;
+  };
+  static_assert(sizeof(Links) <= (smallest_block - 1) * word);
+
+  template <class X>
+  [[nodiscard]] static X read(const std::byte* from) {
+    X value;
+    std::memcpy(&value, from, sizeof value);
+    return value;
   }
-  [[nodiscard]] static Offset class_size(std::size_t size) {
-    if (size < 16) return static_cast<Offset>(size);
-    const std::size_t shift = (size - 9) / 8;
-    return static_cast<Offset>((size - shift * 8) << shift);
+  template <class X>
+  static void write(std::byte* to, const X& value) {
+    std::memcpy(to, &value, sizeof value);
+  }
+  [[nodiscard]] static Links links(const std::byte* block) { return read<Links>(block + word); }
+  static void set_links(std::byte* block, const Links& links) { write(block + word, links); }
+
+  [[nodiscard]] static std::size_t words_for(Offset count) {
+    const std::size_t payload = (static_cast<std::size_t>(count) * sizeof(T) + word - 1) / word;
+    assert(payload < (std::size_t{1} << 30));
+    return std::max(smallest_block, payload + 1);
   }
 
-  std::vector<std::unique_ptr<T[]>> pieces_;
-  std::vector<std::vector<T*>> free_;
-  T* next_ = nullptr;
-  Offset left_ = 0;
-  Offset total_ = 0;
+  /// Bins hold sizes of 1, 2, ... 15, and eight ranges between powers of two above.
+  [[nodiscard]] static std::size_t bin_of(std::size_t size) {
+    if (size < 16) return size;
+    const auto shift = static_cast<std::size_t>(std::bit_width(size)) - 4;
+    return shift * 8 + (size >> shift);
+  }
+
+  /// A free block that is large enough, from the first bin whose blocks all are.
+  [[nodiscard]] std::byte* find(std::size_t size) const {
+    if (size >= 16) size += (std::size_t{1} << (static_cast<std::size_t>(std::bit_width(size)) - 4)) - 1;
+    const std::size_t bin = bin_of(size);
+    std::uint64_t mask = ~std::uint64_t{0} << (bin % 64);
+    for (std::size_t k = bin / 64; k < used_.size(); ++k, mask = ~std::uint64_t{0}) {
+      const std::uint64_t found = used_[k] & mask;
+      if (found != 0) return heads_[k * 64 + static_cast<std::size_t>(std::countr_zero(found))];
+    }
+    return nullptr;
+  }
+
+  /// A new piece, as one free block that is at least that large.
+  [[nodiscard]] std::byte* add_piece(std::size_t size) {
+    const std::size_t whole = std::max(size + 1, smallest_piece);
+    pieces_.push_back(std::make_unique_for_overwrite<std::byte[]>(whole * word));
+    words_ += static_cast<Offset>(whole);
+    std::byte* const block = pieces_.back().get();
+    write(block + (whole - 1) * word, Header{0, 0, 0});
+    add_free(block, whole - 1, 0);
+    return block;
+  }
+
+  void add_free(std::byte* block, std::size_t size, std::size_t before) {
+    write(block, Header{static_cast<std::uint32_t>(size), static_cast<std::uint32_t>(before) & 0x7fffffffU, 1});
+    std::byte* const after = block + size * word;
+    Header head = read<Header>(after);
+    head.before = static_cast<std::uint32_t>(size) & 0x7fffffffU;
+    write(after, head);
+    const std::size_t bin = bin_of(size);
+    if (heads_[bin] != nullptr) set_links(heads_[bin], {links(heads_[bin]).next, block});
+    set_links(block, {heads_[bin], nullptr});
+    heads_[bin] = block;
+    used_[bin / 64] |= std::uint64_t{1} << (bin % 64);
+  }
+
+  /// Takes a free block out of its bin.
+  void remove(std::byte* block) {
+    const Links of_block = links(block);
+    const std::size_t bin = bin_of(read<Header>(block).size);
+    if (of_block.next != nullptr) set_links(of_block.next, {links(of_block.next).next, of_block.previous});
+    if (of_block.previous != nullptr) {
+      set_links(of_block.previous, {of_block.next, links(of_block.previous).previous});
+    } else {
+      heads_[bin] = of_block.next;
+      if (heads_[bin] == nullptr) used_[bin / 64] &= ~(std::uint64_t{1} << (bin % 64));
+    }
+  }
+
+  std::vector<std::unique_ptr<std::byte[]>> pieces_;
+  std::array<std::byte*, 256> heads_{};
+  std::array<std::uint64_t, 4> used_{};  ///< a bit for each bin that is not empty
+  Offset words_ = 0;
 };
 
 }  // namespace chainslam::detail

@@ -15,7 +15,7 @@ enum class Change : std::uint8_t {
   term_added,
   term_removed,
   term_numbers,  ///< with the numbers before
-  node_removed,  ///< with its children
+  node_removed,  ///< with its children; its numbers are given up
   node_created,
   node_numbers,   ///< computed anew in place
   node_solution,  ///< with its excess and the solution of its columns before

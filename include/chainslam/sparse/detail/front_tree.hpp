@@ -58,16 +58,26 @@ class FrontTree {
     created.columns = columns;
     created.rows = rows;
     created.variables = lists_.take(columns + rows);
-    created.data = numbers_.take(Front<B>::size(columns, rows));
+    take_numbers(node);
     return node;
   }
 
   void release(Index node) {
     Node& released = nodes_[node];
+    if (has_numbers(node)) release_numbers(node);
     lists_.give_back(released.variables, released.columns + released.rows);
-    numbers_.give_back(released.data, Front<B>::size(released.columns, released.rows));
     free_.push_back(node);
   }
+
+  /// The numbers alone: not initialised when they are taken again.
+  void release_numbers(Index node) {
+    numbers_.give_back(nodes_[node].data, Front<B>::size(nodes_[node].columns, nodes_[node].rows));
+    nodes_[node].data = nullptr;
+  }
+  void take_numbers(Index node) {
+    nodes_[node].data = numbers_.take(Front<B>::size(nodes_[node].columns, nodes_[node].rows));
+  }
+  [[nodiscard]] bool has_numbers(Index node) const { return nodes_[node].data != nullptr; }
 
   void append_child(Index parent, Index child) {
     Node& above = nodes_[parent];

@@ -249,6 +249,7 @@ class IncrementalCholesky {
   }
 
   void undo(const Journal::Entry& entry);
+  void compute_restored();
 
   Options options_;
   detail::BlockTerms<BlockSize> terms_;
@@ -268,7 +269,8 @@ class IncrementalCholesky {
   detail::Table<Index> stack_;
   detail::Table<Index> changed_;
   detail::Table<Index> written_;
-  detail::Table<Index> recomputed_;  ///< nodes whose numbers a rollback has to compute again, last first
+  detail::Table<Index> recomputed_;  ///< nodes whose numbers a rollback has to compute again, last first,
+  detail::Table<Index> restored_;    ///< and those that it brings back
   detail::Table<double> gathered_;
   Totals totals_;
   Totals totals_before_;

@@ -80,6 +80,7 @@ void IncrementalCholesky<BlockSize>::collect_affected() {
       if (tree_[child].stale != Stale::order) orphans_.push_back(child);
     }
     for (const Index variable : tree_.columns(node)) affect(variable);
+    tree_.release_numbers(node);
   }
   std::sort(affected_.begin(), affected_.end());
   for (Index k = 0; k < to_index(affected_.size()); ++k) local_[affected_[k]] = k;
@@ -204,15 +205,37 @@ void IncrementalCholesky<BlockSize>::substitute(Index node) {
   }
 }
 
-/// What was computed in place is computed again from what it came from, in the same order: to the same bits.
+/// What was computed in place, or given up, is computed again from what it came from, in the same order: to the same
+/// bits.
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::rollback() {
   clear_changes();
   recomputed_.clear();
+  restored_.clear();
   for (Offset k = journal_.entries().size() - 1; k >= 0; --k) undo(journal_.entries()[k]);
   journal_.clear();
-  for (Offset k = recomputed_.size() - 1; k >= 0; --k) static_cast<void>(compute(recomputed_[k]));
+  for (Offset k = recomputed_.size() - 1; k >= 0; --k) {
+    if (tree_.has_numbers(recomputed_[k])) static_cast<void>(compute(recomputed_[k]));
+  }
+  compute_restored();
   totals_ = totals_before_;
+}
+
+/// Children before parents; all above a restored node is restored, too.
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::compute_restored() {
+  ready_.clear();
+  for (const Index node : restored_) {
+    if (tree_.has_numbers(node) && tree_[node].parent != -1) ++tree_[tree_[node].parent].waits_for;
+  }
+  for (const Index node : restored_) {
+    if (tree_.has_numbers(node) && tree_[node].waits_for == 0) ready_.push_back(node);
+  }
+  for (Offset k = 0; k < ready_.size(); ++k) {
+    static_cast<void>(compute(ready_[k]));
+    const Index parent = tree_[ready_[k]].parent;
+    if (parent != -1 && --tree_[parent].waits_for == 0) ready_.push_back(parent);
+  }
 }
 
 template <int BlockSize>
@@ -243,6 +266,8 @@ void IncrementalCholesky<BlockSize>::undo(const Journal::Entry& entry) {
       terms_.set_counted(entry.id, true);
       break;
     case detail::Change::node_removed:
+      tree_.take_numbers(entry.id);
+      restored_.push_back(entry.id);
       tree_.drop_children(entry.id);
       for (const Index child : journal_.indices(entry)) tree_.append_child(entry.id, child);
       for (const Index variable : tree_.columns(entry.id)) tree_.set_node_of(variable, entry.id);

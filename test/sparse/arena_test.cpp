@@ -1,0 +1,78 @@
+#include "chainslam/sparse/detail/arena.hpp"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "support/property.hpp"
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+namespace {
+
+/// Arrays full of one number each, so that any overlap shows.
+template <class T>
+struct Arrays {
+  struct Array {
+    T* data;
+    Offset size;
+    T number;
+  };
+  detail::Arena<T> arena;
+  std::vector<Array> live;
+  Offset elements = 0;
+
+  void take(Rng& rng) {
+    const Offset size = rng.uniform_index(rng.uniform_index(10) == 0 ? 5000 : 100);
+    const auto number = static_cast<T>(rng.uniform_index(1000000));
+    live.push_back({arena.take(size), size, number});
+    std::fill_n(live.back().data, size, number);
+    elements += size;
+  }
+  void give_back(std::size_t k) {
+    const Array array = live[k];
+    CHECK(std::all_of(array.data, array.data + array.size, [&](T value) { return value == array.number; }));
+    arena.give_back(array.data, array.size);
+    elements -= array.size;
+    live[k] = live.back();
+    live.pop_back();
+  }
+};
+
+}  // namespace
+
+TEST_SUITE("sparse/arena") {
+  TEST_CASE_TEMPLATE("arrays never overlap, and what is given back is used again", T, double, Index) {
+    for_all(5, [](Rng& rng, int) {
+      Arrays<T> arrays;
+      for (int k = 0; k < 4000; ++k) {
+        if (arrays.live.empty() || rng.uniform_index(100) < 55)
+          arrays.take(rng);
+        else
+          arrays.give_back(static_cast<std::size_t>(rng.uniform_index(to_index(arrays.live.size()))));
+      }
+      const Offset capacity = arrays.arena.capacity();
+      CHECK(static_cast<double>(capacity) < 1.35 * static_cast<double>(arrays.elements) + 65536.0);
+      for (int k = 0; k < 4000; ++k) {  // as many in as out
+        arrays.give_back(static_cast<std::size_t>(rng.uniform_index(to_index(arrays.live.size()))));
+        arrays.take(rng);
+      }
+      CHECK(static_cast<double>(arrays.arena.capacity()) <
+            1.3 * static_cast<double>(capacity) + 131072.0);  // two pieces
+      while (!arrays.live.empty()) arrays.give_back(arrays.live.size() - 1);
+    });
+  }
+
+  TEST_CASE("when all is given back, the largest pieces are whole again") {
+    detail::Arena<double> arena;
+    std::vector<double*> small;
+    for (int k = 0; k < 1000; ++k) small.push_back(arena.take(30));
+    const Offset capacity = arena.capacity();
+    for (std::size_t k = 0; k < small.size(); k += 2) arena.give_back(small[k], 30);
+    for (std::size_t k = 1; k < small.size(); k += 2) arena.give_back(small[k], 30);
+    CHECK(arena.take(28000) != nullptr);
+    CHECK(arena.capacity() == capacity);
+  }
+}
