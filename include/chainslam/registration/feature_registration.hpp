@@ -62,19 +62,23 @@ struct FeatureRegistration {
   /// @throws std::invalid_argument if an option makes no sense.
   template <Cloud Points, Executor Exec = Serial>
   [[nodiscard]] DescribedCloud describe(const Points& points, const Exec& executor = {}) const {
-    PointCloud<float> cloud = voxel_downsample(points, voxel_size);
-    const std::vector<Eigen::Vector3f> seen_sides = std::move(cloud.normals);
-    cloud.normals.clear();
-    const KdTree<float> tree(cloud);
-    const Neighborhoods near(cloud, tree, features.radius, features.max_neighbors, executor);
-    if (normals.radius <= features.radius)
-      estimate_normals(cloud, near, normals, Eigen::Vector3d::Zero(), executor);
-    else
-      estimate_normals(cloud, tree, normals, Eigen::Vector3d::Zero(), executor);
-    for (std::size_t i = 0; i < seen_sides.size(); ++i)
-      if (cloud.normals[i].dot(seen_sides[i]) < 0) cloud.normals[i] = -cloud.normals[i];
-    FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);
-    return {IndexedCloud<>(std::move(cloud)), std::move(described)};
+    return describe(thin(points), executor);
+  }
+
+  /// Both at once: what one thread does for a cloud, two do for two.
+  template <Cloud Source, Cloud Target, Executor Exec = Serial>
+  [[nodiscard]] std::pair<DescribedCloud, DescribedCloud> describe_both(const Source& source, const Target& target,
+                                                                        const Exec& executor = {}) const {
+    ThinnedCloud thin_source, thin_target;
+    executor.for_chunks(2, 1, [&](Index begin, Index end) {
+      for (Index i = begin; i < end; ++i) {
+        if (i == 0)
+          thin_source = thin(source);
+        else
+          thin_target = thin(target);
+      }
+    });
+    return {describe(std::move(thin_source), executor), describe(std::move(thin_target), executor)};
   }
 
   /// @param deadline  for an estimator that takes one; past it, the best so far is the answer.
@@ -96,7 +100,39 @@ struct FeatureRegistration {
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
   [[nodiscard]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {},
                                         const Deadline& deadline = {}) const {
-    return align(describe(source, executor), describe(target, executor), executor, deadline);
+    const auto described = describe_both(source, target, executor);
+    return align(described.first, described.second, executor, deadline);
+  }
+
+ private:
+  /// One point a voxel, and the normals that came with them, taken off.
+  struct ThinnedCloud {
+    PointCloud<float> cloud;
+    std::vector<Eigen::Vector3f> seen_sides;
+    KdTree<float> tree;
+  };
+
+  template <Cloud Points>
+  [[nodiscard]] ThinnedCloud thin(const Points& points) const {
+    ThinnedCloud thinned{.cloud = voxel_downsample(points, voxel_size), .seen_sides = {}, .tree = {}};
+    thinned.seen_sides = std::move(thinned.cloud.normals);
+    thinned.cloud.normals.clear();
+    thinned.tree = KdTree<float>(thinned.cloud);
+    return thinned;
+  }
+
+  template <Executor Exec>
+  [[nodiscard]] DescribedCloud describe(ThinnedCloud thinned, const Exec& executor) const {
+    PointCloud<float>& cloud = thinned.cloud;
+    const Neighborhoods near(cloud, thinned.tree, features.radius, features.max_neighbors, executor);
+    if (normals.radius <= features.radius)
+      estimate_normals(cloud, near, normals, Eigen::Vector3d::Zero(), executor);
+    else
+      estimate_normals(cloud, thinned.tree, normals, Eigen::Vector3d::Zero(), executor);
+    for (std::size_t i = 0; i < thinned.seen_sides.size(); ++i)
+      if (cloud.normals[i].dot(thinned.seen_sides[i]) < 0) cloud.normals[i] = -cloud.normals[i];
+    FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);
+    return {IndexedCloud<>(std::move(cloud), std::move(thinned.tree)), std::move(described)};
   }
 };
 static_assert(GlobalRegistration<FeatureRegistration<>, PointCloud<float>, PointCloud<float>>);

@@ -94,7 +94,8 @@ struct GraphConsensus {
     std::vector<Index> left(static_cast<std::size_t>(points.size()));
     for (Index i = 0; i < points.size(); ++i) left[static_cast<std::size_t>(i)] = i;
     for (Index k = 0; k < count && to_index(left.size()) >= min_consensus && !(k > 0 && deadline.passed()); ++k) {
-      const std::vector<Index> consistent = k == 0 ? prune(graph, deadline) : prune(graph.among(left), deadline);
+      const std::vector<Index> consistent =
+          k == 0 ? prune(graph, executor, deadline) : prune(graph.among(left), executor, deadline);
       std::vector<Index> chosen;
       for (const Index i : consistent) chosen.push_back(left[static_cast<std::size_t>(i)]);
       const std::optional<Hypothesis> hypothesis = fit(points, chosen);
@@ -111,8 +112,9 @@ struct GraphConsensus {
   }
 
  private:
-  [[nodiscard]] std::vector<Index> prune(const BitGraph& graph, const Deadline& deadline) const {
-    if (pruning == Pruning::clique) return max_clique(graph, clique_starts, clique_budget, deadline).vertices;
+  template <class Exec>
+  [[nodiscard]] std::vector<Index> prune(const BitGraph& graph, const Exec& executor, const Deadline& deadline) const {
+    if (pruning == Pruning::clique) return max_clique(graph, clique_starts, clique_budget, deadline, executor).vertices;
     const CoreNumbers cores = core_numbers(graph);
     std::vector<Index> core;
     for (Index i = 0; i < graph.size(); ++i)

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "chainslam/core/deadline.hpp"
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/registration/consistency_graph.hpp"
 
@@ -152,19 +153,24 @@ class CliqueSearch {
 ///
 /// @param starts  greedy cliques to grow, at least one.
 /// @param budget  steps of branch and bound; 0: only greedy ones.
+/// @param executor  grows the greedy ones; the result is the same for any.
 /// @returns a result that depends on the arguments alone, unless the deadline passes.
-[[nodiscard]] inline Clique max_clique(const BitGraph& graph, Index starts = 16, Index budget = 500,
-                                       const Deadline& deadline = {}) {
+template <Executor Exec = Serial>
+[[nodiscard]] Clique max_clique(const BitGraph& graph, Index starts = 16, Index budget = 500,
+                                const Deadline& deadline = {}, const Exec& executor = {}) {
   Clique clique;
   if (graph.size() == 0) return {{}, true};
   const CoreNumbers cores = core_numbers(graph);
-  for (Index k = 0; k < std::max(starts, Index{1}) && k < graph.size(); ++k) {
-    const Index start = cores.order[static_cast<std::size_t>(graph.size() - 1 - k)];
-    if (cores.of_vertex[static_cast<std::size_t>(start)] < to_index(clique.vertices.size())) break;
-    if (k > 0 && deadline.passed()) break;
-    std::vector<Index> grown = detail::grow_clique(graph, start);
-    if (grown.size() > clique.vertices.size()) clique.vertices = std::move(grown);
-  }
+  const Index tries = std::clamp(starts, Index{1}, graph.size());
+  std::vector<std::vector<Index>> grown(static_cast<std::size_t>(tries));
+  executor.for_chunks(tries, 1, [&](Index begin, Index end) {
+    for (Index k = begin; k < end; ++k)
+      if (k == 0 || !deadline.passed())
+        grown[static_cast<std::size_t>(k)] =
+            detail::grow_clique(graph, cores.order[static_cast<std::size_t>(graph.size() - 1 - k)]);
+  });
+  for (std::vector<Index>& one : grown)
+    if (one.size() > clique.vertices.size()) clique.vertices = std::move(one);
   std::vector<Index> hopeful;  // those with many neighbours first
   for (auto vertex = cores.order.rbegin(); vertex != cores.order.rend(); ++vertex)
     if (cores.of_vertex[static_cast<std::size_t>(*vertex)] >= to_index(clique.vertices.size()))

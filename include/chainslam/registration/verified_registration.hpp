@@ -120,7 +120,8 @@ struct VerifiedRegistration {
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
   [[nodiscard]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {},
                                         const Deadline& deadline = {}) const {
-    return align(describe(source, executor), describe(target, executor), executor, deadline);
+    const auto described = features.describe_both(source, target, executor);
+    return align(described.first, described.second, executor, deadline);
   }
 
  private:

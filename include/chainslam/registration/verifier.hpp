@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <concepts>
 #include <cstddef>
@@ -93,7 +94,7 @@ struct Verifier {
     const std::size_t smaller = std::min(source.size(), target.size());
     if (smaller > 0) result.share_of_smaller = std::min(1.0, result.overlap.inliers / static_cast<double>(smaller));
     measure_surfaces(source, target, T_target_source, result, executor);
-    if (viewpoints) measure_views(source, target.cloud(), T_target_source, *viewpoints, result);
+    if (viewpoints) measure_views(source, target.cloud(), T_target_source, *viewpoints, result, executor);
     result.refusal = judge(result);
     return result;
   }
@@ -145,23 +146,33 @@ struct Verifier {
     if (all.normals > 0) result.aligned_normals = static_cast<double>(all.aligned) / all.normals;
   }
 
+  template <class Exec>
   void measure_views(const PointCloud<float>& source, const PointCloud<float>& target, const SE3d& T,
-                     const Viewpoints& viewpoints, Verification& result) const {
-    Index in_view = 0, through = 0;
+                     const Viewpoints& viewpoints, Verification& result, const Exec& executor) const {
+    struct View {
+      Index points = 0, through = 0;
+    };
     const auto look = [&](const PointCloud<float>& seen, const Eigen::Vector3d& viewpoint,
                           const PointCloud<float>& others, const SE3d& T_seen_others) {
+      View view;
       const detail::RangeImage image(seen, viewpoint, view_cell);
       for (std::size_t i = 0; i < others.size(); ++i) {
         const Eigen::Vector3d p = T_seen_others * position(others, i);
         const double free = image.free_range(p);
         if (free == detail::RangeImage::unknown) continue;
-        ++in_view;
+        ++view.points;
         const double margin = view_margin + view_margin_ratio * free;
-        through += image.range_of(p) + margin < free ? 1 : 0;
+        view.through += image.range_of(p) + margin < free ? 1 : 0;
       }
+      return view;
     };
-    look(target, viewpoints.target, source, T);
-    look(source, viewpoints.source, target, T.inverse());
+    std::array<View, 2> views;
+    executor.for_chunks(2, 1, [&](Index begin, Index end) {
+      for (Index i = begin; i < end; ++i)
+        views[static_cast<std::size_t>(i)] =
+            i == 0 ? look(target, viewpoints.target, source, T) : look(source, viewpoints.source, target, T.inverse());
+    });
+    const Index in_view = views[0].points + views[1].points, through = views[0].through + views[1].through;
     result.in_view = in_view;
     result.seen_through = in_view > 0 ? static_cast<double>(through) / in_view : 0.0;
   }

@@ -28,6 +28,8 @@ class IndexedCloud {
 
   IndexedCloud() = default;
   explicit IndexedCloud(PointCloud<Scalar> cloud) : cloud_(std::move(cloud)), search_(cloud_) {}
+  /// With a search that was built before, over the same positions.
+  IndexedCloud(PointCloud<Scalar> cloud, Search search) : cloud_(std::move(cloud)), search_(std::move(search)) {}
 
   [[nodiscard]] const PointCloud<Scalar>& cloud() const { return cloud_; }
   [[nodiscard]] const Search& search() const { return search_; }
