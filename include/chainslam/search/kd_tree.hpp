@@ -11,7 +11,9 @@
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
+#include "chainslam/search/detail/box_split.hpp"
 #include "chainslam/search/detail/lanes.hpp"
+#include "chainslam/search/detail/point_runs.hpp"
 #include "chainslam/search/detail/search_verbs.hpp"
 
 namespace chainslam {
@@ -81,10 +83,7 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, D
     detail::Lanes<Scalar, leaf_size, Dim> points;
     std::array<Index, leaf_size> indices;
   };
-  struct Item {
-    std::array<Scalar, dim> p;
-    Index index;
-  };
+  using Item = detail::TreePoint<Scalar, Dim, Index>;  ///< with its place in the cloud
   /// A subtree put aside: how far the query lies from its cell, axis by axis, and that distance squared.
   struct Pending {
     std::array<Scalar, dim> offset;
@@ -99,13 +98,6 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, D
   template <class Collector>
   void search(const Vector& query, Collector& found) const;
 
-  /// Where and across which axis to split, and how many items lie below; reorders the items.
-  struct Split {
-    Scalar at;
-    std::uint32_t axis;
-    std::size_t below;
-  };
-  [[nodiscard]] static Split split(std::span<Item> items);
   /// The same sum in the same order as for points, so that rounding never makes a cell farther than what it holds.
   [[nodiscard]] static Scalar squared(const std::array<Scalar, dim>& v) {
     Scalar sum = v[0] * v[0] + v[1] * v[1];
@@ -144,46 +136,22 @@ auto KdTree<ScalarType, Dim>::finite_items(const Points& cloud) -> std::vector<I
       ++rejected_;
       continue;
     }
-    Item& item = items.emplace_back();
-    std::copy_n(p.data(), Dim, item.p.begin());
-    item.index = i;
+    std::copy_n(p.data(), Dim, items.emplace_back().at.begin());
+    items.back().payload = i;
   }
   return items;
 }
 
 template <class ScalarType, int Dim>
-auto KdTree<ScalarType, Dim>::split(std::span<Item> items) -> Split {
-  std::array<Scalar, dim> low = items[0].p, high = items[0].p;
-  for (const Item& item : items) {
-    for (std::size_t axis = 0; axis < dim; ++axis) {
-      low[axis] = std::min(low[axis], item.p[axis]);
-      high[axis] = std::max(high[axis], item.p[axis]);
-    }
-  }
-  std::uint32_t axis = 0;
-  for (std::uint32_t other = 1; other < dim; ++other)
-    if (high[other] - low[other] > high[axis] - low[axis]) axis = other;
-  const Scalar middle = low[axis] / 2 + high[axis] / 2;
-  const auto first_above =
-      std::partition(items.begin(), items.end(), [&](const Item& item) { return item.p[axis] < middle; });
-  const auto below = static_cast<std::size_t>(first_above - items.begin());
-  const std::size_t quarter = items.size() / 4;
-  if (below >= quarter && items.size() - below >= quarter) return {middle, axis, below};
-  const std::size_t moved = below < quarter ? quarter : items.size() - quarter;
-  std::nth_element(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(moved), items.end(),
-                   [axis](const Item& left, const Item& right) { return left.p[axis] < right.p[axis]; });
-  return {items[moved].p[axis], axis, moved};
-}
-
-template <class ScalarType, int Dim>
 void KdTree<ScalarType, Dim>::build(std::span<Item> items) {
   if (items.size() <= leaf_size) return add_leaf(items);
-  const Split here = split(items);
+  const std::size_t quarter = items.size() / 4;
+  const auto split = detail::split_points(items, quarter, items.size() - quarter);
   const std::size_t node = nodes_.size();
   nodes_.push_back({});
-  build(items.first(here.below));
-  nodes_[node] = {here.at, 4 * static_cast<std::uint32_t>(nodes_.size()) + here.axis};
-  build(items.subspan(here.below));
+  build(items.first(split.below));
+  nodes_[node] = {split.at, static_cast<std::uint32_t>(4 * nodes_.size() + split.axis)};
+  build(items.subspan(split.below));
 }
 
 template <class ScalarType, int Dim>
@@ -193,9 +161,9 @@ void KdTree<ScalarType, Dim>::add_leaf(std::span<const Item> items) {
   Leaf& leaf = leaves_.emplace_back();
   for (std::size_t lane = 0; lane < items.size(); ++lane) {
     const Item& item = items[lane];
-    leaf.points.set(static_cast<int>(lane), Eigen::Map<const Vector>(item.p.data()));
-    leaf.indices[lane] = item.index;
-    slot_of_point_[static_cast<std::size_t>(item.index)] = first_slot + static_cast<Index>(lane);
+    leaf.points.set(static_cast<int>(lane), Eigen::Map<const Vector>(item.at.data()));
+    leaf.indices[lane] = item.payload;
+    slot_of_point_[static_cast<std::size_t>(item.payload)] = first_slot + static_cast<Index>(lane);
   }
 }
 

@@ -34,7 +34,7 @@ class BoxTreeBuilder {
     BoxTreeBuilder builder(tree);
     const std::size_t n = points.size(), most = room(level + 1), quarter = n / 4;
     const std::size_t low = std::max(quarter, n - std::min(n - 1, most));
-    const std::size_t below = split_points(points, low, n - low);
+    const std::size_t below = split_points(points, low, n - low).below;
     return {builder.make_node(points.first(below), level), builder.make_node(points.subspan(below), level)};
   }
 
@@ -71,13 +71,13 @@ class BoxTreeBuilder {
     // Each side gets a quarter of the points or more, and no more than its children can hold.
     std::size_t low = std::max(n / 4, n > (children - 1) * most ? n - (children - 1) * most : 1);
     low = std::max<std::size_t>(low, 1);
-    std::size_t below = split_points(points, low, n - low);
+    std::size_t below = split_points(points, low, n - low).below;
     std::size_t first = std::clamp<std::size_t>((children * below + n / 2) / n, 1, children - 1);
     first = std::max(first, std::min(at_least(below), children - 1));
     if (at_least(n - below) > children - first) first = children - std::min(at_least(n - below), children - 1);
     if (below > first * most || n - below > (children - first) * most) {
       const std::size_t allowed = std::clamp(below, n - std::min(n, (children - first) * most), first * most);
-      below = split_points(points, allowed, allowed);
+      below = split_points(points, allowed, allowed).below;
     }
     add_children(node, points.first(below), level, first);
     add_children(node, points.subspan(below), level, children - first);

@@ -90,7 +90,7 @@ class BoxTreeInserter {
     for (std::uint32_t lane = 0; lane < RunLink::max_points; ++lane) points[lane] = tree_.runs.get(run.slot(lane));
     points.back() = point;
     tree_.runs.release(run);
-    const std::size_t below = split_points(std::span<Point>(points), total / 4, total - total / 4);
+    const std::size_t below = split_points(std::span<Point>(points), total / 4, total - total / 4).below;
     tree_.at(path.node[0]).set(path.lane[0], tree_.leaf_entry(std::span<const Point>(points).first(below)));
     add_child(path, tree_.leaf_entry(std::span<const Point>(points).subspan(below)));
   }

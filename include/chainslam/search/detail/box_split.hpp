@@ -10,23 +10,43 @@
 
 namespace chainslam::detail {
 
-/// Orders points so that the first lie below a plane across the widest side of their box, the others above. Returns how
-/// many lie below: `at_least` to `at_most`, the plane being in the middle of the box where that allows it. The middle
-/// keeps boxes compact where LiDAR leaves lines of points, of which a median would make slivers.
-template <class Point>
-[[nodiscard]] std::size_t split_points(std::span<Point> points, std::size_t at_least, std::size_t at_most) {
-  Bounds<typename decltype(points[0].at)::value_type, static_cast<int>(std::tuple_size_v<decltype(points[0].at)>)> box;
+/// Moves the points for which `below(p)` holds to the front, where they keep their order, without a branch: no
+/// processor could guess it. Returns how many there are.
+template <class Point, class Below>
+std::size_t part_points(std::span<Point> points, Below&& below) {
+  std::size_t count = 0;
+  for (Point& here : points) {
+    const Point p = here;
+    here = points[count];
+    points[count] = p;
+    count += below(p) ? 1 : 0;
+  }
+  return count;
+}
+
+/// A plane across an axis, and how many points lie below it; those at it may lie on either side.
+template <class Scalar>
+struct PointSplit {
+  std::size_t axis;
+  Scalar at;
+  std::size_t below;
+};
+
+/// Orders points so that the first lie below a plane across the widest side of their box, the others above: `at_least`
+/// to `at_most` below, the plane being in the middle of the box where that allows it. The middle keeps boxes compact
+/// where LiDAR leaves lines of points, of which a median would make slivers.
+template <class Point, class Scalar = typename decltype(Point::at)::value_type>
+[[nodiscard]] PointSplit<Scalar> split_points(std::span<Point> points, std::size_t at_least, std::size_t at_most) {
+  Bounds<Scalar, static_cast<int>(std::tuple_size_v<decltype(Point::at)>)> box;
   for (const Point& p : points) box.include(p.at);
   const std::size_t axis = box.widest_axis();
-  const auto middle = box.low[axis] / 2 + box.high[axis] / 2;
-  const auto first_above =
-      std::partition(points.begin(), points.end(), [&](const Point& p) { return p.at[axis] < middle; });
-  const auto below = static_cast<std::size_t>(first_above - points.begin());
+  const Scalar middle = box.low[axis] / 2 + box.high[axis] / 2;
+  const std::size_t below = part_points(points, [&](const Point& p) { return p.at[axis] < middle; });
   const std::size_t allowed = std::clamp(below, at_least, at_most);
-  if (allowed != below)
-    std::nth_element(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(allowed), points.end(),
-                     [axis](const Point& a, const Point& b) { return a.at[axis] < b.at[axis]; });
-  return allowed;
+  if (allowed == below) return {axis, middle, below};
+  std::nth_element(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(allowed), points.end(),
+                   [axis](const Point& a, const Point& b) { return a.at[axis] < b.at[axis]; });
+  return {axis, points[allowed].at[axis], allowed};
 }
 
 /// Orders a node's children so that the first few and the others make two nodes with small margins (Beckmann et al.
