@@ -27,7 +27,20 @@ std::size_t write_lanes(Neighbor<Scalar>* out, Index first, const Pack<Scalar>& 
   return count;
 }
 
-#if defined(__AVX2__)
+#if defined(__AVX512F__)
+
+template <>
+inline std::size_t write_lanes(Neighbor<float>* out, Index first, const Pack<float>& distances, unsigned mask) {
+  static_assert(sizeof(Neighbor<float>) == 8 && std::is_trivially_copyable_v<Neighbor<float>>);
+  const __m256i indices = _mm256_add_epi32(_mm256_set1_epi32(first), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+  const __m512i in_turn = _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
+  const __m512i pairs = _mm512_permutex2var_epi32(_mm512_castsi256_si512(indices), in_turn,
+                                                  _mm512_castsi256_si512(_mm256_castps_si256(distances.values)));
+  _mm512_storeu_si512(out, _mm512_maskz_compress_epi64(static_cast<__mmask8>(mask), pairs));
+  return static_cast<std::size_t>(std::popcount(mask));
+}
+
+#elif defined(__AVX2__)
 
 /// For each mask of four pairs of 32 bits, the pairs that it names, and then any.
 inline constexpr auto pairs_of_mask = [] {
