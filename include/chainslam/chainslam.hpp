@@ -4,6 +4,7 @@
 /// compiles faster.
 
 #include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/cloud/crop.hpp"
 #include "chainslam/cloud/plane_fit.hpp"

@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <span>
 
-#include "chainslam/cloud/detail/columns.hpp"
+#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/types.hpp"
 
@@ -20,12 +20,10 @@ template <class Scalar = float, Cloud Points>
     for (const Index i : indices) column.push_back(value(static_cast<std::size_t>(i)));
   };
   fill(chosen.positions, [&](std::size_t i) { return position(cloud, i).template cast<Scalar>().eval(); });
-  if (detail::carries_normals(cloud))
-    fill(chosen.normals, [&](std::size_t i) { return detail::normal(cloud, i).template cast<Scalar>().eval(); });
-  if (detail::carries_times(cloud))
-    fill(chosen.time_offsets, [&](std::size_t i) { return detail::time_offset(cloud, i); });
-  if (detail::carries_intensities(cloud))
-    fill(chosen.intensities, [&](std::size_t i) { return detail::intensity(cloud, i); });
+  if (carries_normals(cloud))
+    fill(chosen.normals, [&](std::size_t i) { return normal(cloud, i).template cast<Scalar>().eval(); });
+  if (carries_times(cloud)) fill(chosen.time_offsets, [&](std::size_t i) { return time_offset(cloud, i); });
+  if (carries_intensities(cloud)) fill(chosen.intensities, [&](std::size_t i) { return intensity(cloud, i); });
   return chosen;
 }
 

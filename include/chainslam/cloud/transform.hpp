@@ -1,6 +1,6 @@
 #pragma once
 
-#include "chainslam/cloud/detail/columns.hpp"
+#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/lie/se3.hpp"
 
@@ -21,13 +21,11 @@ template <Cloud Points>
   };
   fill(result.positions,
        [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * position(cloud, i) + p_a_b).template cast<float>(); });
-  if (detail::carries_normals(cloud))
+  if (carries_normals(cloud))
     fill(result.normals,
-         [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * detail::normal(cloud, i)).template cast<float>(); });
-  if (detail::carries_times(cloud))
-    fill(result.time_offsets, [&](std::size_t i) { return detail::time_offset(cloud, i); });
-  if (detail::carries_intensities(cloud))
-    fill(result.intensities, [&](std::size_t i) { return detail::intensity(cloud, i); });
+         [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * normal(cloud, i)).template cast<float>(); });
+  if (carries_times(cloud)) fill(result.time_offsets, [&](std::size_t i) { return time_offset(cloud, i); });
+  if (carries_intensities(cloud)) fill(result.intensities, [&](std::size_t i) { return intensity(cloud, i); });
   return result;
 }
 

@@ -9,8 +9,8 @@
 #include <stdexcept>
 #include <vector>
 
+#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/detail/cell_block.hpp"
-#include "chainslam/cloud/detail/columns.hpp"
 #include "chainslam/cloud/detail/voxel_table.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/select.hpp"

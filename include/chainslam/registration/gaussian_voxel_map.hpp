@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/cloud/detail/columns.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/concepts.hpp"
@@ -112,7 +112,7 @@ class GaussianVoxelMap {
       return covariance;
     } else {
       Eigen::Vector3d n = Eigen::Vector3d::Zero();
-      if (detail::carries_normals(cloud)) n = detail::normal(cloud, i);
+      if (carries_normals(cloud)) n = normal(cloud, i);
       if (!is_finite(n)) n.setZero();
       return Eigen::Matrix3d::Identity() - (1.0 - options_.thickness) * n * n.transpose();
     }

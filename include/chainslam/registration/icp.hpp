@@ -84,8 +84,7 @@ struct Icp {
   /// @param source    points in the source's frame, metres; NaN and infinite points are skipped. With normals or
   ///                  covariances if the metric or the rejector needs them.
   /// @param target    search over points in the target's frame, or a target that names the match itself; with normals
-  /// or
-  ///                  covariances if the metric needs them.
+  ///                  or covariances if the metric needs them.
   /// @param guess     T_target_source to start from.
   /// @param executor  runs the sums; the result is the same to the bit for any.
   /// @param deadline  looked at once an iteration; what it cuts short has status `cancelled`.
@@ -206,7 +205,7 @@ struct Icp {
     const bool source_covariances = DistributedCloud<Source>;
     if ((of_source == Surface::normal || Rejector::needs_normals ||
          (of_source == Surface::covariance && !source_covariances)) &&
-        cloud_size(source) > 0 && !detail::carries_normals(source))
+        cloud_size(source) > 0 && !carries_normals(source))
       throw std::invalid_argument("Icp: the metric needs normals in the source; call estimate_normals first");
   }
 };

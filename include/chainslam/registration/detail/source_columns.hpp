@@ -8,8 +8,8 @@
 #include <type_traits>
 #include <vector>
 
+#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/cloud/detail/columns.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/registration/detail/quad.hpp"

@@ -4,29 +4,33 @@
 
 #include "chainslam/cloud/point_cloud.hpp"
 
-namespace chainslam::detail {
+namespace chainslam {
+
+namespace detail {
 
 template <class T>
 inline constexpr bool is_point_cloud = false;
 template <class Scalar>
 inline constexpr bool is_point_cloud<PointCloud<Scalar>> = true;
 
+}  // namespace detail
+
 /// Whether the cloud at hand carries a column: a `PointCloud` may leave it empty, other types have it by their traits.
 template <Cloud Points>
 [[nodiscard]] bool carries_normals(const Points& cloud) {
-  if constexpr (is_point_cloud<Points>) return cloud.has_normals();
+  if constexpr (detail::is_point_cloud<Points>) return cloud.has_normals();
   return OrientedCloud<Points> && cloud_size(cloud) > 0;
 }
 
 template <Cloud Points>
 [[nodiscard]] bool carries_times(const Points& cloud) {
-  if constexpr (is_point_cloud<Points>) return cloud.has_times();
+  if constexpr (detail::is_point_cloud<Points>) return cloud.has_times();
   return TimedCloud<Points> && cloud_size(cloud) > 0;
 }
 
 template <Cloud Points>
 [[nodiscard]] bool carries_intensities([[maybe_unused]] const Points& cloud) {
-  if constexpr (is_point_cloud<Points>) return cloud.has_intensities();
+  if constexpr (detail::is_point_cloud<Points>) return cloud.has_intensities();
   return false;
 }
 
@@ -54,11 +58,11 @@ template <Cloud Points>
 /// Intensity i; call only if the cloud carries intensities.
 template <Cloud Points>
 [[nodiscard]] float intensity(const Points& cloud, std::size_t i) {
-  if constexpr (is_point_cloud<Points>) {
+  if constexpr (detail::is_point_cloud<Points>) {
     return cloud.intensities[i];
   } else {
     return 0;
   }
 }
 
-}  // namespace chainslam::detail
+}  // namespace chainslam
