@@ -68,8 +68,8 @@ TEST_SUITE("sparse/cholesky") {
 
   TEST_CASE_TEMPLATE("the inverse's diagonal blocks are those of the dense inverse", Solver, BlockCholesky<1>,
                      BlockCholesky<6>, NaturalCholesky) {
-    constexpr int N = Solver::block_size;
     for_all(30, [](Rng& rng, int size) {
+      constexpr int N = Solver::block_size;
       const BlockPattern pattern = random_pattern(rng, size, rng.uniform(0.0, 2.0));
       const BlockMatrix<N> matrix = random_normal_equations<N>(pattern, rng, 0.1);
       Solver solver;
