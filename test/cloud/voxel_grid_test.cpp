@@ -147,6 +147,13 @@ TEST_SUITE("cloud/voxel_grid") {
     CHECK(VoxelGrid{.size = 0.5}.downsample(points).cloud.size() == 3);  // [-0.5, 0), [0, 0.5), [0.5, 1)
   }
 
+  TEST_CASE("a point a rounding below its voxel's upper face stays within it") {
+    const std::vector<Eigen::Vector3d> points{{-1e-20, 0.1, 0.1}, {-0.25, 0.1, 0.1}};
+    const auto thinned = VoxelGrid{.size = 0.5}.downsample<double>(points);
+    REQUIRE(thinned.cloud.size() == 1);
+    CHECK(thinned.cloud.positions[0].x() == doctest::Approx(-0.125).epsilon(1e-6));
+  }
+
   TEST_CASE("NaN, infinite and absurd points are dropped and counted") {
     const float nan = std::numeric_limits<float>::quiet_NaN();
     const float inf = std::numeric_limits<float>::infinity();

@@ -74,6 +74,7 @@ class CellBlock {
              std::size_t count) {
     // Bits are compared, which is right for NaN under -ffast-math, too.
     constexpr auto magnitude = std::int64_t{0x7fff'ffff'ffff'ffff};
+    constexpr double largest_offset = 2147483647.0;
     constexpr auto limit = std::bit_cast<std::int64_t>(2147483647.0);
     for (std::size_t i = 0; i < count; ++i) {
       const auto bits = std::bit_cast<std::int64_t>(scaled[i]);
@@ -82,7 +83,9 @@ class CellBlock {
       const auto truncated = static_cast<std::int32_t>(v);
       const std::int32_t cell = truncated - (v < truncated ? 1 : 0);
       cells[i] = cell;
-      offsets[i] = static_cast<std::int32_t>((v - cell - 0.5) * offset_scale);
+      // Just below a whole number, v - cell rounds to 1.
+      const double offset = (v - cell - 0.5) * offset_scale;
+      offsets[i] = static_cast<std::int32_t>(offset < largest_offset ? offset : largest_offset);
       inside_[i] &= static_cast<std::uint32_t>(inside);
     }
   }
