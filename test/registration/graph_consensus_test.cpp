@@ -112,8 +112,9 @@ TEST_SUITE("registration/graph_consensus") {
           graph.pruning = pruning;
           const GlobalAlignResult result = graph.align(made.source, target, made.matches);
           REQUIRE(result.found());
-          CHECK(translation_error(made.truth, result.T_target_source) < 0.08);
-          CHECK(rotation_error(made.truth, result.T_target_source) < 0.5 * degree);
+          const double slack = wrong < 0.95 ? 1 : 2;  // forty right ones tell a motion less well than eighty
+          CHECK(translation_error(made.truth, result.T_target_source) < slack * 0.08);
+          CHECK(rotation_error(made.truth, result.T_target_source) < slack * 0.5 * degree);
           CHECK(result.matches == 800);
           CHECK(result.putative_ratio > 0.97 - wrong);
           CHECK(result.fitness_source > 0.98);
