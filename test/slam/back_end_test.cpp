@@ -44,7 +44,7 @@ struct ScriptedCloser {
     return due;
   }
 };
-using ScriptedBackEnd = BackEnd<ScriptedCloser, NoChaining, NoMerging>;
+using PlainBackEnd = BackEnd<ScriptedCloser, NoChaining, NoMerging>;
 /// The same loops closed, without what several sessions need.
 using SingleSession = BackEnd<LoopCloser<>, NoChaining, NoMerging>;
 
@@ -136,8 +136,7 @@ TEST_SUITE("slam/back_end") {
   TEST_CASE("one closure cuts the error to a third; T_map_odom then says where odometry's frame lies") {
     const Round round;
     const Index last = to_index(round.truth.size() - 1);
-    ScriptedBackEnd back_end({.graph = {.odometry_noise = Round::noise}},
-                             {{measured(2, last, round.between(2, last))}});
+    PlainBackEnd back_end({.graph = {.odometry_noise = Round::noise}}, {{measured(2, last, round.between(2, last))}});
     for (std::size_t i = 0; i + 1 < round.truth.size(); ++i) back_end.add(round.keyframe(i));
     CHECK(back_end.counts().optimisations == 0);
     CHECK(test::translation_error(SE3d(), *back_end.T_map_odom()) < 1e-9);
@@ -157,7 +156,7 @@ TEST_SUITE("slam/back_end") {
     const SE3d T_from_to(SO3d::exp({0.1, -0.2, 0.7}), {0.5, -0.3, 0.2});
     BackEndOptions options;
     options.graph.odometry_noise = {.translation = 1, .rotation = 0.5};  // so loose that the closure decides
-    ScriptedBackEnd back_end(options, {{measured(1, 4, T_from_to, 0.01)}});
+    PlainBackEnd back_end(options, {{measured(1, 4, T_from_to, 0.01)}});
     for (int i = 0; i < 5; ++i) back_end.add(keyframe_at(i, SE3d(SO3d::exp({0, 0, 0.1 * i}), {0.2 * i, 0, 0})));
     const std::vector<Keyframe>& keyframes = back_end.map().keyframes;
     const SE3d optimised = keyframes[1].T_map_body.inverse() * keyframes[4].T_map_body;
@@ -172,7 +171,7 @@ TEST_SUITE("slam/back_end") {
     for (const Index to : {80, 81, 82, 83}) script.push_back(measured(to - 80, to, round.between(to - 80, to)));
     LoopClosure wrong = measured(10, 70, round.between(10, 70) * shift(6, -4, 0));
     const auto error_of = [&](std::vector<LoopClosure> closures) {
-      ScriptedBackEnd back_end({.graph = {.odometry_noise = Round::noise}}, {std::move(closures)});
+      PlainBackEnd back_end({.graph = {.odometry_noise = Round::noise}}, {std::move(closures)});
       for (std::size_t i = 0; i < round.truth.size(); ++i) back_end.add(round.keyframe(i));
       (void)back_end.finish();
       return rms_error(round.truth, back_end.map().keyframes);
@@ -187,7 +186,7 @@ TEST_SUITE("slam/back_end") {
   TEST_CASE("refused closures are kept apart and change nothing") {
     LoopClosure refused = measured(0, 2, shift(9, 9, 9));
     refused.verdict = ClosureVerdict::implausible;
-    ScriptedBackEnd back_end({}, {{refused}});
+    PlainBackEnd back_end({}, {{refused}});
     for (int i = 0; i < 3; ++i) back_end.add(keyframe_at(i, shift(i, 0, 0)));
     CHECK(back_end.map().closures.empty());
     REQUIRE(back_end.map().refusals.size() == 1);
@@ -197,7 +196,7 @@ TEST_SUITE("slam/back_end") {
   }
 
   TEST_CASE("what makes no sense is refused, and the map is as it was") {
-    ScriptedBackEnd back_end;
+    PlainBackEnd back_end;
     CHECK_THROWS_AS(back_end.add(keyframe_at(0, shift(nan, 0, 0))), std::invalid_argument);
     CHECK(back_end.map().sessions.empty());
     for (int i = 0; i < 3; ++i) back_end.add(keyframe_at(i, shift(i, 0, 0)));
@@ -224,7 +223,7 @@ TEST_SUITE("slam/back_end") {
     const auto fix_at = [](double time, double x) {
       return GnssFix{Timestamp::from_seconds(time), {x, 0, 0}, Eigen::Matrix3d::Identity(), GnssQuality::rtk_fixed};
     };
-    ScriptedBackEnd back_end;
+    PlainBackEnd back_end;
     const auto drive = [&] {
       back_end.add(keyframe_at(0.5, shift(0, 0, 0)));
       back_end.add(fix_at(1, 10));
@@ -274,7 +273,7 @@ TEST_SUITE("slam/back_end") {
     std::vector<LoopClosure> script;
     for (Index to = 2; to < to_index(round.truth.size()); to += 2)
       script.push_back(measured(0, to, round.between(0, to)));
-    ScriptedBackEnd back_end({}, {script});
+    PlainBackEnd back_end({}, {script});
     std::atomic<bool> done = false;
     std::size_t seen = 0, torn = 0;
     std::jthread reader([&] {
