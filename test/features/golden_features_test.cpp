@@ -62,8 +62,8 @@ TEST_SUITE("features/golden_features") {
     const FpfhFeatures ours = estimate_fpfh(golden.cloud, KdTree<float>(golden.cloud),
                                             {.radius = 1.2, .max_neighbors = 0, .blend = FpfhBlend::neighbors_only});
     REQUIRE(ours.cols() == golden.fpfh.cols());
-    // A pair whose angle lies on the border of two bins is counted in either by rounding. One in a thousand does so, and
-    // shows, with a small weight, in the features of all its neighbours.
+    // A pair whose angle lies on the border of two bins is counted in either by rounding. One in a thousand does so,
+    // and shows, with a small weight, in the features of all its neighbours.
     const Eigen::ArrayXXf differences = (ours - golden.fpfh).array().abs();
     CHECK((differences > 1e-3f).count() < differences.size() / 20);
     CHECK(differences.mean() < 0.05f);
