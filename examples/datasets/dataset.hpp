@@ -18,7 +18,7 @@
 namespace chainslam::datasets {
 
 /// The layouts that `open_dataset` knows.
-enum class DatasetKind { nclt, range_images, keyframes, clouds };
+enum class DatasetKind { nclt, range_images, keyframes, ros, clouds };
 
 /// Short name of a kind, as options and messages write it.
 [[nodiscard]] std::string_view name_of(DatasetKind kind);
@@ -41,7 +41,10 @@ struct DatasetOptions {
   NcltGnss gnss = NcltGnss::automatic;  ///< automatic: RTK if it is there
   bool prefer_sync = false;             ///< NCLT: velodyne_sync although there is a velodyne_hits.bin
   double scan_rate = 10;                ///< Hz, of folders of clouds whose times nothing states
-  PointTimeHints point_time{};          ///< what is known of the time field of PCD and PLY files
+  PointTimeHints point_time{};          ///< what is known of the time field of points in PCD, PLY and ROS messages
+  std::string lidar_topic{};            ///< of ROS recordings; the one with most points at the start if empty
+  std::string imu_topic{};              ///< the same, with most messages
+  std::string gnss_topic{};
 };
 
 /// One of a data set's sensors.
@@ -91,10 +94,10 @@ class Dataset {
   DatasetInfo info_;
 };
 
-/// What kind of data set a folder holds, by its files; nothing if none is known.
+/// What kind of data set a folder holds, or a file is, by names; nothing if none is known.
 [[nodiscard]] std::optional<DatasetKind> recognise(const std::filesystem::path& path);
 
-/// Opens a data set of any known kind.
+/// Opens a data set of any known kind, a folder or a file.
 /// @throws IoError if the folder is of no known kind, with the trees that are known beside what was found; or if it is
 ///   of a known kind, but a file of it is missing or damaged.
 [[nodiscard]] std::unique_ptr<Dataset> open_dataset(const std::filesystem::path& path,
@@ -106,6 +109,7 @@ class Dataset {
 [[nodiscard]] std::unique_ptr<Dataset> open_range_images(const std::filesystem::path& path,
                                                          const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_keyframes(const std::filesystem::path& path, const DatasetOptions& options);
+[[nodiscard]] std::unique_ptr<Dataset> open_ros(const std::filesystem::path& path, const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const DatasetOptions& options);
 /// @}
 

@@ -228,7 +228,8 @@ Inspection inspect_dataset(const std::filesystem::path& path, const DatasetOptio
 }  // namespace
 
 Inspection inspect(const std::filesystem::path& path, const DatasetOptions& options) {
-  return std::filesystem::is_regular_file(path) ? inspect_file(path) : inspect_dataset(path, options);
+  const bool file = std::filesystem::is_regular_file(path) && !recognise(path);
+  return file ? inspect_file(path) : inspect_dataset(path, options);
 }
 
 std::string to_text(const Inspection& inspection) {
