@@ -1,9 +1,14 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Cholesky>
+#include <array>
+#include <limits>
+#include <string>
 #include <vector>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/factor_graph/gnss_factor.hpp"
+#include "chainslam/factor_graph/gravity_factor.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/factor_graph/marginals.hpp"
 #include "factor_graph/smoother_twin.hpp"
@@ -12,7 +17,100 @@
 using namespace chainslam;
 using namespace chainslam::test;
 
+namespace {
+
+/// How the parts of a chain of poses can move that only some factors on single poses hold.
+template <class... Factors>
+std::string freedom_of_chain(const Values<SE3d>& values, const Factors&... factors) {
+  detail::HeldComponents<SE3d> components;
+  for (Key key = 0; key < values.size(); ++key) components.add_variable();
+  (components.connect(factors, values), ...);
+  for (Key key = 1; key < values.size(); ++key) components.connect(std::array<Key, 2>{key - 1, key});
+  const std::vector<FreePart> parts = components.free_parts(components.floating(), values);
+  return parts.empty() ? "" : describe(parts.front());
+}
+
+}  // namespace
+
 TEST_SUITE("factor_graph/incremental_smoother_queries") {
+  TEST_CASE("what factors on single poses leave free of a part is named, wherever it lies and is joined") {
+    Values<SE3d> values;
+    for (int k = 0; k < 4; ++k)
+      values.add(SE3d(SO3d::exp({0.1, 0.2, 0.7 * k}), Eigen::Vector3d(4e5 + 3.0 * k, 5e6 + k * k, 100.0)));
+    const auto fix = [&](Key key, const Eigen::Vector3d& arm) {
+      return GnssFactor<>{key, values[key] * arm, arm, SqrtInformation<3>::Identity() / 0.05};
+    };
+    const auto gravity = [&](Key key) {
+      return GravityFactor<>{key, S2<double>::from_vector(values[key].rotation().inverse() * Eigen::Vector3d::UnitZ()), 0.01};
+    };
+    const Eigen::Vector3d none = Eigen::Vector3d::Zero(), arm(0.3, 0, 1);
+    CHECK(freedom_of_chain(values) == "variable 0 (4 variables) is free in translation, rotation (6 directions)");
+    CHECK(freedom_of_chain(values, fix(0, none)) == "variable 0 (4 variables) is free in rotation (3 directions)");
+    CHECK(freedom_of_chain(values, gravity(2)) ==
+          "variable 0 (4 variables) is free in translation, yaw (4 directions, as seen at variable 2)");
+    CHECK(freedom_of_chain(values, gravity(2), gravity(3), gravity(0)).find("translation, yaw (4") < 60);
+    CHECK(freedom_of_chain(values, gravity(1), fix(1, none)) ==
+          "variable 0 (4 variables) is free in yaw (1 direction, as seen at variable 1)");
+    CHECK(freedom_of_chain(values, fix(0, arm)).find("(3 directions)") != std::string::npos);
+    CHECK(freedom_of_chain(values, fix(0, arm), fix(3, arm)).find("(1 direction)") != std::string::npos);
+    CHECK(freedom_of_chain(values, fix(0, arm), fix(3, none), fix(1, arm)) == "");
+    CHECK(freedom_of_chain(values, fix(3, none), fix(0, none), gravity(1)) == "");
+  }
+
+  TEST_CASE("a smoother refuses what is held in some directions only, says which, and takes the rest later") {
+    Smoother smoother;
+    const auto noise = Smoother::Noise::from_sigma(0.1);
+    Vector6d sigmas = Vector6d::Constant(0.1);
+    sigmas.tail<3>().setConstant(std::numeric_limits<double>::infinity());
+    for (Key key = 0; key < 5; ++key) {
+      smoother.add_value(SE3d(SO3d(), {1.0 * key, 0.1 * key * key, 0}));
+      if (key > 0) smoother.add_between(key - 1, key, smoother[key - 1].inverse() * smoother[key], noise);
+    }
+    smoother.add_prior(1, smoother[1], Smoother::Noise::from_sigmas(sigmas));
+    CHECK(smoother.floating() == std::vector<Key>{0});
+    smoother.add_prior(3, smoother[3], Smoother::Noise::from_sigmas(sigmas));
+    smoother.add_prior(4, smoother[4], Smoother::Noise::from_sigmas(sigmas));
+    CHECK(smoother.floating().empty());
+    REQUIRE(smoother.update().ok());
+    smoother.add_value(SE3d());
+    smoother.add_value(SE3d());
+    smoother.add_between(5, 6, SE3d(), noise);
+    smoother.add_prior(6, SE3d(), Smoother::Noise::from_sigmas(sigmas));
+    const UpdateReport report = smoother.update();
+    CHECK(report.status == UpdateStatus::unconstrained);
+    REQUIRE(report.free.size() == 1);
+    CHECK(describe(report.free[0]) ==
+          "variable 5 (2 variables) is free in rotation (3 directions, as seen at variable 6)");
+    CHECK(smoother.size() == 5);
+  }
+
+  TEST_CASE("directions that only the numbers show are named, with all that moves along") {
+    Smoother smoother;
+    const auto noise = Smoother::Noise::from_sigma(0.1);
+    Vector6d sigmas = Vector6d::Constant(0.1);
+    sigmas[2] = std::numeric_limits<double>::infinity();
+    for (Key key = 0; key < 9; ++key) {
+      smoother.add_value(SE3d(SO3d(), {1.0 * key, 0, 0}));
+      if (key == 0) smoother.add_prior(0, SE3d(), noise);
+      if (key > 0)
+        smoother.add_between(key - 1, key, SE3d(SO3d(), {1, 0, 0}),
+                             key == 4 ? Smoother::Noise::from_sigmas(sigmas) : noise);
+    }
+    FactorGraph<SE3d, Closure> graph;
+    for (Key key = 0; key < 9; ++key) graph.add_value(smoother[key]);
+    const UpdateReport report = smoother.update();
+    CHECK(report.status == UpdateStatus::singular);
+    REQUIRE(report.free.size() == 1);
+    CHECK(describe(report.free[0]).starts_with("variable 4 (5 variables) is free in z (1 direction"));
+    graph.add_prior(0, SE3d(), noise);
+    for (Key key = 1; key < 9; ++key)
+      graph.add_between(key - 1, key, SE3d(SO3d(), {1, 0, 0}), key == 4 ? Smoother::Noise::from_sigmas(sigmas) : noise);
+    const OptimizeReport batch = optimise(graph, GaussNewton{});
+    CHECK(batch.status == OptimizeStatus::singular);
+    REQUIRE(batch.free.size() == 1);
+    CHECK(describe(batch.free[0]).starts_with("variable 4 (5 variables) is free in z (1 direction"));
+  }
+
   TEST_CASE("covariances are blocks of the dense inverse, also between variables; fixed ones have none") {
     for_all(10, [](Rng& rng, int size) {
       Twin twin;

@@ -154,6 +154,9 @@ TEST_SUITE("factor_graph/incremental_smoother") {
       const UpdateReport report = smoother.update();
       CHECK(report.status == UpdateStatus::unconstrained);
       CHECK(report.variables == std::vector<Key>{10, 11, 13});
+      REQUIRE(report.free.size() == 3);
+      CHECK(describe(report.free[0]) == "variable 10 is free in translation, rotation (6 directions)");
+      CHECK(describe(report.free[1]) == "variable 11 (3 variables) is free in translation, rotation (6 directions)");
       unchanged();
     }
     SUBCASE("a direction that is not measured") {
@@ -164,6 +167,10 @@ TEST_SUITE("factor_graph/incremental_smoother") {
       const UpdateReport report = smoother.update();
       CHECK(report.status == UpdateStatus::singular);
       CHECK(report.variables == std::vector<Key>{10});
+      REQUIRE(report.free.size() == 1);
+      CHECK(report.free[0].key == 10);
+      REQUIRE(report.free[0].directions.cols() == 1);
+      CHECK(std::abs(report.free[0].directions(5, 0)) > 0.9);
       unchanged();
     }
     SUBCASE("a measurement that is not a number") {

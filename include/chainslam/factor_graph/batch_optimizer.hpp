@@ -10,7 +10,9 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
 #include "chainslam/factor_graph/detail/normal_equations.hpp"
+#include "chainslam/factor_graph/detail/open_directions.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
+#include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/sparse/cholesky.hpp"
 #include "chainslam/sparse/concepts.hpp"
 
@@ -33,6 +35,8 @@ struct OptimizeReport {
   double initial_cost = 0.0;
   double final_cost = 0.0;  ///< of the graph's values as they are left
   std::vector<Key> variables;
+  /// Where something is unconstrained or singular: what is free to move, and how; `describe` says it in words.
+  std::vector<FreePart> free;
 
   /// Whether the graph took the new values. If not, it has its old ones.
   [[nodiscard]] bool ok() const {
@@ -276,17 +280,20 @@ class BatchOptimization {
 /// @param solver  where the linear systems are solved; keeps its memory for the next call.
 template <class Group, class... Extra, class Method, LinearSolver Solver>
 OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, Solver& solver) {
-  std::vector<Key> floating = detail::floating_components(graph);
+  auto components = detail::components_of(graph);
+  std::vector<Key> floating = components.floating();
   if (!floating.empty()) {
     OptimizeReport report;
     report.status = OptimizeStatus::unconstrained;
     report.initial_cost = report.final_cost = graph.cost();
+    report.free = components.free_parts(floating, graph.values());
     report.variables = std::move(floating);
     return report;
   }
   detail::BatchOptimization<FactorGraph<Group, Extra...>, Solver> optimization(graph, solver);
   OptimizeReport report = optimization.run(method);
   if (report.ok()) graph.set_values(optimization.take_values());
+  if (report.status == OptimizeStatus::singular) report.free = detail::OpenDirections(graph).find();
   return report;
 }
 

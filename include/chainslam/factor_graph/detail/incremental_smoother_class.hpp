@@ -15,6 +15,7 @@
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/detail/factor_pools.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
+#include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/factor_graph/prior_factor.hpp"
 #include "chainslam/factor_graph/values.hpp"
@@ -46,15 +47,17 @@ struct SmootherOptions {
 
 enum class UpdateStatus {
   updated,
-  unconstrained,  ///< parts of the graph hang on no prior and no fixed variable; `variables` has each one's least key
-  singular,       ///< a direction of variable `variables[0]` is not measured, given those eliminated before it
-  not_finite,     ///< a residual is not a number: check values and measurements; `variables` has its factor's keys
+  unconstrained,  ///< no prior, no fixed variable and the like hold parts of the graph in all directions; `variables`
+                  ///< has each one's least key, `free` the directions
+  singular,    ///< a direction of variable `variables[0]` is not measured, given those eliminated before it
+  not_finite,  ///< a residual is not a number: check values and measurements; `variables` has its factor's keys
 };
 
 /// What an update of `IncrementalSmoother` did.
 struct UpdateReport {
   UpdateStatus status = UpdateStatus::updated;
   std::vector<Key> variables;
+  std::vector<FreePart> free;  ///< what is free to move, if that made it fail; `describe` says it in words
   double squared_error = 0.0;  ///< chi^2 of the estimate, as the linearised factors see it
   double gap = 0.0;            ///< how much of it may be left to gain: by the linear system and by what still waits
   Index relinearized = 0;      ///< factors
@@ -86,6 +89,7 @@ enum class ConvergeMethod {
 struct ConvergeReport {
   UpdateStatus status = UpdateStatus::updated;
   std::vector<Key> variables;  ///< as in `UpdateReport`
+  std::vector<FreePart> free;
   ConvergeMethod method = ConvergeMethod::gauss_newton;
   bool converged = false;  ///< else the iterations did not suffice
   Index iterations = 0;    ///< linear systems solved
@@ -155,7 +159,7 @@ class IncrementalSmoother {
     if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
     touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
     changes_.push_back({ChangeKind::factor_added, term, {}, 0.0});
-    if (!components_outdated_) components_.connect(keys);
+    if (!components_outdated_) components_.connect(factor, origins_);
     return id;
   }
   FactorId add_prior(Key key, const Group& mean, const Noise& noise) {
@@ -209,8 +213,8 @@ class IncrementalSmoother {
   /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.
   ConvergeReport converge(const ConvergeOptions& options = {});
 
-  /// The least key of each connected part that no prior and no fixed variable holds in place, what was added included:
-  /// if there is one, `update` would fail.
+  /// The least key of each connected part that priors and the like do not hold in all directions, what was added
+  /// included: if there is one, `update` would fail, and name them.
   [[nodiscard]] std::vector<Key> floating() { return find_floating(); }
 
   /// The estimate of a variable.
@@ -326,7 +330,7 @@ class IncrementalSmoother {
   std::vector<char> touched_;  ///< of each term
   std::vector<Index> touched_terms_;
   std::vector<Change> changes_;
-  detail::HeldComponents components_;
+  detail::HeldComponents<Group> components_;
   bool components_outdated_ = false;
   bool open_ = false;  ///< whether changes wait for `update`
 };

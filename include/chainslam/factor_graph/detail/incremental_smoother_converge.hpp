@@ -46,6 +46,7 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOpti
     const UpdateReport step = update(true);
     report.status = step.status;
     report.variables = step.variables;
+    report.free = step.free;
     if (!step.ok()) return report;
     ++report.iterations;
     report.gap = solver_.lowered();

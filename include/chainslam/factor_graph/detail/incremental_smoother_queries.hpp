@@ -37,6 +37,7 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
   std::ranges::sort(outside);
   outside.erase(std::unique(outside.begin(), outside.end()), outside.end());
   for (const Key key : outside) relinearize_at_estimate(key);
+  components_outdated_ = true;  // what holds a part may see it from elsewhere
 }
 
 template <class Group, class... Extra>

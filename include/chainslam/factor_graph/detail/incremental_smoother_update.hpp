@@ -14,6 +14,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
   report.variables = find_floating();
   if (!report.variables.empty()) {
     report.status = UpdateStatus::unconstrained;
+    report.free = components_.free_parts(report.variables, origins_);
   } else {
     const auto most = static_cast<std::size_t>(std::max<Index>(options_.largest_relinearization, 0));
     const std::size_t count = exact ? waiting_.size() : std::min(waiting_.size(), most);
@@ -24,6 +25,8 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
     } else if (const FactorizationResult result = solver_.factorize(); !result.ok()) {
       report.status = UpdateStatus::singular;
       report.variables = {result.block_column};
+      const View view(*this, values());
+      report.free = detail::OpenDirections(view).find();
     }
   }
   if (!report.ok()) {
@@ -116,7 +119,7 @@ std::vector<Key> IncrementalSmoother<Group, Extra...>::find_floating() {
   }
   components_.clear();
   for (Key key = 0; key < size(); ++key) components_.add_variable();
-  pools_.for_each([&](const auto& entry) { components_.connect(entry.factor.keys()); });
+  pools_.for_each([&](const auto& entry) { components_.connect(entry.factor, origins_); });
   for (Key key = 0; key < size(); ++key) {
     if (solver_.is_fixed(key)) components_.hold(key);
   }
