@@ -7,6 +7,7 @@
 
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/lie/retract_jacobian.hpp"
 #include "chainslam/lie/rn.hpp"
 #include "support/property.hpp"
 
@@ -59,6 +60,9 @@ void check_manifold_laws() {
       const auto jacobian =
           numeric_jacobian([&](const Coordinates& c) { return M(x.retract(c.value())); }, Coordinates());
       CHECK(near(jacobian, M::Tangent::Ones().asDiagonal().toDenseMatrix(), 1e-10));
+      const auto carried = numeric_jacobian(
+          [&](const Coordinates& e) { return Coordinates(y.local(x.retract(Tangent(d + e.value())))); }, Coordinates());
+      CHECK(near(carried, retract_jacobian(x, d), 1e-9));
     }
   });
 }

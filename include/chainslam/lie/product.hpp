@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "chainslam/lie/concepts.hpp"
+#include "chainslam/lie/retract_jacobian.hpp"
 
 namespace chainslam {
 
@@ -59,6 +60,11 @@ class Product {
   }
   [[nodiscard]] Tangent local(const Product& other) const {
     return stack([&]<std::size_t I>() { return get<I>().local(other.template get<I>()); });
+  }
+
+  /// d retract(d).local(retract(d + e)) / d e at e = 0: see `lie/retract_jacobian.hpp`.
+  [[nodiscard]] Jacobian retract_jacobian(const Tangent& d) const {
+    return block_diagonal([&]<std::size_t I>() { return chainslam::retract_jacobian(get<I>(), segment<I>(d)); });
   }
 
   [[nodiscard]] static Product identity() requires(is_group) { return Product(); }

@@ -63,6 +63,15 @@ class S2 {
     return sine * (atan2(length, cosine) / length);
   }
 
+  /// d retract(d).local(retract(d + e)) / d e at e = 0: see `lie/retract_jacobian.hpp`.
+  [[nodiscard]] Eigen::Matrix<Scalar, 2, 2> retract_jacobian(const Tangent& d) const {
+    const Scalar x = d.squaredNorm();
+    const auto [b, c, b_slope, c_slope] = detail::jacobian_coefficients<Scalar>(x);
+    const Scalar sinc = detail::sinc(x);
+    const Vector3 arc = (c - b) * (basis() * d) - sinc * direction_;
+    return retract(d).basis().transpose() * (sinc * basis() + arc * d.transpose());
+  }
+
   /// The direction turned by R.
   [[nodiscard]] friend S2 operator*(const SO3<Scalar>& R, const S2& direction) {
     return from_vector(R * direction.direction_);

@@ -15,6 +15,16 @@
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/search/concepts.hpp"
 
+namespace chainslam {
+
+/// Which plane is fitted to the neighbours of a point.
+enum class PlaneForm {
+  centred,    ///< least squares of distances, about the mean; no lines, none that hangs on one point
+  intercept,  ///< least squares of a . p = -1, as FAST-LIO2 has it: no plane through the map's origin
+};
+
+}  // namespace chainslam
+
 namespace chainslam::detail {
 
 /// The plane a point was matched with: {p : normal . (p - anchor) = 0}; no match if the normal is zero.
@@ -32,6 +42,7 @@ struct PlaneRule {
   double max_deviation;          ///< metres
   double min_width;              ///< metres
   double least_noise;            ///< metres, of a neighbour's position
+  PlaneForm form = PlaneForm::centred;
 };
 
 inline constexpr Index scan_grain = 512;  ///< points a chunk
@@ -57,23 +68,16 @@ template <std::size_t Neighbors, NearestNeighborSearch Map>
   return neighbors.any = search() == static_cast<Index>(Neighbors);
 }
 
-/// The plane through the nearest neighbours of `p`, or none if they are too few, too far, uneven or on one line.
-template <std::size_t Neighbors, NearestNeighborSearch Map>
-[[nodiscard]] MatchedPlane match_plane(const Map& map, const Eigen::Vector3d& p, const PlaneRule& rule,
-                                       FormerNeighbors<typename Map::Scalar, Neighbors>& neighbors) {
-  using Scalar = typename Map::Scalar;
-  if (!find_neighbors(map, p.cast<Scalar>().eval(), static_cast<Scalar>(rule.max_neighbor_distance), neighbors))
-    return {};
-  std::array<Eigen::Vector3d, Neighbors> points;
-  for (std::size_t i = 0; i < Neighbors; ++i)
-    points[i] = map.position(neighbors.found[i].index).template cast<double>();
-  const PlaneFit plane = fit_plane(std::span<const Eigen::Vector3d>(points));
+/// The points' plane of least squares as it will be used, or none if they are uneven or on one line.
+template <std::size_t Count>
+[[nodiscard]] MatchedPlane centred_plane(const PlaneFit& plane, const std::array<Eigen::Vector3d, Count>& points,
+                                         const PlaneRule& rule) {
   if (!plane.good() || plane.eigenvalues[1] < rule.min_width * rule.min_width) return {};
   // Points of one ring and a single one beside it make an exact plane of nothing. The leverage of a point, its diagonal
   // entry of the regression's hat matrix, is 1 where the plane hangs on that point alone.
   constexpr double max_leverage = 0.95;
   const Eigen::Vector3d across = plane.normal.cross(plane.tangent);
-  const double n = static_cast<double>(Neighbors);
+  const double n = static_cast<double>(Count);
   for (const Eigen::Vector3d& point : points) {
     const Eigen::Vector3d d = point - plane.centroid;
     const double u = plane.tangent.dot(d), v = across.dot(d);
@@ -81,15 +85,55 @@ template <std::size_t Neighbors, NearestNeighborSearch Map>
     if (std::abs(plane.distance(point)) > rule.max_deviation || leverage > max_leverage) return {};
   }
   // Three of n numbers go into the plane, n - 3 tell the noise s^2; a side with variance l tilts by s^2 / (n l).
-  const double noise = std::max(plane.eigenvalues[0] / static_cast<double>(Neighbors - 3),
-                                rule.least_noise * rule.least_noise / static_cast<double>(Neighbors));
+  const double noise = std::max(plane.eigenvalues[0] / static_cast<double>(Count - 3),
+                                rule.least_noise * rule.least_noise / static_cast<double>(Count));
   return {plane.normal.cast<float>(), plane.centroid.cast<float>(), plane.tangent.cast<float>(),
           static_cast<float>(noise / plane.eigenvalues[2]), static_cast<float>(noise / plane.eigenvalues[1])};
 }
 
+/// The least-squares solution a of a . p = -1 for points of mean m and covariance C, a = -adj(C) m / (det C + m .
+/// adj(C) m), brought to unit length.
+template <std::size_t Count>
+[[nodiscard]] MatchedPlane intercept_plane(const PlaneFit& fit, const std::array<Eigen::Vector3d, Count>& points,
+                                           const PlaneRule& rule) {
+  if (!fit.good()) return {};
+  const Eigen::Vector3d &l = fit.eigenvalues, &m = fit.centroid, &u0 = fit.normal, &u2 = fit.tangent;
+  const Eigen::Vector3d u1 = u2.cross(u0);
+  const Eigen::Vector3d adjugate_m =
+      l[1] * l[2] * u0.dot(m) * u0 + l[0] * l[2] * u1.dot(m) * u1 + l[0] * l[1] * u2.dot(m) * u2;
+  const double length = adjugate_m.norm();
+  if (!(length > 0)) return {};
+  const Eigen::Vector3d normal = -adjugate_m / length;
+  const double offset = (l.prod() + m.dot(adjugate_m)) / length;
+  for (const Eigen::Vector3d& point : points)
+    if (std::abs(normal.dot(point) + offset) > rule.max_deviation) return {};
+  return {.normal = normal.cast<float>(), .anchor = (-offset * normal).cast<float>()};
+}
+
+/// The plane through the nearest neighbours of `p`, or none if they are too few, too far or no plane.
+///
+/// @param former  the plane found with what `neighbors` holds: it stands as long as they stay the same.
+template <std::size_t Neighbors, NearestNeighborSearch Map>
+[[nodiscard]] MatchedPlane match_plane(const Map& map, const Eigen::Vector3d& p, const PlaneRule& rule,
+                                       FormerNeighbors<typename Map::Scalar, Neighbors>& neighbors,
+                                       const MatchedPlane& former) {
+  using Scalar = typename Map::Scalar;
+  const auto before = neighbors;
+  if (!find_neighbors(map, p.cast<Scalar>().eval(), static_cast<Scalar>(rule.max_neighbor_distance), neighbors))
+    return {};
+  if (before.any &&
+      std::ranges::equal(before.found, neighbors.found, {}, &Neighbor<Scalar>::index, &Neighbor<Scalar>::index))
+    return former;
+  std::array<Eigen::Vector3d, Neighbors> points;
+  for (std::size_t i = 0; i < Neighbors; ++i)
+    points[i] = map.position(neighbors.found[i].index).template cast<double>();
+  const PlaneFit fit = fit_plane(std::span<const Eigen::Vector3d>(points));
+  return rule.form == PlaneForm::centred ? centred_plane(fit, points, rule) : intercept_plane(fit, points, rule);
+}
+
 /// Matches all points of a scan, lying at T_map_body.
 ///
-/// @param neighbors  of the scan's points, kept from matching to matching while neither scan nor map changes.
+/// @param neighbors, planes  of the scan's points, kept from matching to matching while neither scan nor map changes.
 template <std::size_t Neighbors, Cloud Scan, NearestNeighborSearch Map, Executor E>
 void match_planes(const Scan& scan, const Map& map, const SE3d& T_map_body, const PlaneRule& rule,
                   std::vector<FormerNeighbors<typename Map::Scalar, Neighbors>>& neighbors,
@@ -100,7 +144,7 @@ void match_planes(const Scan& scan, const Map& map, const SE3d& T_map_body, cons
   neighbors.resize(planes.size());
   executor.for_chunks(to_index(planes.size()), scan_grain, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      planes[i] = match_plane<Neighbors>(map, R * position(scan, i) + t, rule, neighbors[i]);
+      planes[i] = match_plane<Neighbors>(map, R * position(scan, i) + t, rule, neighbors[i], planes[i]);
   });
 }
 

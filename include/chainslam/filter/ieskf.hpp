@@ -1,0 +1,157 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <utility>
+
+#include "chainslam/core/finite.hpp"
+#include "chainslam/filter/concepts.hpp"
+#include "chainslam/lie/retract_jacobian.hpp"
+
+namespace chainslam {
+
+/// When an iterated update ends.
+struct IterationRule {
+  Index max_iterations = 5;
+  double step_tolerance = 1e-3;  ///< of every coordinate of the step (FAST-LIO2's code: 0.001)
+};
+
+enum class UpdateStatus {
+  converged,
+  iteration_limit,  ///< the last step was not small; taken all the same
+  no_information,   ///< a pass had no residuals; the state is the prediction
+  not_finite,       ///< an overflow or a broken measurement; the state is the prediction
+};
+
+/// What an update did.
+template <Manifold State>
+struct UpdateReport {
+  UpdateStatus status = UpdateStatus::no_information;
+  Index iterations = 0;
+  Index residuals = 0;  ///< of the last pass
+  /// Normalized innovation squared, r^T (H P H^T + R)^-1 r at the prediction: `nis_residuals` on average if prior and
+  /// measurement are as good as they say (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
+  double nis = 0;
+  Index nis_residuals = 0;
+  typename State::Tangent correction = State::Tangent::Zero();  ///< from the prediction to the estimate
+
+  [[nodiscard]] bool accepted() const {
+    return status == UpdateStatus::converged || status == UpdateStatus::iteration_limit;
+  }
+};
+
+/// Iterated error-state Kalman filter on a manifold: FAST-LIO2's (Xu et al. 2022, algorithm 1) in the form of IKFoM (He
+/// et al. 2021, arXiv 2102.03804).
+///
+/// The state is any `Manifold`, such as a `Product` of groups and spheres; covariances are in the tangent space at the
+/// state. The update is Gauss-Newton for the maximum a posteriori. With P = L L^T the posterior covariance is
+/// L (I + L^T H^T R^-1 H L)^-1 L^T: what Joseph's form gives, symmetric and semi-definite in any rounding, by one
+/// factorisation the size of the state; P is never inverted, so that coordinates without variance stay where they are.
+///
+/// @tparam Process  see `ProcessModel`; a public member with its settings.
+template <Manifold State, class Process>
+class Ieskf {
+  static_assert(ProcessModel<Process, State>,
+                "Ieskf: Process needs `Transition<State> predict(const State&, const Input&, double dt) const`");
+
+ public:
+  using Tangent = typename State::Tangent;
+  using Matrix = Eigen::Matrix<typename State::Scalar, State::dof, State::dof>;
+  using Input = typename Process::Input;
+
+  Ieskf() = default;
+  Ieskf(const State& state, const Matrix& covariance, Process model = {})
+      : process(std::move(model)), state_(state), covariance_(covariance) {}
+
+  Process process{};
+
+  [[nodiscard]] const State& state() const { return state_; }
+  [[nodiscard]] const Matrix& covariance() const { return covariance_; }
+
+  /// Sets the state and its covariance, which must be symmetric and semi-definite.
+  void reset(const State& state, const Matrix& covariance) {
+    state_ = state;
+    covariance_ = covariance;
+  }
+
+  /// Moves on by `dt` > 0 seconds (FAST-LIO2, eq. 7 and 8).
+  void predict(const Input& input, double dt) {
+    const Transition<State> step = process.predict(state_, input, dt);
+    state_ = step.state;
+    const Matrix moved = step.F * covariance_;
+    covariance_.noalias() = moved * step.F.transpose();
+    covariance_ = symmetric(covariance_ + step.Q);
+  }
+
+  /// Takes a measurement. Whatever the outcome, state and covariance stay finite.
+  template <MeasurementModel<State> Measurement>
+  UpdateReport<State> update(Measurement& measurement, const IterationRule& rule = {});
+
+ private:
+  [[nodiscard]] static Matrix symmetric(const Matrix& m) { return 0.5 * (m + m.transpose()); }
+
+  /// L with P = L L^T, for P that may be singular.
+  [[nodiscard]] static Matrix square_root(const Matrix& P) {
+    const Eigen::LDLT<Matrix> factor(P);
+    Matrix root = factor.matrixL();
+    root = root * factor.vectorD().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+    return factor.transpositionsP().transpose() * root;
+  }
+
+  /// (H^T R^-1 H + P^-1)^-1 for P = root root^T, as C^T C for the C returned.
+  [[nodiscard]] static Matrix posterior_root(const Matrix& root, const Matrix& information) {
+    const Matrix weighed = information * root;
+    Matrix whitened = root.transpose() * weighed;
+    whitened = symmetric(whitened) + Matrix::Identity();
+    return whitened.llt().matrixL().solve(root.transpose());
+  }
+
+  State state_{};
+  Matrix covariance_ = Matrix::Identity();
+};
+
+template <Manifold State, class Process>
+template <MeasurementModel<State> Measurement>
+UpdateReport<State> Ieskf<State, Process>::update(Measurement& measurement, const IterationRule& rule) {
+  UpdateReport<State> report;
+  const Matrix prior_root = square_root(covariance_);
+  State x = state_;
+  Matrix covariance = covariance_;
+  for (bool renew = false; report.iterations < rule.max_iterations;) {
+    const Tangent moved = state_.local(x);
+    const Matrix J_inverse = retract_jacobian(state_, moved);  // FAST-LIO2, eq. 16
+    const Linearization<State> z = measurement.linearize(x, renew || report.iterations + 1 == rule.max_iterations);
+    report.residuals = z.residuals;
+    if (z.residuals == 0) {
+      report.status = UpdateStatus::no_information;
+      return report;
+    }
+    const Matrix C = posterior_root(J_inverse * prior_root, z.information);
+    const Matrix S = C.transpose() * C;
+    // FAST-LIO2, eq. 18, with K H = S H^T R^-1 H and K r = -S gradient.
+    const Tangent back = J_inverse * moved;
+    const Tangent step = S * (z.gradient + z.information * back) - back;
+    if (!is_finite(step) || !is_finite(S)) {
+      report.status = UpdateStatus::not_finite;
+      return report;
+    }
+    if (report.iterations == 0) {
+      report.nis = z.squared_error - z.gradient.dot(S * z.gradient);
+      report.nis_residuals = z.residuals;
+    }
+    // The posterior lives where the step ends: IKFoM's reset, which later filters dropped.
+    const Matrix reset = retract_jacobian(x, step);
+    x = x.retract(step);
+    covariance = symmetric(reset * S * reset.transpose());
+    ++report.iterations;
+    renew = step.cwiseAbs().maxCoeff() < rule.step_tolerance;
+    report.status = renew && z.settled ? UpdateStatus::converged : UpdateStatus::iteration_limit;
+    if (report.status == UpdateStatus::converged) break;
+  }
+  if (!report.accepted()) return report;
+  report.correction = state_.local(x);
+  reset(x, covariance);
+  return report;
+}
+
+}  // namespace chainslam

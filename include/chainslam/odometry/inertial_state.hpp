@@ -1,0 +1,65 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/lie/product.hpp"
+#include "chainslam/lie/rn.hpp"
+#include "chainslam/lie/s2.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "chainslam/lie/so3.hpp"
+
+namespace chainslam {
+
+/// What LiDAR-inertial odometry estimates, 23 degrees of freedom (FAST-LIO2, eq. 3, with gravity's length known):
+/// `state.get<Inertial::velocity>()`.
+struct Inertial {
+  enum Part : std::size_t {
+    position,        ///< of the body in odom, metres
+    rotation,        ///< R_odom_body
+    velocity,        ///< of the body in odom, m/s
+    gyro_bias,       ///< rad/s
+    accel_bias,      ///< m/s^2
+    up,              ///< against gravity, in odom
+    lidar_position,  ///< of the LiDAR in the body frame, metres
+    lidar_rotation,  ///< R_body_lidar
+  };
+};
+using InertialState = Product<R3d, SO3d, R3d, R3d, R3d, S2d, R3d, SO3d>;
+static_assert(InertialState::dof == 23);
+
+/// Where the tangent of a part starts.
+template <Inertial::Part Part>
+inline constexpr int inertial_offset = InertialState::offset<Part>();
+
+[[nodiscard]] inline SE3d T_odom_body(const InertialState& x) {
+  return SE3d(x.get<Inertial::rotation>(), x.get<Inertial::position>().value());
+}
+[[nodiscard]] inline SE3d T_body_lidar(const InertialState& x) {
+  return SE3d(x.get<Inertial::lidar_rotation>(), x.get<Inertial::lidar_position>().value());
+}
+
+/// d T / d (position, rotation), with T's tangent as everywhere, [translation in its own axes; rotation].
+[[nodiscard]] inline Matrix6d pose_tangent(const SO3d& R) {
+  Matrix6d tangent = Matrix6d::Identity();
+  tangent.topLeftCorner<3, 3>() = R.matrix().transpose();
+  return tangent;
+}
+
+/// d (T_odom_body * T_body_lidar) / d x, 6 x 23.
+[[nodiscard]] inline Eigen::Matrix<double, 6, InertialState::dof> lidar_pose_jacobian(const InertialState& x) {
+  Eigen::Matrix<double, 6, InertialState::dof> jacobian;
+  jacobian.setZero();
+  jacobian.leftCols<6>() = T_body_lidar(x).inverse().adjoint() * pose_tangent(x.get<Inertial::rotation>());
+  jacobian.rightCols<6>() = pose_tangent(x.get<Inertial::lidar_rotation>());
+  return jacobian;
+}
+
+/// Covariance of T_odom_body from that of the state; tangent [translation; rotation].
+[[nodiscard]] inline Matrix6d pose_covariance(const InertialState& x, const InertialState::Jacobian& covariance) {
+  const Matrix6d tangent = pose_tangent(x.get<Inertial::rotation>());
+  return tangent * covariance.topLeftCorner<6, 6>() * tangent.transpose();
+}
+
+}  // namespace chainslam

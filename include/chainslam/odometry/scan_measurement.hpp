@@ -1,0 +1,143 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "chainslam/core/executor.hpp"
+#include "chainslam/filter/concepts.hpp"
+#include "chainslam/odometry/detail/plane_matches.hpp"
+#include "chainslam/odometry/detail/pose_information.hpp"
+#include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/odometry/scan_to_map.hpp"
+
+namespace chainslam {
+
+/// How a scan is used as a measurement, beyond what `ScanToMap` says of matching.
+struct ScanMeasurementOptions {
+  PlaneForm planes = PlaneForm::centred;
+  bool coarse_to_fine = true;  ///< gate and kernel start at the error to be expected of the prediction
+  bool mean_time = true;       ///< the scan lies where the body was at the points' mean time, not at the sweep's end
+};
+
+/// What is known of a scan before it is matched.
+struct ScanPrior {
+  InertialState state{};   ///< by which it was corrected for motion
+  double error = 0;        ///< metres: how far that may put a point from its place
+  double variance = 1e-3;  ///< of a residual, m^2 (FAST-LIO2's code: 0.001)
+  double mean_age = 0;     ///< seconds from the points' mean time to the sweep's end
+  bool mounting = true;    ///< the residuals may change the LiDAR's pose in the body frame
+};
+
+/// A scan measured by its points' distances to planes of the local map: the `MeasurementModel` of LiDAR-inertial
+/// odometry (FAST-LIO2, section V-B), made as robust as `ScanToMap`.
+///
+/// A wrong velocity turns up in a scan that it has straightened: the scan as a whole then lies where it lay at its mean
+/// time. With this lever the residuals depend on the velocity as well, and the filter does not take for a change of
+/// position what is one of velocity.
+///
+/// Directions in which planes say no more than their own noise are left out of what `linearize` returns. Neighbours are
+/// looked up again where the pose has moved or come to rest, starting from those found before; a plane is fitted again
+/// only if they changed.
+template <Cloud Scan, NearestNeighborSearch Map, class Kernel, Executor E>
+class ScanMeasurement {
+ public:
+  using Rule = ScanToMap<Kernel>;
+
+  /// All by reference, to outlive the measurement. @param scan  n points, body frame at the sweep's end, all finite.
+  ScanMeasurement(const Scan& scan, const Map& map, const Rule& rule, const ScanMeasurementOptions& options,
+                  const ScanPrior& prior, const E& executor)
+      : scan_(scan), map_(map), rule_(rule), options_(options), prior_(prior), executor_(executor) {
+    error_ = options.coarse_to_fine ? prior.error : 0.0;
+  }
+
+  [[nodiscard]] Linearization<InertialState> linearize(const InertialState& x, bool renew);
+
+  /// The pose at which a state puts the scan.
+  [[nodiscard]] SE3d pose(const InertialState& x) const {
+    const SE3d T = T_odom_body(x) * T_body_lidar(x) * T_body_lidar(prior_.state).inverse();
+    return SE3d(T.rotation(), T.translation() - age() * (velocity(x) - velocity(prior_.state)));
+  }
+  /// d pose(x) / d x.
+  [[nodiscard]] Eigen::Matrix<double, 6, InertialState::dof> pose_jacobian(const InertialState& x) const {
+    Eigen::Matrix<double, 6, InertialState::dof> jacobian =
+        T_body_lidar(prior_.state).adjoint() * lidar_pose_jacobian(x);
+    jacobian.block<3, 3>(0, inertial_offset<Inertial::velocity>) = -age() * pose(x).rotation().matrix().transpose();
+    if (!prior_.mounting) jacobian.rightCols<6>().setZero();
+    return jacobian;
+  }
+
+  /// Figures of the last pass; `T_map_body` and `covariance` stay to be filled in.
+  [[nodiscard]] const ScanMatch& match() const { return match_; }
+
+ private:
+  [[nodiscard]] static Eigen::Vector3d velocity(const InertialState& x) { return x.get<Inertial::velocity>().value(); }
+  [[nodiscard]] double age() const { return options_.mean_time ? prior_.mean_age : 0.0; }
+
+  [[nodiscard]] bool wants_planes(const SE3d& T, bool renew) const {
+    if (matchings_ == 0) return true;
+    if (matchings_ == rule_.max_matchings) return false;
+    const Vector6d moved = T_matched_.local(T);
+    return renew || error_ > 2 * rule_.residual_scale ||
+           moved.head<3>().norm() + lever_ * moved.tail<3>().norm() > rule_.rematch_distance;
+  }
+
+  const Scan& scan_;
+  const Map& map_;
+  const Rule& rule_;
+  ScanMeasurementOptions options_;
+  ScanPrior prior_;
+  const E& executor_;
+  std::vector<detail::FormerNeighbors<typename Map::Scalar, Rule::neighbors>> neighbors_;
+  std::vector<detail::MatchedPlane> planes_;
+  double error_;      ///< metres, halved with every pass
+  double lever_ = 1;  ///< metres: range of the matched points
+  SE3d T_matched_;    ///< where planes were looked up
+  Index matchings_ = 0;
+  ScanMatch match_;
+};
+
+template <Cloud Scan, NearestNeighborSearch Map, class Kernel, Executor E>
+Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(const InertialState& x, bool renew) {
+  const SE3d T = pose(x);
+  const bool fresh = wants_planes(T, renew);
+  if (fresh) {
+    const detail::PlaneRule plane{std::max(rule_.max_neighbor_distance, error_), rule_.max_plane_deviation,
+                                  rule_.min_plane_width, rule_.residual_floor, options_.planes};
+    detail::match_planes<Rule::neighbors>(scan_, map_, T, plane, neighbors_, planes_, executor_);
+    T_matched_ = T;
+    ++matchings_;
+  }
+  const double unit = std::max(rule_.residual_scale, 0.5 * error_);
+  const auto in_gate = [&](double range) { return std::max(rule_.gate * std::sqrt(range), error_); };
+  const auto weight = [&](double squared) { return rule_.kernel.weight(squared / (unit * unit)); };
+  const detail::PlaneEquations sum = detail::plane_equations(scan_, planes_, T, in_gate, weight, executor_);
+  ++match_.iterations;
+  match_.matches = sum.matches;
+  Linearization<InertialState> answer;
+  if (sum.matches < rule_.min_matches || !(sum.weight > 0)) {
+    match_.status = ScanMatchStatus::too_few_matches;
+    return answer;
+  }
+  const detail::PoseInformation information(sum, rule_.min_signal);
+  lever_ = information.lever;
+  match_.status = ScanMatchStatus::iteration_limit;
+  match_.residual_rms = std::sqrt(sum.squared_residuals / sum.weight);
+  match_.signal = information.signal;
+  match_.degenerate_directions = information.degenerate;
+
+  const Eigen::Matrix<double, 6, InertialState::dof> J = pose_jacobian(x);
+  const Matrix6d seen = information.seen_hessian() / prior_.variance;
+  const Eigen::Matrix<double, 6, InertialState::dof> seen_J = seen * J;
+  answer.information.noalias() = J.transpose() * seen_J;
+  answer.gradient = -J.transpose() * information.seen_gradient(sum.gradient) / prior_.variance;
+  answer.squared_error = sum.squared_residuals / prior_.variance;
+  answer.residuals = sum.matches;
+  answer.settled = error_ <= 2 * rule_.residual_scale && (fresh || matchings_ == rule_.max_matchings);
+  error_ *= 0.5;
+  return answer;
+}
+
+}  // namespace chainslam

@@ -1,0 +1,222 @@
+#include "chainslam/odometry/scan_measurement.hpp"
+
+#include <doctest/doctest.h>
+
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+#include "chainslam/core/random.hpp"
+#include "chainslam/filter/ieskf.hpp"
+#include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/odometry/fast_lio2.hpp"
+#include "chainslam/odometry/imu_process.hpp"
+#include "chainslam/search/brute_force.hpp"
+#include "odometry/inertial_trip.hpp"
+#include "support/quick.hpp"
+#include "support/world.hpp"
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+namespace {
+
+using State = InertialState;
+using Matrix23 = State::Jacobian;
+using Vector23 = State::Tangent;
+
+/// Points of the hall's walls, floor and pillars, seen from a pose.
+std::vector<Eigen::Vector3f> hall_points(const SE3d& T_world_lidar, int columns, Rng& rng) {
+  const Spinner spinner{.rings = 16, .columns = columns, .timed = false};
+  return spinner
+      .sweep(
+          hall(), 0, [&](double) { return T_world_lidar; }, rng)
+      .cloud.positions;
+}
+
+/// FAST-LIO2's filter as its paper writes it (Xu et al. 2022), without regard to cost: eq. 1 to 3 and 7 to 8 for the
+/// propagation, algorithm 1 with eq. 14 to 20 for the update, every matrix written out and inverted, neighbours by
+/// looking at every point, planes by a QR factorisation of a . p = -1 (its code's gates), Jacobians of the manifold
+/// by numbers.
+struct LiteralFastLio2 {
+  State x;
+  Matrix23 P;
+
+  void propagate(const ImuInput& u, double dt) {
+    const auto f = [&](const State& s, const Eigen::Matrix<double, 12, 1>& w) {
+      const SO3d R = s.get<Inertial::rotation>();
+      const Eigen::Vector3d a = R * Eigen::Vector3d(u.accel - s.get<Inertial::accel_bias>().value() - w.segment<3>(3)) -
+                                9.81 * s.get<Inertial::up>().direction();
+      Vector23 rate = Vector23::Zero();
+      rate.segment<3>(0) = s.get<Inertial::velocity>().value() + 0.5 * dt * a;
+      rate.segment<3>(3) = u.gyro - s.get<Inertial::gyro_bias>().value() - w.head<3>();
+      rate.segment<3>(6) = a;
+      rate.segment<6>(9) = w.tail<6>();
+      return rate;
+    };
+    using Noise = Eigen::Matrix<double, 12, 1>;
+    const Noise none = Noise::Zero();
+    const auto F_x = numeric_jacobian([&](const State& s) { return s.retract(dt * f(s, none)); }, x);
+    const auto F_w = numeric_jacobian([&](const Noise& w) { return x.retract(dt * f(x, w)); }, none);
+    const ImuNoise density;
+    Noise variances;
+    variances << Eigen::Vector3d::Constant(density.gyro * density.gyro),
+        Eigen::Vector3d::Constant(density.accel * density.accel),
+        Eigen::Vector3d::Constant(density.gyro_bias_walk * density.gyro_bias_walk),
+        Eigen::Vector3d::Constant(density.accel_bias_walk * density.accel_bias_walk);
+    x = x.retract(dt * f(x, none));
+    P = (F_x * P * F_x.transpose() + F_w * variances.asDiagonal() * F_w.transpose()).eval();
+  }
+
+  struct Row {
+    Eigen::Vector3f normal, anchor;
+  };
+
+  [[nodiscard]] static std::optional<Row> plane_at(const BruteForce<float>& map, const Eigen::Vector3d& p) {
+    std::array<Neighbor<float>, 5> near;
+    if (map.knn(Eigen::Vector3f(p.cast<float>()), near, 2.236F) < 5) return std::nullopt;
+    Eigen::Matrix<double, 5, 3> A;
+    for (int i = 0; i < 5; ++i) A.row(i) = map.position(near[static_cast<std::size_t>(i)].index).cast<double>();
+    const Eigen::Vector3d a = A.colPivHouseholderQr().solve(-Eigen::Matrix<double, 5, 1>::Ones());
+    const Eigen::Vector3d n = a.normalized();
+    const double offset = 1 / a.norm();
+    if (((A * n).array() + offset).abs().maxCoeff() > 0.1) return std::nullopt;
+    return Row{n.cast<float>(), (-offset * n).cast<float>()};  // its code keeps planes in float, too
+  }
+
+  /// Returns the number of passes.
+  int update(const BruteForce<float>& map, const std::vector<Eigen::Vector3f>& scan) {
+    const State prediction = x;
+    std::vector<std::optional<Row>> planes;
+    Matrix23 posterior = P;
+    bool renew = true;
+    int pass = 0;
+    for (; pass < 5; ++pass) {
+      const SE3d T = T_odom_body(x) * T_body_lidar(x) * T_body_lidar(prediction).inverse();
+      if (renew) {
+        planes.clear();
+        for (const auto& p : scan) planes.push_back(plane_at(map, T * Eigen::Vector3d(p.cast<double>())));
+      }
+      std::vector<double> z;
+      std::vector<Vector23> rows;
+      for (std::size_t i = 0; i < scan.size(); ++i) {
+        if (!planes[i]) continue;
+        const Eigen::Vector3d n = planes[i]->normal.cast<double>(), p = scan[i].cast<double>();
+        const double residual = n.dot(T * p - planes[i]->anchor.cast<double>());
+        if (!(1 - 0.9 * std::abs(residual) / std::sqrt(p.norm()) > 0.9)) continue;
+        // d r / d x by hand: r = n . (R (R_L q + t_L) + t), q the point in the LiDAR's frame.
+        const Eigen::Matrix3d R = x.get<Inertial::rotation>().matrix(),
+                              R_L = x.get<Inertial::lidar_rotation>().matrix();
+        const Eigen::Vector3d q = T_body_lidar(prediction).inverse() * p;
+        const Eigen::Vector3d body = T_body_lidar(x) * q;
+        Vector23 row = Vector23::Zero();
+        row.segment<3>(0) = n;
+        row.segment<3>(3) = -(n.transpose() * R * SO3d::hat(body)).transpose();
+        row.segment<3>(17) = (n.transpose() * R).transpose();
+        row.segment<3>(20) = -(n.transpose() * R * R_L * SO3d::hat(q)).transpose();
+        rows.push_back(row);
+        z.push_back(residual);
+      }
+      Eigen::MatrixXd H(static_cast<Eigen::Index>(rows.size()), 23);
+      for (std::size_t i = 0; i < rows.size(); ++i) H.row(static_cast<Eigen::Index>(i)) = rows[i];
+      const Eigen::Map<const Eigen::VectorXd> residuals(z.data(), static_cast<Eigen::Index>(z.size()));
+      // J of eq. 16: d ((x (+) d) (-) prediction) / d d
+      const Vector23 ahead = prediction.local(x);
+      using Coordinates = Rn<double, 23>;
+      const Matrix23 J = numeric_jacobian(
+          [&](const Coordinates& d) { return Coordinates(prediction.local(x.retract(d.value()))); }, Coordinates());
+      const Matrix23 J_inverse = J.inverse();
+      const Matrix23 P_here = J_inverse * P * J_inverse.transpose();
+      const double R_inverse = 1 / 0.001;
+      const Eigen::MatrixXd K =
+          (H.transpose() * R_inverse * H + P_here.inverse()).inverse() * H.transpose() * R_inverse;  // eq. 20
+      const Vector23 step = -K * residuals - (Matrix23::Identity() - K * H) * (J_inverse * ahead);   // eq. 18
+      const State here = x;
+      x = x.retract(step);
+      const Matrix23 reset = numeric_jacobian(
+          [&](const Coordinates& d) { return Coordinates(x.local(here.retract(step + d.value()))); }, Coordinates());
+      posterior = reset * (Matrix23::Identity() - K * H) * P_here * reset.transpose();  // eq. 19, as its code does it
+      const bool small = step.cwiseAbs().maxCoeff() < 1e-3;
+      const bool was_fresh = renew;
+      renew = small || pass + 2 == 5;
+      if (small && was_fresh) {
+        ++pass;
+        break;
+      }
+    }
+    P = posterior;
+    return pass;
+  }
+};
+
+}  // namespace
+
+TEST_SUITE("odometry/scan_measurement") {
+  TEST_CASE("the scan's pose changes with the state as its Jacobian says") {
+    Rng rng(31);
+    const auto any = [&] {
+      Vector23 d;
+      for (auto& value : d) value = rng.normal(0, 0.3);
+      return State().retract(d);
+    };
+    const BruteForce<float> map;
+    const std::vector<Eigen::Vector3f> scan;
+    const ScanToMap<> rule;
+    const ScanMeasurement measurement(scan, map, rule, {}, {.state = any(), .mean_age = 0.05}, Serial{});
+    const State x = any();
+    const auto numeric = numeric_jacobian([&](const State& y) { return measurement.pose(y); }, x);
+    CHECK((measurement.pose_jacobian(x) - numeric).cwiseAbs().maxCoeff() < 1e-9);
+  }
+
+  TEST_CASE("FAST-LIO2's preset takes each of a hundred steps as its equations, written out, do") {
+    const FastLio2Rules preset = fast_lio2();
+    const int frames = quick() ? 10 : 100;
+    Rng rng(32);
+    std::vector<Eigen::Vector3f> surface = hall_points({}, 180, rng);
+    for (const double x : {-4.0, 5.0}) {
+      const SE3d pose(SO3d(), {x, 1, 0.4});
+      for (const auto& p : hall_points(pose, 180, rng))
+        surface.push_back((pose * Eigen::Vector3d(p.cast<double>())).cast<float>());
+    }
+    const BruteForce<float> map(surface);
+
+    const InertialTrip trip{.pose = [](double t) {
+      return SE3d(SO3d::exp({0.1 * std::sin(t), 0.1 * std::sin(2 * t), 0.3 * std::sin(t)}),
+                  {std::sin(t), 0.5 * std::sin(2 * t), 0.2 * std::sin(t)});
+    }};
+    State x;
+    x.get<Inertial::velocity>() = R3d(Eigen::Vector3d(1, 1, 0.2));
+    x.get<Inertial::lidar_position>() = R3d(Eigen::Vector3d(0.1, -0.2, 0.3));
+    const SE3d mount = T_body_lidar(x);
+    Vector23 variances = Vector23::Constant(1e-4);
+    variances.segment<3>(6).setConstant(0.1);
+    Ieskf<State, ImuProcess> filter(x, variances.asDiagonal(), preset.process);
+    double worst = 0, worst_covariance = 0;
+    Index corrected = 0;
+    for (int frame = 1; frame <= frames; ++frame) {
+      LiteralFastLio2 literal{filter.state(), filter.covariance()};
+      for (int i = 0; i < 5; ++i) {
+        const ImuSample felt = trip.felt(0.1 * (frame - 1) + 0.02 * i + 0.01);
+        const ImuInput u{.gyro = felt.gyro + Eigen::Vector3d(0.01, -0.02, 0.01), .accel = felt.accel};
+        filter.predict(u, 0.02);
+        literal.propagate(u, 0.02);
+      }
+      std::vector<Eigen::Vector3f> scan;
+      for (const auto& p : hall_points(trip.pose(0.1 * frame) * mount, 20, rng))
+        scan.push_back((mount * Eigen::Vector3d(p.cast<double>())).cast<float>());
+      ScanMeasurement measurement(scan, map, preset.scan_to_map, preset.scan,
+                                  {.state = filter.state(), .variance = preset.variance}, Serial{});
+      const auto report = filter.update(measurement, preset.iteration);
+      corrected += report.accepted() ? 1 : 0;
+      CHECK(report.iterations == literal.update(map, scan));
+      worst = std::max(worst, literal.x.local(filter.state()).cwiseAbs().maxCoeff());
+      worst_covariance = std::max(worst_covariance, (literal.P - filter.covariance()).cwiseAbs().maxCoeff());
+    }
+    MESSAGE("largest difference of a step: state ", worst, ", covariance ", worst_covariance);
+    CHECK(corrected == frames);
+    CHECK(worst < 1e-9);
+    CHECK(worst_covariance < 1e-9);
+  }
+}
