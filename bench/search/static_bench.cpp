@@ -37,7 +37,7 @@ const std::vector<ScanPair>& pairs() {
 
 std::vector<Maker> against_peers(const Maker& maker) {
   std::vector<Maker> all{maker};
-  for (const Maker& peer : static_peers()) all.push_back(peer);
+  for (const Maker& peer : peers_that(PeersThat::hold_a_scan)) all.push_back(peer);
   return all;
 }
 

@@ -78,16 +78,38 @@ struct Maker {
   bool finds_within = true;  ///< has a radius search
 };
 
-/// The squared distances of answers that hold them as `squared`, k a query; infinity where there were fewer.
-template <class Found>
-[[nodiscard]] std::vector<float> squared_in_rows(const std::vector<Found>& answers, std::size_t k) {
-  std::vector<float> all;
-  for (const Found& found : answers) {
-    all.insert(all.end(), found.squared.begin(), found.squared.end());
-    all.resize(all.size() + k - found.squared.size(), std::numeric_limits<float>::infinity());
+/// A peer that answers each query by two vectors: something for each point, and the squared distances.
+template <class Answer>
+class AnswersInVectors : public Structure {
+ public:
+  [[nodiscard]] std::vector<float> squared_distances() const override {
+    std::vector<float> all;
+    for (const Found& found : found_) {
+      all.insert(all.end(), found.squared.begin(), found.squared.end());
+      all.resize(all.size() + k_ - found.squared.size(), std::numeric_limits<float>::infinity());
+    }
+    return all;
   }
-  return all;
-}
+  void drop_answers() override { found_ = {}; }
+
+ protected:
+  struct Found {
+    Answer points;
+    std::vector<float> squared;
+  };
+
+  /// Calls `ask(query, found)` for each.
+  template <class Ask>
+  void answer(const Points& queries, std::size_t k, Ask&& ask) {
+    k_ = k;
+    found_.resize(queries.size());
+    for (std::size_t i = 0; i < queries.size(); ++i) ask(queries[i], found_[i]);
+  }
+
+ private:
+  std::vector<Found> found_;
+  std::size_t k_ = 0;
+};
 
 /// Answers of nanoflann's form, in columns.
 class DistanceRows {

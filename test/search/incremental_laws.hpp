@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -30,12 +31,23 @@ class History {
     if constexpr (requires { map_.max_search_radius(); }) limit_ = map_.max_search_radius();
   }
 
+  /// At once or one by one, which is the same to the bit; but an empty map may build what it gets at once.
   void insert(const std::vector<Vector>& points, Rng& rng) {
-    if (rng.uniform() < 0.5) {
+    const bool at_once = rng.uniform() < 0.5;
+    std::optional<Map> twin;
+    if (map_.size() > 0 && rng.uniform_index(4) == 0) twin = map_;
+    if (at_once) {
       CHECK(map_.insert(points) == reference_.insert(points));
     } else {
       for (const Vector& p : points) CHECK(map_.insert(p) == reference_.insert(p));
     }
+    if (!twin) return;
+    if (at_once)
+      for (const Vector& p : points) twin->insert(p);
+    else
+      twin->insert(points);
+    CHECK(twin->rejected() == map_.rejected());
+    CHECK(places(*twin) == places(map_));
   }
 
   /// One erasure of a random kind.
@@ -127,6 +139,12 @@ class History {
     });
     std::ranges::sort(points);
     return points;
+  }
+
+  static std::vector<std::pair<Index, Vector>> places(const Map& map) {
+    std::vector<std::pair<Index, Vector>> all;
+    map.for_each_point([&](Index i, const Vector& p) { all.emplace_back(i, p); });
+    return all;
   }
 
   /// Erases one of the reference's points at p.

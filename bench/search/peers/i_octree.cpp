@@ -9,7 +9,7 @@ namespace {
 
 /// i-Octree (Zhu et al. 2024), buckets of 32. It thins by the extent of its leaves, not by voxels: half a voxel each
 /// way, as its authors set it.
-class IOctree : public Structure {
+class IOctree : public AnswersInVectors<std::vector<std::size_t>> {
  public:
   void build(const Points& points) override {
     std::vector<P> all = converted(points);
@@ -28,14 +28,10 @@ class IOctree : public Structure {
   }
 
   void knn(const Points& queries, std::size_t k) override {
-    k_ = k;
-    found_.resize(queries.size());
-    for (std::size_t i = 0; i < queries.size(); ++i)
-      tree_->knnNeighbors(converted(queries[i]), static_cast<int>(k), found_[i].points, found_[i].squared);
+    answer(queries, k, [&](const Eigen::Vector3f& query, Found& found) {
+      tree_->knnNeighbors(converted(query), static_cast<int>(k), found.points, found.squared);
+    });
   }
-
-  [[nodiscard]] std::vector<float> squared_distances() const override { return squared_in_rows(found_, k_); }
-  void drop_answers() override { found_ = {}; }
 
   [[nodiscard]] std::size_t within(const Points& queries, float radius) override {
     std::size_t count = 0;
@@ -56,10 +52,6 @@ class IOctree : public Structure {
   struct P {
     float x = 0, y = 0, z = 0;
   };
-  struct Found {
-    std::vector<std::size_t> points;
-    std::vector<float> squared;
-  };
   static constexpr std::size_t bucket = 32;
 
   static P converted(const Eigen::Vector3f& p) { return {p.x(), p.y(), p.z()}; }
@@ -71,10 +63,8 @@ class IOctree : public Structure {
   }
 
   std::unique_ptr<thuni::Octree> tree_;
-  std::vector<Found> found_;
   std::vector<std::size_t> near_;
   std::vector<float> near_squared_;
-  std::size_t k_ = 0;
 };
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace chainslam::bench {
 namespace {
 
 /// ikd-Tree (Cai, Xu and Zhang 2021) as FAST-LIO2 uses it, with its thread that rebuilds.
-class IkdTreePeer : public Structure {
+class IkdTreePeer : public AnswersInVectors<KD_TREE<ikdTree_PointType>::PointVector> {
  public:
   void build(const Points& points) override { tree_->Build(converted(points)); }
 
@@ -33,14 +33,10 @@ class IkdTreePeer : public Structure {
   }
 
   void knn(const Points& queries, std::size_t k) override {
-    k_ = k;
-    found_.resize(queries.size());
-    for (std::size_t i = 0; i < queries.size(); ++i)
-      tree_->Nearest_Search(converted(queries[i]), static_cast<int>(k), found_[i].points, found_[i].squared);
+    answer(queries, k, [&](const Eigen::Vector3f& query, Found& found) {
+      tree_->Nearest_Search(converted(query), static_cast<int>(k), found.points, found.squared);
+    });
   }
-
-  [[nodiscard]] std::vector<float> squared_distances() const override { return squared_in_rows(found_, k_); }
-  void drop_answers() override { found_ = {}; }
 
   [[nodiscard]] std::size_t within(const Points& queries, float radius) override {
     std::size_t count = 0;
@@ -61,10 +57,6 @@ class IkdTreePeer : public Structure {
 
  private:
   using Tree = KD_TREE<ikdTree_PointType>;
-  struct Found {
-    Tree::PointVector points;
-    std::vector<float> squared;
-  };
 
   static ikdTree_PointType converted(const Eigen::Vector3f& p) { return {p.x(), p.y(), p.z()}; }
   static Tree::PointVector converted(const Points& points) {
@@ -76,9 +68,7 @@ class IkdTreePeer : public Structure {
 
   // 44 MB: too large for a stack. Parameters as in FAST-LIO2.
   std::unique_ptr<Tree> tree_ = std::make_unique<Tree>(0.5f, 0.6f, static_cast<float>(map_voxel));
-  std::vector<Found> found_;
   Tree::PointVector near_;
-  std::size_t k_ = 0;
 };
 
 }  // namespace

@@ -14,37 +14,28 @@ std::unique_ptr<Structure> make_i_octree_peer();               // -DCHAINSLAM_PE
 std::unique_ptr<Structure> make_small_gicp_voxel_map();        // -DCHAINSLAM_PEER_SMALL_GICP
 std::unique_ptr<Structure> make_small_gicp_kd_tree();
 
-/// The peers of this build that both grow and hold a scan as it is.
-inline std::vector<Maker> common_peers() {
-  std::vector<Maker> peers{{"nanoflann", make_nanoflann_peer}};
+/// What a bench asks of its peers.
+enum class PeersThat { grow, hold_a_scan };
+
+/// The peers of this build; all but small_gicp's two do both.
+inline std::vector<Maker> peers_that(PeersThat what) {
+  std::vector<Maker> all{{"nanoflann", make_nanoflann_peer}};
 #ifdef CHAINSLAM_PEER_NANOFLANN
-  peers.push_back({"nanoflann_incremental", make_nanoflann_incremental_peer});
+  all.push_back({"nanoflann_incremental", make_nanoflann_incremental_peer});
 #endif
 #ifdef CHAINSLAM_PEER_IKD_TREE
-  peers.push_back({"ikd_tree", make_ikd_tree_peer});
+  all.push_back({"ikd_tree", make_ikd_tree_peer});
 #endif
 #ifdef CHAINSLAM_PEER_I_OCTREE
-  peers.push_back({"i_octree", make_i_octree_peer, Thinning::own});
+  all.push_back({"i_octree", make_i_octree_peer, Thinning::own});
 #endif
-  return peers;
-}
-
-/// Those that grow.
-inline std::vector<Maker> incremental_peers() {
-  std::vector<Maker> peers = common_peers();
 #ifdef CHAINSLAM_PEER_SMALL_GICP
-  peers.push_back({"small_gicp", make_small_gicp_voxel_map, Thinning::own, false});
+  if (what == PeersThat::grow)
+    all.push_back({"small_gicp", make_small_gicp_voxel_map, Thinning::own, false});
+  else
+    all.push_back({"small_gicp", make_small_gicp_kd_tree, Thinning::own, true, false});
 #endif
-  return peers;
-}
-
-/// Those that hold a scan as it is.
-inline std::vector<Maker> static_peers() {
-  std::vector<Maker> peers = common_peers();
-#ifdef CHAINSLAM_PEER_SMALL_GICP
-  peers.push_back({"small_gicp", make_small_gicp_kd_tree, Thinning::own, true, false});
-#endif
-  return peers;
+  return all;
 }
 
 }  // namespace chainslam::bench

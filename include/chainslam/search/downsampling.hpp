@@ -59,7 +59,7 @@ static_assert(VoxelPolicy<FirstInVoxel>);
 struct NearestToCenter {
   double voxel_size = 0.5;  ///< edge, metres
 
-  static constexpr int state_bits = 4;
+  static constexpr int state_bits = 8;
   [[nodiscard]] unsigned first_state(double offset) const { return step(offset); }
   [[nodiscard]] VoxelVerdict judge(unsigned& state, double offset) const {
     return step(offset) > state ? VoxelVerdict::refuse : VoxelVerdict::meet;
@@ -75,10 +75,10 @@ struct NearestToCenter {
   }
 
  private:
-  /// Sixteen equal steps of distance, up to half a diagonal.
+  /// So many equal steps of distance, up to half a diagonal, that hardly an offer meets a point which it does not move.
   [[nodiscard]] static unsigned step(double offset) {
-    constexpr float steps = 16 / 0.8660254f;
-    return std::min(15U, static_cast<unsigned>(steps * std::sqrt(static_cast<float>(offset))));
+    constexpr float steps = 256 / 0.8660254f;
+    return std::min(255U, static_cast<unsigned>(steps * std::sqrt(static_cast<float>(offset))));
   }
 };
 static_assert(VoxelPolicy<NearestToCenter>);

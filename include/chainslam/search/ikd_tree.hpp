@@ -8,7 +8,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -24,6 +23,7 @@
 #include "chainslam/search/detail/box_search.hpp"
 #include "chainslam/search/detail/box_tree.hpp"
 #include "chainslam/search/detail/box_visit.hpp"
+#include "chainslam/search/detail/passes.hpp"
 #include "chainslam/search/detail/search_verbs.hpp"
 #include "chainslam/search/detail/thinning.hpp"
 #include "chainslam/search/detail/tree_archive.hpp"
@@ -140,12 +140,12 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   /// Inserts the points in their order; into an empty tree that keeps all, at once. Returns by how much `size()` grew.
   template <detail::PointSource<Dim> Points>
   Index insert(const Points& points) {
-    if (Thinning::thins || size() > 0) return Base::insert(points);
+    if (Thinning::thins || size() > 0) return insert_all(points, [](Index) { return Payload(); });
     build(points);
     return static_cast<Index>(size());
   }
   /// Takes a point as the policy says. Returns whether p has become a point.
-  bool insert(const Vector& p, const Payload& payload = {});
+  bool insert(const Vector& p, const Payload& payload = {}) { return put(p, payload, thinning_.where(p)); }
   /// Inserts the points in their order, each with its payload. Returns by how much `size()` grew.
   /// @throws std::invalid_argument if there are not as many payloads as points.
   template <detail::PointSource<Dim> Points>
@@ -192,6 +192,9 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
     return point;
   }
   [[nodiscard]] detail::BoxTreeInserter<Tree> inserter() { return detail::BoxTreeInserter<Tree>(tree_); }
+  template <class Points, class PayloadOf>
+  Index insert_all(const Points& points, PayloadOf&& payload_of);
+  bool put(const Vector& p, const Payload& payload, const typename Thinning::Where& at);
   [[nodiscard]] bool meet(const typename Thinning::Where& at, const Vector& p, const Payload& payload);
   [[nodiscard]] detail::TreeHeader header() const;
 
@@ -254,26 +257,35 @@ void IkdTree<ScalarType, Policy, Dim, Payload>::build(const Points& points) {
 }
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
-bool IkdTree<ScalarType, Policy, Dim, Payload>::insert(const Vector& p, const Payload& payload) {
-  const auto at = thinning_.where(p);
-  if (!at) {
+bool IkdTree<ScalarType, Policy, Dim, Payload>::put(const Vector& p, const Payload& payload,
+                                                    const typename Thinning::Where& at) {
+  if (!at.there()) {
     ++rejected_;
     return false;
   }
-  const VoxelVerdict verdict = thinning_.offer(*at);
+  const VoxelVerdict verdict = thinning_.offer(at);
   if (verdict == VoxelVerdict::add) inserter().insert(tree_point(p, payload));
-  return verdict == VoxelVerdict::add || (verdict == VoxelVerdict::meet && meet(*at, p, payload));
+  return verdict == VoxelVerdict::add || (verdict == VoxelVerdict::meet && meet(at, p, payload));
 }
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 template <detail::PointSource<Dim> Points>
 Index IkdTree<ScalarType, Policy, Dim, Payload>::insert(const Points& points, std::span<const Payload> payloads) {
-  const Index count = detail::source_size<Dim>(points);
-  if (payloads.size() != static_cast<std::size_t>(count))
+  if (payloads.size() != static_cast<std::size_t>(detail::source_size<Dim>(points)))
     throw std::invalid_argument("IkdTree: as many payloads as points are needed");
+  return insert_all(points, [&](Index i) -> const Payload& { return payloads[static_cast<std::size_t>(i)]; });
+}
+
+template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
+template <class Points, class PayloadOf>
+Index IkdTree<ScalarType, Policy, Dim, Payload>::insert_all(const Points& points, PayloadOf&& payload_of) {
+  using Ahead = typename Thinning::Ahead;
   const std::size_t before = size();
-  for (Index i = 0; i < count; ++i)
-    insert(detail::source_position<Scalar, Dim>(points, i), payloads[static_cast<std::size_t>(i)]);
+  const auto point = [&](Index i) -> Vector { return detail::source_position<Scalar, Dim>(points, i); };
+  detail::in_passes(
+      detail::source_size<Dim>(points), [&](Index i) { return thinning_.where_ahead(point(i)); },
+      [&](const Ahead& ahead) { thinning_.fetch(ahead); },
+      [&](Index i, const Ahead& ahead) { put(point(i), payload_of(i), ahead.at); });
   return static_cast<Index>(size() - before);
 }
 

@@ -8,6 +8,7 @@
 
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/bucketed_voxels.hpp"
+#include "chainslam/search/detail/point_source.hpp"
 #include "chainslam/search/detail/search_verbs.hpp"
 #include "chainslam/search/detail/voxel_tiles.hpp"
 #include "chainslam/search/downsampling.hpp"
@@ -62,7 +63,18 @@ class VoxelMap : public detail::IncrementalVerbs<VoxelMap<ScalarType, Downsampli
   /// Bytes held, the hash table and free room included.
   [[nodiscard]] std::size_t memory() const { return voxels_.memory(); }
 
-  using Base::insert;
+  /// Inserts the points in their order. Returns by how much `size()` grew.
+  template <detail::PointSource<Dim> Points>
+  Index insert(const Points& points) {
+    if constexpr (many_a_voxel) {
+      return Base::insert(points);
+    } else {
+      const std::size_t before = size();
+      voxels_.insert(detail::source_size<Dim>(points),
+                     [&](Index i) -> Vector { return detail::source_position<Scalar, Dim>(points, i); });
+      return static_cast<Index>(size() - before);
+    }
+  }
   /// Takes a point if the rule has it so. Returns whether it has become a point of the map.
   bool insert(const Vector& point) { return voxels_.insert(point); }
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <span>
 #include <type_traits>
@@ -103,16 +104,16 @@ class PointRuns {
   /// @throws std::invalid_argument if there are more groups than indices.
   [[nodiscard]] RunLink take(std::size_t points) {
     const std::size_t count = (points + pack_width - 1) / pack_width;
-    std::vector<std::uint32_t>& free = free_[count - 1];
+    std::uint32_t& free = free_[count - 1];
     std::size_t first = groups_.size();
-    if (free.empty()) {
+    if (free == none) {
       static_cast<void>(to_index((first + count) * pack_width, "IkdTree"));
       groups_.resize(first + count);
       if constexpr (has_payload) payloads_.resize((first + count) * pack_width);
       used_.resize((first + count + 63) / 64);
     } else {
-      first = free.back();
-      free.pop_back();
+      first = free;
+      std::memcpy(&free, &groups_[first], sizeof(free));
     }
     for (std::size_t i = first; i < first + count; ++i) {
       for (auto& axis : groups_[i].at) axis.fill(std::numeric_limits<Scalar>::infinity());
@@ -124,7 +125,9 @@ class PointRuns {
   void release(RunLink run) {
     for (std::size_t i = run.first(); i < run.first() + run.groups(); ++i)
       used_[i / 64] &= ~(std::uint64_t{1} << (i % 64));
-    free_[run.groups() - 1].push_back(run.first());
+    std::uint32_t& free = free_[run.groups() - 1];
+    std::memcpy(static_cast<void*>(&groups_[run.first()]), &free, sizeof(free));
+    free = run.first();
   }
 
   /// A run with at least `room` lanes that begins with the points of `run`, which it takes the place of.
@@ -146,12 +149,12 @@ class PointRuns {
   }
 
   [[nodiscard]] std::size_t memory() const {
-    std::size_t bytes = groups_.memory() + payloads_.memory() + used_.capacity() * sizeof(std::uint64_t);
-    for (const auto& free : free_) bytes += free.capacity() * sizeof(std::uint32_t);
-    return bytes;
+    return groups_.memory() + payloads_.memory() + used_.capacity() * sizeof(std::uint64_t);
   }
 
  private:
+  static constexpr std::uint32_t none = 0xffff'ffff;
+
   struct Place {
     std::size_t group, lane;
   };
@@ -161,9 +164,10 @@ class PointRuns {
   }
 
   GrowingArray<Group> groups_;
-  GrowingArray<Payload> payloads_;                                    ///< by slot; nothing if there is no payload
-  std::vector<std::uint64_t> used_;                                   ///< one bit a group: belongs to a leaf
-  std::array<std::vector<std::uint32_t>, RunLink::max_groups> free_;  ///< first groups of free runs, by length - 1
+  GrowingArray<Payload> payloads_;   ///< by slot; nothing if there is no payload
+  std::vector<std::uint64_t> used_;  ///< one bit a group: belongs to a leaf
+  /// The free run of each length that was last released, or none; in its first bytes is the one before.
+  std::array<std::uint32_t, RunLink::max_groups> free_{none, none, none, none};
 };
 
 }  // namespace chainslam::detail

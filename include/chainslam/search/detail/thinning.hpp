@@ -5,13 +5,12 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <optional>
 
-#include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/detail/box_node.hpp"
 #include "chainslam/search/detail/region_lanes.hpp"
 #include "chainslam/search/detail/regions.hpp"
+#include "chainslam/search/detail/voxel_place.hpp"
 #include "chainslam/search/detail/voxel_states.hpp"
 #include "chainslam/search/downsampling.hpp"
 
@@ -25,13 +24,17 @@ class Thinning {
   static constexpr bool thins = true;
   static constexpr bool saves_states = requires { Policy::state_beyond_points; };
 
-  /// A point's voxel, and its squared distance from the voxel's centre in voxel sizes.
-  struct Where {
-    Cell cell;
-    double offset;
+  using Where = VoxelPlace;
+  /// Where a point belongs, and the bucket of its block.
+  struct Ahead {
+    Where at;
+    std::size_t bucket;
   };
 
-  explicit Thinning(const Policy& policy) : policy_(policy), voxels_(policy.voxel_size) { require_valid(policy); }
+  explicit Thinning(const Policy& policy)
+      : policy_(policy), inverse_voxel_(1.0 / policy.voxel_size), voxels_(policy.voxel_size) {
+    require_valid(policy);
+  }
 
   [[nodiscard]] const Policy& policy() const { return policy_; }
   [[nodiscard]] double voxel_size() const { return policy_.voxel_size; }
@@ -39,13 +42,14 @@ class Thinning {
   [[nodiscard]] std::size_t swept() const { return voxels_.swept(); }
   void reset_swept() { voxels_.reset_swept(); }
 
-  /// Nothing if the point is not finite or too far away.
-  [[nodiscard]] std::optional<Where> where(const Vector& p) const {
-    Eigen::Vector3d scaled = Eigen::Vector3d::Constant(0.5);
-    scaled.head<Dim>() = p.template cast<double>() * (1.0 / policy_.voxel_size);
-    const std::optional<Cell> cell = cell_of(scaled);
-    if (!cell) return std::nullopt;
-    return Where{*cell, (scaled - Eigen::Vector3d(cell->x + 0.5, cell->y + 0.5, cell->z + 0.5)).squaredNorm()};
+  [[nodiscard]] Where where(const Vector& p) const { return voxel_place(p, inverse_voxel_); }
+  /// Likewise; and asks the memory for what `offer` will read, which `fetch` goes on with.
+  [[nodiscard]] Ahead where_ahead(const Vector& p) const {
+    const Where at = where(p);
+    return {at, at.there() ? voxels_.fetch_bucket(at.cell) : 0};
+  }
+  void fetch(const Ahead& ahead) const {
+    if (ahead.at.there()) voxels_.fetch_block(ahead.bucket);
   }
 
   /// What becomes of a point. If it is added, its voxel is marked.
@@ -68,7 +72,7 @@ class Thinning {
       const auto place = voxels_.find_again(at.cell);
       unsigned state = voxels_.state(place);
       Vector result = held;
-      const bool changed = policy_.meet(state, result, where(held)->offset, offered, at.offset);
+      const bool changed = policy_.meet(state, result, where(held).offset, offered, at.offset);
       voxels_.set_state(place, state);
       if (!changed || !in_voxel(result, at)) return false;  // a mean may be rounded out of its voxel
       held = result;
@@ -79,8 +83,8 @@ class Thinning {
   }
 
   [[nodiscard]] bool in_voxel(const Vector& p, const Where& at) const {
-    const std::optional<Where> other = where(p);
-    return other && other->cell == at.cell;
+    const Where other = where(p);
+    return other.there() && other.cell == at.cell;
   }
   /// A box that holds all points of a voxel.
   [[nodiscard]] Bounds<Scalar, Dim> box_of(const Where& at) const {
@@ -96,7 +100,7 @@ class Thinning {
 
   /// A point has been erased.
   void forget(const Vector& p) {
-    const auto place = voxels_.find_again(where(p)->cell);
+    const auto place = voxels_.find_again(where(p).cell);
     unsigned state = voxels_.state(place);
     if (policy_.forget(state))
       voxels_.set_state(place, state);
@@ -112,17 +116,18 @@ class Thinning {
   }
 
   /// What is saved with a point beside itself.
-  [[nodiscard]] unsigned state_of(const Vector& p) const { return voxels_.state(voxels_.find(where(p)->cell)); }
+  [[nodiscard]] unsigned state_of(const Vector& p) const { return voxels_.state(voxels_.find(where(p).cell)); }
   /// Marks the voxel of a point that is loaded. Returns false if the policy would not have kept it.
   [[nodiscard]] bool restore(const Vector& p, unsigned saved) {
-    const std::optional<Where> at = where(p);
-    if (!at || (saves_states && saved == 0) || offer(*at) != VoxelVerdict::add) return false;
-    if constexpr (saves_states) voxels_.set_state(voxels_.find_again(at->cell), saved);
+    const Where at = where(p);
+    if (!at.there() || (saves_states && saved == 0) || offer(at) != VoxelVerdict::add) return false;
+    if constexpr (saves_states) voxels_.set_state(voxels_.find_again(at.cell), saved);
     return true;
   }
 
  private:
   Policy policy_;
+  double inverse_voxel_;
   VoxelStates<Dim, Policy::state_bits> voxels_;
 };
 
@@ -133,7 +138,13 @@ class Thinning<Scalar, Dim, KeepAll> {
   using Vector = Eigen::Matrix<Scalar, Dim, 1>;
   static constexpr bool thins = false;
   static constexpr bool saves_states = false;
-  struct Where {};
+  struct Where {
+    bool finite;
+    [[nodiscard]] bool there() const { return finite; }
+  };
+  struct Ahead {
+    Where at;
+  };
 
   explicit Thinning(const KeepAll&) {}
 
@@ -142,9 +153,9 @@ class Thinning<Scalar, Dim, KeepAll> {
   [[nodiscard]] std::size_t memory() const { return 0; }
   [[nodiscard]] std::size_t swept() const { return 0; }
   void reset_swept() {}
-  [[nodiscard]] std::optional<Where> where(const Vector& p) const {
-    return is_finite(p) ? std::optional<Where>(Where{}) : std::nullopt;
-  }
+  [[nodiscard]] Where where(const Vector& p) const { return {is_finite(p)}; }
+  [[nodiscard]] Ahead where_ahead(const Vector& p) const { return {where(p)}; }
+  void fetch(const Ahead&) const {}
   [[nodiscard]] VoxelVerdict offer(const Where&) const { return VoxelVerdict::add; }
   void forget(const Vector&) const {}
   [[nodiscard]] double reach() const { return 0; }

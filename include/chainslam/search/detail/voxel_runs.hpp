@@ -67,6 +67,14 @@ class VoxelRuns {
   [[nodiscard]] Vector position(Index i) const { return chunks_[chunk_of(i)].position(i % lanes); }
   [[nodiscard]] unsigned state(Index i) const { return tags_[chunk_of(i)].states.get(lane_of(i)); }
 
+  /// Asks the memory for a point and its state.
+  void fetch(Index i) const {
+    const std::size_t chunk = chunk_of(i);
+    __builtin_prefetch(&tags_[chunk]);
+    __builtin_prefetch(&chunks_[chunk]);
+    __builtin_prefetch(&chunks_[chunk].columns[Dim - 1]);
+  }
+
   void set(Index i, const Vector& p, unsigned state) {
     chunks_[chunk_of(i)].set(i % lanes, p);
     tags_[chunk_of(i)].states.set(lane_of(i), state);

@@ -63,6 +63,21 @@ class VoxelStates {
     return {last_, place.voxel};
   }
 
+  /// Asks the memory for what `find_again` will read of a cell: its bucket,
+  [[nodiscard]] std::size_t fetch_bucket(const Cell& cell) const {
+    if (heads_.size() == 0) return 0;
+    const std::size_t bucket = bucket_of(block_of(cell));
+    __builtin_prefetch(&heads_[bucket]);
+    return bucket;
+  }
+  /// and the first block of that.
+  void fetch_block(std::size_t bucket) const {
+    if (bucket >= heads_.size() || heads_[bucket] == none) return;
+    const auto first = static_cast<std::size_t>(heads_[bucket]);
+    __builtin_prefetch(&keys_[first]);
+    __builtin_prefetch(&bodies_[first]);
+  }
+
   [[nodiscard]] bool occupied(Place place) const { return (body(place).occupied >> place.voxel & 1U) != 0; }
   void occupy(Place place, unsigned state) {
     body(place).occupied |= std::uint64_t{1} << place.voxel;

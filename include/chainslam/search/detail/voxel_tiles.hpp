@@ -3,30 +3,28 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cstdint>
 #include <cstdlib>
 #include <optional>
 #include <stdexcept>
-#include <vector>
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/finite.hpp"
-#include "chainslam/search/detail/growing_array.hpp"
+#include "chainslam/search/detail/passes.hpp"
 #include "chainslam/search/detail/tile_gaps.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"
-#include "chainslam/search/detail/voxel_runs.hpp"
+#include "chainslam/search/detail/voxel_place.hpp"
+#include "chainslam/search/detail/voxel_tile_store.hpp"
 #include "chainslam/search/downsampling.hpp"
 
 namespace chainslam::detail {
 
-/// At most one point a voxel: a hash of tiles of 4 x 4 x 4 blocks of 4 x 4 x 4 voxels (in two dimensions, one layer).
+/// At most one point a voxel, in tiles: what is kept, erased and found.
 ///
-/// A tile says in one mask which blocks there are, a block in one mask which of its voxels hold a point; the points of
-/// a block lie one after the other in the order of the voxels, so that a bit's rank is its point's place. Meeting an
-/// occupied voxel costs one look into the hash, two masks and the voxel's state. Searching is exact at any distance:
-/// tiles around the query by the hash, farther ones one after the other.
+/// Meeting an occupied voxel costs one look into the hash, two masks and the voxel's state; many points at once are
+/// inserted in passes, so that these are not waited for one by one. Searching is exact at any distance: tiles around
+/// the query by the hash, farther ones one after the other.
 template <class ScalarType, int Dim, class Policy>
 class VoxelTiles {
  public:
@@ -41,78 +39,71 @@ class VoxelTiles {
   }
 
   [[nodiscard]] const Options& options() const { return policy_; }
-  [[nodiscard]] Index size() const { return size_; }
+  [[nodiscard]] Index size() const { return store_.size(); }
   [[nodiscard]] Index rejected() const { return rejected_; }
-  [[nodiscard]] std::size_t memory() const {
-    return table_.memory() + tiles_.memory() + blocks_.memory() + runs_.memory() +
-           (free_tiles_.capacity() + free_blocks_.capacity()) * sizeof(Index);
-  }
-  [[nodiscard]] bool contains(Index i) const {
-    const Index owner = runs_.owner(i);
-    if (owner < 0) return false;
-    const Block& block = blocks_[static_cast<std::size_t>(owner)];
-    return i - block.first < std::popcount(block.occupied);
-  }
-  [[nodiscard]] Vector position(Index i) const { return runs_.position(i); }
+  [[nodiscard]] std::size_t memory() const { return store_.memory(); }
+  [[nodiscard]] bool contains(Index i) const { return store_.contains(i); }
+  [[nodiscard]] Vector position(Index i) const { return store_.runs().position(i); }
 
-  bool insert(const Vector& p) {
-    const Eigen::Vector3d scaled = in_voxels(p);
-    const std::optional<Cell> cell = cell_of(scaled);
-    if (!cell) {
-      ++rejected_;
-      return false;
-    }
-    const Index owner = block_at(*cell);
-    Block& block = blocks_[static_cast<std::size_t>(owner)];
-    const int voxel = place_in_parent(*cell);
-    const double offset = offset_from_center(scaled, *cell);
-    if ((block.occupied >> voxel & 1) != 0) return meet(block, voxel, *cell, p, offset);
-    add(owner, voxel, p, policy_.first_state(offset));
-    return true;
+  bool insert(const Vector& p) { return put(p, {voxel_place(p, inverse_voxel_)}); }
+  /// Inserts `count` points in their order, `point_at(i)` each.
+  template <class PointAt>
+  void insert(Index count, PointAt&& point_at) {
+    const auto locate = [&](Index i) {
+      Where at{voxel_place(point_at(i), inverse_voxel_)};
+      if (at.voxel.there()) at.block = store_.find_block(at.voxel.cell);
+      if (at.block >= 0) store_.fetch(at.block);
+      return at;
+    };
+    const auto fetch = [&](const Where& at) {
+      if (at.block >= 0) store_.fetch(at.block, place_in_parent(at.voxel.cell));
+    };
+    in_passes(count, locate, fetch, [&](Index i, const Where& at) { put(point_at(i), at); });
   }
 
   bool erase(Index i) {
     if (!contains(i)) return false;
-    const Index owner = runs_.owner(i);
-    filter(owner, [i](Index other, const Vector&) { return other == i; });
+    store_.filter(store_.runs().owner(i), [i](Index other, const Vector&) { return other == i; });
     return true;
   }
 
   template <class Predicate>
   Index erase_if(Predicate&& leaves) {
-    const Index before = size_;
-    for (std::size_t t = 0; t < tiles_.size(); ++t)
-      for (std::uint64_t blocks = tiles_[t].blocks; blocks != 0; blocks &= blocks - 1)
-        filter(tiles_[t].block[static_cast<std::size_t>(std::countr_zero(blocks))], leaves);
-    return before - size_;
+    const Index before = size();
+    for (std::size_t t = 0; t < store_.tiles(); ++t)
+      for (std::uint64_t blocks = store_.tile(t).blocks; blocks != 0; blocks &= blocks - 1)
+        store_.filter(store_.tile(t).block[static_cast<std::size_t>(std::countr_zero(blocks))], leaves);
+    return before - size();
   }
 
   template <class Region>
   Index erase_region(const Region& region) {
-    const Index before = size_;
+    const Index before = size();
     for_each_tile_near(region, [&](std::size_t t) {
-      const Overlap whole = region.overlap(cell_box<Dim>(tiles_[t].cell, tile_size_));
+      const Tile& tile = store_.tile(t);
+      const Overlap whole = region.overlap(cell_box<Dim>(tile.cell, tile_size_));
       if (whole == Overlap::outside) return;
-      for (std::uint64_t blocks = tiles_[t].blocks; blocks != 0; blocks &= blocks - 1) {
+      for (std::uint64_t blocks = tile.blocks; blocks != 0; blocks &= blocks - 1) {
         const int place = std::countr_zero(blocks);
-        const Index owner = tiles_[t].block[static_cast<std::size_t>(place)];
+        const Index owner = tile.block[static_cast<std::size_t>(place)];
         const Overlap part = whole == Overlap::inside
                                  ? whole
-                                 : region.overlap(cell_box<Dim>(child(tiles_[t].cell, place), tile_size_ / edge));
+                                 : region.overlap(cell_box<Dim>(child(tile.cell, place), tile_size_ / edge));
         if (part == Overlap::inside)
-          drop(owner);
+          store_.drop(owner);
         else if (part == Overlap::partly)
-          filter(owner, [&](Index, const Vector& p) { return region.contains(p); });
+          store_.filter(owner, [&](Index, const Vector& p) { return region.contains(p); });
       }
     });
-    return before - size_;
+    return before - size();
   }
 
   template <class Region, class Visit>
   void visit_region(const Region& region, Visit&& visit) const {
     for_each_tile_near(region, [&](std::size_t t) {
-      if (region.overlap(cell_box<Dim>(tiles_[t].cell, tile_size_)) == Overlap::outside) return;
-      for_each_point_of_tile(tiles_[t], [&](Index i, const Vector& p) {
+      const Tile& tile = store_.tile(t);
+      if (region.overlap(cell_box<Dim>(tile.cell, tile_size_)) == Overlap::outside) return;
+      store_.for_each_point(tile, [&](Index i, const Vector& p) {
         if (region.contains(p)) visit(i, p);
       });
     });
@@ -120,14 +111,14 @@ class VoxelTiles {
 
   template <class Visit>
   void for_each_point(Visit&& visit) const {
-    for (std::size_t t = 0; t < tiles_.size(); ++t) for_each_point_of_tile(tiles_[t], visit);
+    for (std::size_t t = 0; t < store_.tiles(); ++t) store_.for_each_point(store_.tile(t), visit);
   }
 
   [[nodiscard]] Eigen::AlignedBox<Scalar, Dim> bounding_box() const {
     Eigen::AlignedBox<Scalar, Dim> bounds;
-    for (std::size_t t = 0; t < tiles_.size(); ++t) {
-      if (bounds.template cast<double>().contains(cell_box<Dim>(tiles_[t].cell, tile_size_))) continue;
-      for_each_point_of_tile(tiles_[t], [&](Index, const Vector& p) { bounds.extend(p); });
+    for (std::size_t t = 0; t < store_.tiles(); ++t) {
+      if (bounds.template cast<double>().contains(cell_box<Dim>(store_.tile(t).cell, tile_size_))) continue;
+      store_.for_each_point(store_.tile(t), [&](Index, const Vector& p) { bounds.extend(p); });
     }
     return bounds;
   }
@@ -142,8 +133,8 @@ class VoxelTiles {
       return;
     }
     const Cell center = parent(parent(*cell));
-    if (const Index own = table_.find(center); own >= 0)
-      search_from(tiles_[static_cast<std::size_t>(own)], place_in_parent(parent(*cell)), query, in_tiles, found);
+    if (const Index own = store_.find_tile(center); own >= 0)
+      search_from(tile(own), place_in_parent(parent(*cell)), query, in_tiles, found);
     const Gaps gaps(in_tiles, center, tile_size_);
     constexpr int last_ring = 2;
     for (int ring = 1; ring <= last_ring; ++ring) {
@@ -154,150 +145,60 @@ class VoxelTiles {
   }
 
  private:
-  static constexpr int edge = VoxelBlock::edge;
-
-  struct Block {
-    std::uint64_t occupied;
-    Index first;  ///< index of the first point
-    Index tile;
-    std::uint8_t chunks;  ///< room, in chunks
-    std::uint8_t place;   ///< in the tile
-  };
-  struct Tile {
-    std::uint64_t blocks;
-    Cell cell;
-    std::array<Index, edge * edge * edge> block;
-  };
+  using Store = VoxelTileStore<Scalar, Dim, Policy::state_bits>;
+  using Tile = typename Store::Tile;
+  using Block = typename Store::Block;
   using Gaps = TileGaps<Scalar, Dim>;
   using Slabs = BlockSlabs<Scalar, Dim>;
-  using Runs = VoxelRuns<Scalar, Dim, Policy::state_bits>;
+  static constexpr int edge = VoxelBlock::edge;
 
+  [[nodiscard]] const Tile& tile(Index t) const { return store_.tile(static_cast<std::size_t>(t)); }
   [[nodiscard]] Eigen::Vector3d in_voxels(const Vector& p) const {
     Eigen::Vector3d scaled = Eigen::Vector3d::Zero();
     scaled.head<Dim>() = p.template cast<double>() * inverse_voxel_;
     return scaled;
   }
-  [[nodiscard]] static double offset_from_center(const Eigen::Vector3d& scaled, const Cell& cell) {
-    const Eigen::Vector3d center(cell.x + 0.5, cell.y + 0.5, cell.z + 0.5);
-    return (scaled - center).template head<Dim>().squaredNorm();
-  }
 
-  // ---- changing ----
+  // ---- inserting ----
 
-  /// The block of a voxel's cell, made if there is none.
-  [[nodiscard]] Index block_at(const Cell& voxel) {
-    const Cell block_cell = parent(voxel), tile_cell = parent(block_cell);
-    const bool again = last_tile_ >= 0 && tiles_[static_cast<std::size_t>(last_tile_)].cell == tile_cell;
-    if (!again) last_tile_ = tile_at(tile_cell);
-    Tile& tile = tiles_[static_cast<std::size_t>(last_tile_)];
-    const int place = place_in_parent(block_cell);
-    Index& owner = tile.block[static_cast<std::size_t>(place)];
-    if ((tile.blocks >> place & 1) != 0) return owner;
-    owner = take(free_blocks_, blocks_);
-    blocks_[static_cast<std::size_t>(owner)] = {0, runs_.allocate(1, owner), last_tile_, 1,
-                                                static_cast<std::uint8_t>(place)};
-    tile.blocks |= std::uint64_t{1} << place;
-    return owner;
-  }
+  /// A point's voxel, and its block; -1 if that has not been looked for, or has yet to be made.
+  struct Where {
+    VoxelPlace voxel;
+    Index block = -1;
+  };
 
-  [[nodiscard]] Index tile_at(const Cell& cell) {
-    if (const Index there = table_.find(cell); there >= 0) return there;
-    const Index made = take(free_tiles_, tiles_);
-    tiles_[static_cast<std::size_t>(made)].blocks = 0;
-    tiles_[static_cast<std::size_t>(made)].cell = cell;
-    table_.insert(cell, made);
-    return made;
-  }
-
-  template <class T>
-  [[nodiscard]] static Index take(std::vector<Index>& free, GrowingArray<T>& all) {
-    if (free.empty()) {
-      all.resize(all.size() + 1);
-      return to_index(all.size(), "VoxelMap") - 1;
+  /// Returns whether the point has become one of the map.
+  bool put(const Vector& p, const Where& at) {
+    if (!at.voxel.there()) {
+      ++rejected_;
+      return false;
     }
-    const Index place = free.back();
-    free.pop_back();
-    return place;
+    const Index owner = at.block >= 0 ? at.block : store_.block_at(at.voxel.cell);
+    const int voxel = place_in_parent(at.voxel.cell);
+    const Block& block = store_.block(owner);
+    if (Store::occupied(block, voxel)) return meet(Store::index(block, voxel), p, at.voxel);
+    store_.add(owner, voxel, p, policy_.first_state(at.voxel.offset));
+    return true;
   }
 
-  [[nodiscard]] static int rank(const Block& block, int voxel) {
-    return std::popcount(block.occupied & ((std::uint64_t{1} << voxel) - 1));
-  }
-
-  void add(Index owner, int voxel, const Vector& p, unsigned state) {
-    Block& block = blocks_[static_cast<std::size_t>(owner)];
-    const int count = std::popcount(block.occupied);
-    if (count == block.chunks * Runs::lanes) {
-      block.first = runs_.grow(block.first, block.chunks, owner);
-      ++block.chunks;
-    }
-    const Index at = block.first + rank(block, voxel);
-    for (Index i = block.first + count; i > at; --i) runs_.move(i - 1, i);
-    runs_.set(at, p, state);
-    block.occupied |= std::uint64_t{1} << voxel;
-    ++size_;
-  }
-
-  /// A point that came to an occupied voxel. Returns whether it has become the voxel's point.
-  bool meet(Block& block, int voxel, const Cell& cell, const Vector& p, double offset) {
-    const Index i = block.first + rank(block, voxel);
-    unsigned state = runs_.state(i);
-    if (policy_.judge(state, offset) != VoxelVerdict::meet) return false;
-    if constexpr (requires(Vector & held) { policy_.meet(state, held, offset, p, offset); }) {
-      Vector held = position(i);
-      const bool changes = policy_.meet(state, held, offset_from_center(in_voxels(held), cell), p, offset);
+  /// A point that came to the voxel of the i-th. Returns whether it has taken its place.
+  bool meet(Index i, const Vector& p, const VoxelPlace& at) {
+    unsigned state = store_.runs().state(i);
+    if (policy_.judge(state, at.offset) != VoxelVerdict::meet) return false;
+    if constexpr (requires(Vector & held) { policy_.meet(state, held, 0.0, p, 0.0); }) {
+      const Vector old = position(i);
+      Vector held = old;
+      const bool changes = policy_.meet(state, held, voxel_place(old, inverse_voxel_).offset, p, at.offset);
+      const bool replaced = changes && held == p;
       // A mean may be rounded out of its voxel; then the point stays where it was.
-      const bool inside = changes && cell_of(in_voxels(held)) == std::optional(cell);
-      runs_.set(i, inside ? held : position(i), state);
-      return inside && held == p;
+      const bool stays = !changes || (!replaced && !(voxel_place(held, inverse_voxel_).cell == at.cell));
+      store_.runs().set(i, stays ? old : held, state);
+      return replaced;
     }
     return false;
   }
 
-  /// Erases the block's points for which `leaves(index, position)` holds.
-  template <class Predicate>
-  void filter(Index owner, Predicate&& leaves) {
-    Block& block = blocks_[static_cast<std::size_t>(owner)];
-    Index from = block.first, to = block.first;
-    std::uint64_t kept = 0;
-    for (std::uint64_t voxels = block.occupied; voxels != 0; voxels &= voxels - 1, ++from) {
-      if (leaves(from, position(from))) continue;
-      kept |= voxels & (~voxels + 1);
-      if (to != from) runs_.move(from, to);
-      ++to;
-    }
-    size_ -= from - to;
-    for (Index i = to; i < from; ++i) runs_.clear(i);
-    block.occupied = kept;
-    if (kept == 0) drop(owner);
-  }
-
-  /// Erases the whole block.
-  void drop(Index owner) {
-    Block& block = blocks_[static_cast<std::size_t>(owner)];
-    size_ -= std::popcount(block.occupied);
-    block.occupied = 0;
-    runs_.release(block.first, block.chunks);
-    free_blocks_.push_back(owner);
-    Tile& tile = tiles_[static_cast<std::size_t>(block.tile)];
-    tile.blocks &= ~(std::uint64_t{1} << block.place);
-    if (tile.blocks != 0) return;
-    table_.erase(tile.cell);
-    free_tiles_.push_back(block.tile);
-    last_tile_ = -1;
-  }
-
   // ---- visiting ----
-
-  template <class Visit>
-  void for_each_point_of_tile(const Tile& tile, Visit&& visit) const {
-    for (std::uint64_t blocks = tile.blocks; blocks != 0; blocks &= blocks - 1) {
-      const Block& block =
-          blocks_[static_cast<std::size_t>(tile.block[static_cast<std::size_t>(std::countr_zero(blocks))])];
-      const Index end = block.first + std::popcount(block.occupied);
-      for (Index i = block.first; i < end; ++i) visit(i, position(i));
-    }
-  }
 
   /// Calls `visit(t)` for the tiles that may hold points of a region: through the hash where it has bounds and they are
   /// few, otherwise for all.
@@ -305,11 +206,11 @@ class VoxelTiles {
   void for_each_tile_near(const Region& region, Visit&& visit) const {
     if constexpr (requires { region.bounds(); }) {
       const auto look = [&](const Cell& cell) {
-        if (const Index t = table_.find(cell); t >= 0) visit(static_cast<std::size_t>(t));
+        if (const Index t = store_.find_tile(cell); t >= 0) visit(static_cast<std::size_t>(t));
       };
-      if (for_each_cell_near<Dim>(region.bounds(), tile_size_, tiles_.size(), look)) return;
+      if (for_each_cell_near<Dim>(region.bounds(), tile_size_, store_.tiles(), look)) return;
     }
-    for (std::size_t t = 0; t < tiles_.size(); ++t) visit(t);
+    for (std::size_t t = 0; t < store_.tiles(); ++t) visit(t);
   }
 
   // ---- searching ----
@@ -320,8 +221,8 @@ class VoxelTiles {
     for (blocks &= slabs.within(found.bound()); blocks != 0; blocks &= blocks - 1) {
       const int place = std::countr_zero(blocks);
       if (!(slabs.distance(place) < found.bound())) continue;
-      const Block& block = blocks_[static_cast<std::size_t>(tile.block[static_cast<std::size_t>(place)])];
-      runs_.search(block.first, std::popcount(block.occupied), query, found);
+      const Block& block = store_.block(tile, place);
+      store_.runs().search(block.first, std::popcount(block.occupied), query, found);
     }
   }
 
@@ -350,8 +251,8 @@ class VoxelTiles {
         const bool whole_row = std::abs(dz) == ring || std::abs(dy) == ring;
         for (int dx = -ring; dx <= ring; dx += whole_row ? 1 : 2 * ring) {
           if (!(gap_yz + gaps.along(0, dx) < found.bound())) continue;
-          const Index t = table_.find(shifted(center, dx, dy, dz));
-          if (t >= 0) search_tile(tiles_[static_cast<std::size_t>(t)], query, in_tiles, found);
+          const Index t = store_.find_tile(shifted(center, dx, dy, dz));
+          if (t >= 0) search_tile(tile(t), query, in_tiles, found);
         }
       }
     }
@@ -370,8 +271,8 @@ class VoxelTiles {
     Scalar from = -1;
     for (Scalar to = 4 * static_cast<Scalar>((ring + 1) * (ring + 1)) * size * size; from < found.bound();) {
       bool any_beyond = false;
-      for (std::size_t t = 0; t < tiles_.size(); ++t) {
-        const Tile& tile = tiles_[t];
+      for (std::size_t t = 0; t < store_.tiles(); ++t) {
+        const Tile& tile = store_.tile(t);
         if (tile.blocks == 0 || (center && steps_apart(*center, tile.cell) <= ring)) continue;
         const Scalar distance = Gaps(in_tiles, tile.cell, tile_size_).to_tile();
         any_beyond = any_beyond || distance >= to;
@@ -386,14 +287,7 @@ class VoxelTiles {
   Policy policy_;
   double inverse_voxel_;
   double tile_size_;
-  CellTable table_;  ///< from a tile's cell to its place in tiles_
-  GrowingArray<Tile> tiles_;
-  GrowingArray<Block> blocks_;
-  Runs runs_;  ///< the points
-  std::vector<Index> free_tiles_;
-  std::vector<Index> free_blocks_;
-  Index last_tile_ = -1;  ///< where the last point went
-  Index size_ = 0;
+  Store store_;
   Index rejected_ = 0;
 };
 
