@@ -77,8 +77,8 @@ TEST_SUITE("filter/ieskf") {
       const Eigen::Vector2d r = z.z - z.H * x;
       x += K * r;
       P = (Matrix4::Identity() - K * z.H) * P;
-      const UpdateReport<R4d> report = filter.update(z);
-      CHECK(report.status == UpdateStatus::converged);
+      const FilterReport<R4d> report = filter.update(z);
+      CHECK(report.status == FilterStatus::converged);
       CHECK(report.nis == doctest::Approx(r.dot(innovation.inverse() * r)));
       CHECK((filter.state().value() - x).norm() < 1e-10 * (1 + x.norm()));
       CHECK((filter.covariance() - P).norm() < 1e-10 * (1 + P.norm()));
@@ -118,10 +118,10 @@ TEST_SUITE("filter/ieskf") {
       Linearization<R4d> answer;
       Linearization<R4d> linearize(const R4d&, bool) const { return answer; }
     } measurement;
-    CHECK(filter.update(measurement).status == UpdateStatus::no_information);
+    CHECK(filter.update(measurement).status == FilterStatus::no_information);
     measurement.answer.residuals = 1;
     measurement.answer.gradient[1] = std::numeric_limits<double>::quiet_NaN();
-    CHECK(filter.update(measurement).status == UpdateStatus::not_finite);
+    CHECK(filter.update(measurement).status == FilterStatus::not_finite);
     CHECK(filter.state().value() == Vector4(1, 2, 3, 4));
     CHECK(filter.covariance() == P);
   }
@@ -139,9 +139,9 @@ TEST_SUITE("filter/ieskf") {
       }
     } measurement{{}, true};
     LinearFilter filter(R4d(), Matrix4::Identity());
-    CHECK(filter.update(measurement).status == UpdateStatus::converged);
+    CHECK(filter.update(measurement).status == FilterStatus::converged);
     CHECK(measurement.renewals == std::vector<bool>{false, true, true});
     measurement = {{}, false};
-    CHECK(filter.update(measurement, {.max_iterations = 2}).status == UpdateStatus::iteration_limit);
+    CHECK(filter.update(measurement, {.max_iterations = 2}).status == FilterStatus::iteration_limit);
   }
 }

@@ -16,7 +16,7 @@ struct IterationRule {
   double step_tolerance = 1e-3;  ///< of every coordinate of the step (FAST-LIO2's code: 0.001)
 };
 
-enum class UpdateStatus {
+enum class FilterStatus {
   converged,
   iteration_limit,  ///< the last step was not small; taken all the same
   no_information,   ///< a pass had no residuals; the state is the prediction
@@ -25,8 +25,8 @@ enum class UpdateStatus {
 
 /// What an update did.
 template <Manifold State>
-struct UpdateReport {
-  UpdateStatus status = UpdateStatus::no_information;
+struct FilterReport {
+  FilterStatus status = FilterStatus::no_information;
   Index iterations = 0;
   Index residuals = 0;  ///< of the last pass
   /// Normalized innovation squared, r^T (H P H^T + R)^-1 r at the prediction: `nis_residuals` on average if prior and
@@ -36,7 +36,7 @@ struct UpdateReport {
   typename State::Tangent correction = State::Tangent::Zero();  ///< from the prediction to the estimate
 
   [[nodiscard]] bool accepted() const {
-    return status == UpdateStatus::converged || status == UpdateStatus::iteration_limit;
+    return status == FilterStatus::converged || status == FilterStatus::iteration_limit;
   }
 };
 
@@ -85,7 +85,7 @@ class Ieskf {
 
   /// Takes a measurement. Whatever the outcome, state and covariance stay finite.
   template <MeasurementModel<State> Measurement>
-  UpdateReport<State> update(Measurement& measurement, const IterationRule& rule = {});
+  FilterReport<State> update(Measurement& measurement, const IterationRule& rule = {});
 
  private:
   [[nodiscard]] static Matrix symmetric(const Matrix& m) { return 0.5 * (m + m.transpose()); }
@@ -112,8 +112,8 @@ class Ieskf {
 
 template <Manifold State, class Process>
 template <MeasurementModel<State> Measurement>
-UpdateReport<State> Ieskf<State, Process>::update(Measurement& measurement, const IterationRule& rule) {
-  UpdateReport<State> report;
+FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, const IterationRule& rule) {
+  FilterReport<State> report;
   const Matrix prior_root = square_root(covariance_);
   State x = state_;
   Matrix covariance = covariance_;
@@ -123,7 +123,7 @@ UpdateReport<State> Ieskf<State, Process>::update(Measurement& measurement, cons
     const Linearization<State> z = measurement.linearize(x, renew || report.iterations + 1 == rule.max_iterations);
     report.residuals = z.residuals;
     if (z.residuals == 0) {
-      report.status = UpdateStatus::no_information;
+      report.status = FilterStatus::no_information;
       return report;
     }
     const Matrix C = posterior_root(J_inverse * prior_root, z.information);
@@ -132,7 +132,7 @@ UpdateReport<State> Ieskf<State, Process>::update(Measurement& measurement, cons
     const Tangent back = J_inverse * moved;
     const Tangent step = S * (z.gradient + z.information * back) - back;
     if (!is_finite(step) || !is_finite(S)) {
-      report.status = UpdateStatus::not_finite;
+      report.status = FilterStatus::not_finite;
       return report;
     }
     if (report.iterations == 0) {
@@ -145,8 +145,8 @@ UpdateReport<State> Ieskf<State, Process>::update(Measurement& measurement, cons
     covariance = symmetric(reset * S * reset.transpose());
     ++report.iterations;
     renew = step.cwiseAbs().maxCoeff() < rule.step_tolerance;
-    report.status = renew && z.settled ? UpdateStatus::converged : UpdateStatus::iteration_limit;
-    if (report.status == UpdateStatus::converged) break;
+    report.status = renew && z.settled ? FilterStatus::converged : FilterStatus::iteration_limit;
+    if (report.status == FilterStatus::converged) break;
   }
   if (!report.accepted()) return report;
   report.correction = state_.local(x);
