@@ -9,8 +9,10 @@
 #include <utility>
 #include <variant>
 
+#include "chainslam/odometry/lidar_inertial_odometry.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/odometry/recorded_odometry.hpp"
+#include "chainslam/search/ikd_tree.hpp"
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/pipeline.hpp"
@@ -171,9 +173,34 @@ class SessionMapper {
   }
 
   void map_packets() {
-    LidarOdometryOptions<> options = run_.options.odometry;
-    options.T_body_lidar = dataset_.info().T_body_lidar;
-    LidarOdometry<> odometry(options);
+    const LidarOdometryOptions<>& given = run_.options.odometry;
+    const auto inertial = [&](auto options) {
+      options.T_body_lidar = dataset_.info().T_body_lidar;
+      options.filter = given.filter;
+      options.local_map.radius = given.map_radius;
+      return options;
+    };
+    switch (run_.options.odometry_source) {
+      case OdometrySourceKind::lidar: {
+        LidarOdometryOptions<> options = given;
+        options.T_body_lidar = dataset_.info().T_body_lidar;
+        return map_packets(LidarOdometry<>(options));
+      }
+      case OdometrySourceKind::lidar_inertial: {
+        LidarInertialOdometryOptions<> options = inertial(LidarInertialOdometryOptions<>{});
+        options.scan_voxel = given.scan_voxel;
+        options.scan_to_map.residual_scale = given.scan_to_map.residual_scale;
+        return map_packets(LidarInertialOdometry<>(options));
+      }
+      case OdometrySourceKind::fast_lio2:
+        return map_packets(
+            LidarInertialOdometry<IkdTree<float, NearestToCenter>, Trivial>(inertial(fast_lio2_options())));
+    }
+  }
+
+  template <class Odometry>
+  void map_packets(Odometry odometry) {
+    double spent = 0;  // seconds since the last scan
     while (wants_more()) {
       const std::optional<Packet> packet = [&] {
         const auto measurement = run_.times.measure("read");
@@ -181,17 +208,18 @@ class SessionMapper {
       }();
       if (!packet) break;
       if (const auto* fix = std::get_if<GnssFix>(&*packet)) pipeline_.add(*fix);
-      if (!std::holds_alternative<LidarScan>(*packet)) {
-        odometry.process(*packet, threads_);
-        continue;
+      // A filter answers a scan when the readings up to its end have come: with a packet after it.
+      const auto begin = std::chrono::steady_clock::now();
+      const std::optional<Frame> frame = odometry.process(*packet, threads_);
+      spent += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+      if (std::holds_alternative<LidarScan>(*packet)) {
+        run_.times.add("odometry", std::exchange(spent, 0.0));
+        count_scan();
       }
-      const std::optional<Frame> frame = [&] {
-        const auto measurement = run_.times.measure("odometry");
-        return odometry.process(*packet, threads_);
-      }();
-      count_scan();
       if (frame) add(*frame);
     }
+    if constexpr (requires { odometry.flush(threads_); })
+      while (const std::optional<Frame> frame = odometry.flush(threads_)) add(*frame);
     note_counts(odometry.counts());
   }
 

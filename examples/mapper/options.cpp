@@ -31,7 +31,13 @@ void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset
                     {.help = "TUM file with the true poses T_map_body; --truth sets it too."});
 }
 
-void add_odometry(Configuration& configuration, LidarOdometryOptions<>& odometry) {
+void add_odometry(Configuration& configuration, OdometrySourceKind& source, LidarOdometryOptions<>& odometry) {
+  configuration.add("odometry.source", source,
+                    {{"lidar", OdometrySourceKind::lidar},
+                     {"lidar_inertial", OdometrySourceKind::lidar_inertial},
+                     {"fast_lio2", OdometrySourceKind::fast_lio2}},
+                    {.help = "lidar: scans, with the gyroscope where there is one. lidar_inertial: an iterated filter "
+                             "that takes the accelerometer, too. fast_lio2: the same as it was published."});
   configuration.add("odometry.min_range", odometry.filter.min_range,
                     {.unit = "m", .min = 0, .max = 100, .help = "Nearer points are the carrier's own body."});
   configuration.add("odometry.max_range", odometry.filter.max_range,
@@ -226,7 +232,7 @@ support::Configuration make_configuration(MapperOptions& options) {
   support::Configuration configuration;
   add_presets(configuration, options);
   add_dataset(configuration, options.dataset);
-  add_odometry(configuration, options.odometry);
+  add_odometry(configuration, options.odometry_source, options.odometry);
   add_keyframes(configuration, options.keyframes);
   add_closures(configuration, options.back_end);
   add_chain(configuration, options.back_end);

@@ -23,11 +23,19 @@ struct Goals {
   bool merged = false;                 ///< all sessions in one frame
 };
 
+/// What turns packets into frames.
+enum class OdometrySourceKind {
+  lidar,           ///< `LidarOdometry`: scans, the inertial unit's rates where there is one
+  lidar_inertial,  ///< `LidarInertialOdometry`: its forces, too
+  fast_lio2,       ///< the same as FAST-LIO2 was published
+};
+
 /// All that the configuration file can state, with its defaults.
 struct MapperOptions {
   datasets::DatasetOptions dataset;
   Preset preset = Preset::best;
   Platform platform = Platform::nclt;
+  OdometrySourceKind odometry_source = OdometrySourceKind::lidar;
   LidarOdometryOptions<> odometry;
   KeyframeOptions keyframes;
   BackEndParts back_end;

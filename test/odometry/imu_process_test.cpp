@@ -103,7 +103,7 @@ Consistency fly_among_landmarks(Rng& rng) {
     landmarks.seen.clear();
     for (const Eigen::Vector3d& p : landmarks.map) landmarks.seen.push_back(T_lidar_odom * p + noise3(rng, 0.03));
     const auto report = filter.update(landmarks, {.max_iterations = 10, .step_tolerance = 1e-6});
-    CHECK(report.status == UpdateStatus::converged);
+    CHECK(report.status == FilterStatus::converged);
     if (step <= 60) continue;  // until the state is known so well that the measurement is linear around it
     nis += report.nis;
     count += report.nis_residuals;

@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstddef>
-#include <cstdint>
 #include <optional>
 #include <type_traits>
 #include <utility>
@@ -15,26 +14,15 @@
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/imu_initializer.hpp"
+#include "chainslam/odometry/local_map.hpp"
 #include "chainslam/odometry/motion_predictor.hpp"
+#include "chainslam/odometry/odometry_counts.hpp"
 #include "chainslam/odometry/scan_filter.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
 #include "chainslam/search/voxel_map.hpp"
 #include "chainslam/sensor/packet.hpp"
 
 namespace chainslam {
-
-namespace detail {
-
-/// Points of the local map about half a metre apart.
-template <class Downsampling>
-[[nodiscard]] constexpr Downsampling half_metre_apart() {
-  if constexpr (std::is_same_v<Downsampling, VoxelMapOptions>)
-    return {.voxel_size = 1.0, .max_points_per_voxel = 8, .min_spacing = 0.35};
-  else
-    return {.voxel_size = 0.5};
-}
-
-}  // namespace detail
 
 /// Settings of `LidarOdometry`; the defaults serve spinning LiDARs of 16 to 128 rings on cars and robots.
 ///
@@ -54,21 +42,6 @@ struct LidarOdometryOptions {
   ImuInitializer imu_initializer{};
   MotionPredictorOptions motion{};
   ScanToMap<Kernel> scan_to_map{};
-};
-
-/// What became of the input so far.
-struct LidarOdometryCounts {
-  ScanFilterCounts points{};
-  std::int64_t scans = 0;               ///< given
-  std::int64_t frames = 0;              ///< answered
-  std::int64_t empty_scans = 0;         ///< too few usable points: no frame
-  std::int64_t out_of_order_scans = 0;  ///< not later than the frame before, or ending before they begin: no frame
-  std::int64_t gaps = 0;                ///< pauses too long to extrapolate the motion
-  std::int64_t degenerate_scans = 0;    ///< frames with status degenerate
-  std::int64_t lost_scans = 0;          ///< frames with status lost
-  std::int64_t map_restarts = 0;        ///< the local map was given up
-  std::int64_t gyro_scans = 0;          ///< frames whose rotation was predicted by the gyroscope
-  std::int64_t dropped_imu_samples = 0;
 };
 
 /// LiDAR odometry: each scan is registered to a local map of the scans before it. A gyroscope, where there is one,

@@ -1,0 +1,146 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <limits>
+#include <optional>
+
+#include "chainslam/core/finite.hpp"
+#include "chainslam/core/timestamp.hpp"
+#include "chainslam/odometry/imu_process.hpp"
+#include "chainslam/sensor/imu_sample.hpp"
+
+namespace chainslam {
+
+/// How an inertial unit's readings are used.
+struct ImuRecordOptions {
+  double max_gap = 0.25;   ///< seconds between readings that are joined by a line; over a longer hole there are none
+  double max_step = 0.01;  ///< seconds; longer ones are divided, so that units of 10 Hz integrate as well as fast ones
+  double unseen_share = 0.3;  ///< of the difference of two readings, by which the mean between them may be off
+  double memory = 5;          ///< seconds of readings kept before the first scan
+  double gyro_range = std::numeric_limits<double>::infinity();   ///< rad/s at which an axis is clipped
+  double accel_range = std::numeric_limits<double>::infinity();  ///< m/s^2
+  double clipped_gyro_noise = 0.5;                               ///< density while clipped, rad/s per sqrt(Hz)
+  double clipped_accel_noise = 5;                                ///< m/s^2 per sqrt(Hz)
+};
+
+/// Mean readings of a short time; none in a hole.
+struct ImuStep {
+  double duration;  ///< seconds
+  std::optional<ImuInput> reading;
+};
+
+/// What an inertial unit has said lately, as steps to integrate over.
+///
+/// Readings run linearly from sample to sample; before the first and after the last they are held for up to `max_gap`.
+/// A reading at the end of its range is known to be wrong, but not by how much: its step's noise says so.
+class ImuRecord {
+ public:
+  enum class Taken {
+    yes,
+    restarted,  ///< taken, after a jump back in time: those before are forgotten
+    dropped,    ///< not finite, or not later than the one before
+  };
+
+  explicit ImuRecord(const ImuRecordOptions& options = {}) : options_(options) {}
+
+  Taken add(const ImuSample& sample) {
+    if (!is_finite(sample.gyro) || !is_finite(sample.accel)) return Taken::dropped;
+    Taken taken = Taken::yes;
+    if (!samples_.empty() && to_seconds(samples_.back().time - sample.time) > options_.max_gap) {
+      samples_.clear();
+      taken = Taken::restarted;
+    }
+    if (!samples_.empty() && sample.time <= samples_.back().time) return Taken::dropped;
+    samples_.push_back(sample);
+    if (clipped(sample)) ++clipped_;
+    return taken;
+  }
+
+  /// Calls `step(const ImuStep&)` for all of [from, to] in order.
+  template <class Step>
+  void for_each_step(Timestamp from, Timestamp to, Step&& step) const {
+    const auto later = std::ranges::upper_bound(samples_, from, {}, &ImuSample::time);
+    auto next = static_cast<std::size_t>(later - samples_.begin());
+    for (Timestamp t = from; t < to; ++next) {
+      const Timestamp end = next < samples_.size() ? std::min(samples_[next].time, to) : to;
+      if (end > t) cut(t, end, next, step);
+      t = end;
+    }
+  }
+
+  /// Forgets readings that nothing from `time` on needs.
+  void forget_before(Timestamp time) {
+    while (samples_.size() > 1 && samples_[1].time <= time) samples_.pop_front();
+  }
+  void forget_old() {
+    if (!samples_.empty()) forget_before(samples_.back().time - seconds(options_.memory));
+  }
+
+  /// Whether readings reach up to `time`, ...
+  [[nodiscard]] bool reaches(Timestamp time) const { return !samples_.empty() && samples_.back().time >= time; }
+  /// ... or the next one, which would, is to be expected.
+  [[nodiscard]] bool may_reach(Timestamp time) const {
+    return !samples_.empty() && to_seconds(time - samples_.back().time) <= options_.max_gap;
+  }
+
+  [[nodiscard]] const std::deque<ImuSample>& samples() const { return samples_; }
+  [[nodiscard]] std::int64_t clipped_samples() const { return clipped_; }
+
+ private:
+  [[nodiscard]] bool clipped(const ImuSample& sample) const {
+    return sample.gyro.cwiseAbs().maxCoeff() >= options_.gyro_range ||
+           sample.accel.cwiseAbs().maxCoeff() >= options_.accel_range;
+  }
+
+  /// What a line between two readings leaves out, as a density: its mean over `interval` may be off by a part of the
+  /// difference. Slow units see vibration at random phases, fast ones follow it.
+  [[nodiscard]] double unseen(const Eigen::Vector3d& difference, double interval) const {
+    return options_.unseen_share * difference.norm() * std::sqrt(interval);
+  }
+
+  /// The piece [begin, end] before sample `next`.
+  template <class Step>
+  void cut(Timestamp begin, Timestamp end, std::size_t next, Step& step) const {
+    const double duration = to_seconds(end - begin);
+    const ImuSample* a = next > 0 ? &samples_[next - 1] : nullptr;
+    const ImuSample* b = next < samples_.size() ? &samples_[next] : nullptr;
+    const double hole = a != nullptr && b != nullptr ? to_seconds(b->time - a->time)
+                        : a != nullptr               ? to_seconds(end - a->time)
+                        : b != nullptr               ? to_seconds(b->time - begin)
+                                                     : options_.max_gap + 1;
+    const double pieces = std::max(1.0, std::ceil(duration / options_.max_step - 1e-6));
+    const double dt = duration / pieces;
+    if (hole > options_.max_gap) {
+      for (double k = 0; k < pieces; ++k) step(ImuStep{dt, std::nullopt});
+      return;
+    }
+    const ImuSample& first = a != nullptr ? *a : *b;
+    const ImuSample& last = b != nullptr ? *b : *a;
+    ImuInput input;
+    if (a != nullptr && b != nullptr) {
+      input.gyro_noise = unseen(b->gyro - a->gyro, hole);
+      input.accel_noise = unseen(b->accel - a->accel, hole);
+    }
+    if (clipped(first) || clipped(last)) {
+      input.gyro_noise += options_.clipped_gyro_noise;
+      input.accel_noise += options_.clipped_accel_noise;
+    }
+    for (double k = 0; k < pieces; ++k) {
+      const double share = a != nullptr && b != nullptr ? (to_seconds(begin - a->time) + (k + 0.5) * dt) / hole : 0.0;
+      input.gyro = first.gyro + share * (last.gyro - first.gyro);
+      input.accel = first.accel + share * (last.accel - first.accel);
+      step(ImuStep{dt, input});
+    }
+  }
+
+  ImuRecordOptions options_;
+  std::deque<ImuSample> samples_;
+  std::int64_t clipped_ = 0;
+};
+
+}  // namespace chainslam

@@ -1,0 +1,234 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "chainslam/core/timestamp.hpp"
+#include "chainslam/filter/ieskf.hpp"
+#include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/imu_initializer.hpp"
+#include "chainslam/odometry/imu_process.hpp"
+#include "chainslam/odometry/imu_record.hpp"
+#include "chainslam/odometry/inertial_state.hpp"
+
+namespace chainslam {
+
+struct InertialMotionOptions {
+  ImuProcess process{};
+  ImuRecordOptions imu{};
+  ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
+  double start_speed = 5;    ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
+  double rest_speed = 0.05;  ///< m/s, deviation where rest is assumed
+  double start_gyro_bias = 1e-2;  ///< rad/s, deviation
+  double start_accel_bias = 0.1;  ///< m/s^2, deviation
+  double start_up = 0.15;         ///< radians, deviation of gravity's direction at a start in motion
+  double rest_up = 0.01;          ///< and at rest: what the accelerometer's bias makes of it
+  // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
+  double free_accel = 1.5;     ///< m/s^2 per sqrt(Hz)
+  double free_gyro = 0.2;      ///< rad/s per sqrt(Hz)
+  double max_free = 1.0;       ///< seconds that may be continued so; beyond, the body may be anywhere near
+  double lost_position = 2.0;  ///< metres, deviation after that
+  double lidar_position = 0;   ///< metres, deviation of the mounting; 0: known
+  double lidar_rotation = 0;   ///< radians
+};
+
+/// The filter's motion between scans: integrates the inertial unit, or continues the motion where that is silent, and
+/// remembers the way, for scans to be straightened by.
+class InertialMotion {
+ public:
+  using Filter = Ieskf<InertialState, ImuProcess>;
+
+  explicit InertialMotion(const InertialMotionOptions& options = {}, const SE3d& T_body_lidar = {})
+      : options_(options), T_body_lidar_(T_body_lidar), imu_(options.imu) {}
+
+  ImuRecord::Taken add(const ImuSample& sample) {
+    const ImuRecord::Taken taken = imu_.add(sample);
+    imu_.forget_old();
+    return taken;
+  }
+
+  /// Begins at the origin, at `time`, with +z against gravity as far as the inertial unit tells where that is.
+  ImuStart start(Timestamp time);
+  /// Moves the filter on to `time`, which must be later than where it is.
+  void predict(Timestamp time);
+  /// Takes it that the body stood still at the begin of the way: for a start of quiet readings where the scan does not
+  /// tell otherwise.
+  void assume_rest() {
+    set_translation(state().get<Inertial::velocity>(), options_.rest_speed, options_.rest_speed * interval());
+  }
+  /// Tells the mean rate of the last interval, which is continued where there are no readings. To be called once the
+  /// pose at the end is final.
+  void follow();
+
+  /// The motion during a sweep that ends at `time()`, as the way there tells it. `correction`, a tangent of the pose at
+  /// the end of the way, is spread over the way.
+  [[nodiscard]] SweepMotion sweep_motion(Timestamp begin, const Vector6d& correction) const;
+
+  /// The same during the sweep before the way's begin, had the body moved on evenly, but faster by `velocity_change`.
+  [[nodiscard]] SweepMotion motion_before(double duration, const Eigen::Vector3d& velocity_change) const {
+    Vector6d twist = Vector6d::Zero();
+    if (!way_.empty()) {
+      const Knot& knot = way_.front();
+      twist << knot.T_odom_body.rotation().inverse() * Eigen::Vector3d(knot.velocity + velocity_change), knot.rate;
+    }
+    return SweepMotion::constant_twist(duration, twist);
+  }
+  /// The pose at the begin of the way from the last scan to this.
+  [[nodiscard]] const SE3d& way_begin() const { return way_.front().T_odom_body; }
+  /// rad/s, body frame, between the last two scans.
+  [[nodiscard]] const Eigen::Vector3d& mean_rate() const { return mean_rate_; }
+  /// Seconds of the way from the last scan to this.
+  [[nodiscard]] double interval() const { return way_.empty() ? 0.0 : to_seconds(time_ - way_.front().time); }
+
+  [[nodiscard]] Filter& filter() { return filter_; }
+  [[nodiscard]] const Filter& filter() const { return filter_; }
+  [[nodiscard]] const InertialState& state() const { return filter_.state(); }
+  [[nodiscard]] Timestamp time() const { return time_; }
+  [[nodiscard]] bool started() const { return started_; }
+  [[nodiscard]] const ImuRecord& imu() const { return imu_; }
+  /// Share of the last interval for which there were readings.
+  [[nodiscard]] double measured_share() const { return measured_share_; }
+
+ private:
+  /// The body's motion from some time on, until the next.
+  struct Knot {
+    Timestamp time;
+    SE3d T_odom_body;
+    Eigen::Vector3d velocity, acceleration;  ///< odom
+    Eigen::Vector3d rate;                    ///< body
+
+    [[nodiscard]] SE3d pose(double dt) const {
+      return SE3d(T_odom_body.rotation() * SO3d::exp(dt * rate),
+                  T_odom_body.translation() + dt * velocity + 0.5 * dt * dt * acceleration);
+    }
+  };
+
+  [[nodiscard]] SE3d way_at(Timestamp time) const {
+    const auto later = std::ranges::upper_bound(way_, time, {}, &Knot::time);
+    const Knot& knot = later == way_.begin() ? way_.front() : *(later - 1);
+    return knot.pose(to_seconds(time - knot.time));
+  }
+  /// Readings that would leave rate and velocity as they are.
+  [[nodiscard]] ImuInput continued() const {
+    const InertialState& x = state();
+    return {.gyro = mean_rate_ + x.get<Inertial::gyro_bias>().value(),
+            .accel = x.get<Inertial::rotation>().inverse() *
+                         Eigen::Vector3d(options_.process.gravity * x.get<Inertial::up>().direction()) +
+                     x.get<Inertial::accel_bias>().value(),
+            .gyro_noise = options_.free_gyro,
+            .accel_noise = options_.free_accel};
+  }
+  void step(const ImuInput& input, double dt);
+  void forget_velocity();
+  /// Velocity and position of their own, correlated with nothing.
+  void set_translation(const R3d& velocity, double speed_deviation, double position_deviation);
+
+  InertialMotionOptions options_;
+  SE3d T_body_lidar_;
+  ImuRecord imu_;
+  Filter filter_;
+  bool started_ = false;
+  Timestamp time_;
+  std::vector<Knot> way_;                                ///< from the last scan to this
+  Eigen::Vector3d mean_rate_ = Eigen::Vector3d::Zero();  ///< rad/s, body frame, between the last two scans
+  double measured_share_ = 0;
+};
+
+inline ImuStart InertialMotion::start(Timestamp time) {
+  const ImuStart start = options_.initializer.estimate(imu_.samples());
+  InertialState x;
+  x.get<Inertial::rotation>() = gravity_aligned(start.up_body);
+  x.get<Inertial::gyro_bias>() = R3d(start.gyro_bias);
+  x.get<Inertial::lidar_position>() = R3d(T_body_lidar_.translation());
+  x.get<Inertial::lidar_rotation>() = T_body_lidar_.rotation();
+  // The pose is the frame's own definition. What is not known of gravity is its direction in that frame.
+  const auto squared = [](double value) { return value * value; };
+  InertialState::Tangent variance = InertialState::Tangent::Zero();
+  const auto set = [&]<Inertial::Part Part>(double deviation) {
+    constexpr int size = InertialState::Part<Part>::dof;
+    variance.segment<size>(inertial_offset<Part>).setConstant(squared(deviation));
+  };
+  set.operator()<Inertial::velocity>(options_.start_speed);
+  set.operator()<Inertial::gyro_bias>(start.at_rest ? 0.2 * options_.start_gyro_bias : options_.start_gyro_bias);
+  set.operator()<Inertial::accel_bias>(options_.start_accel_bias);
+  set.operator()<Inertial::up>(start.at_rest ? options_.rest_up : options_.start_up);
+  set.operator()<Inertial::lidar_position>(options_.lidar_position);
+  set.operator()<Inertial::lidar_rotation>(options_.lidar_rotation);
+  filter_ = Filter(x, variance.asDiagonal(), options_.process);
+  time_ = time;
+  started_ = true;
+  way_ = {{time, T_odom_body(x), Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()}};
+  return start;
+}
+
+inline void InertialMotion::step(const ImuInput& input, double dt) {
+  const InertialState x = state();
+  filter_.predict(input, dt);
+  const Eigen::Vector3d velocity = x.get<Inertial::velocity>().value();
+  way_.push_back({time_, T_odom_body(x), velocity, (state().get<Inertial::velocity>().value() - velocity) / dt,
+                  input.gyro - x.get<Inertial::gyro_bias>().value()});
+  time_ = time_ + seconds(dt);
+}
+
+inline void InertialMotion::predict(Timestamp time) {
+  way_.clear();
+  const Timestamp begin = time_;
+  double measured = 0, free = 0;
+  imu_.for_each_step(begin, time, [&](const ImuStep& piece) {
+    if (piece.reading) {
+      measured += piece.duration;
+      free = 0;
+      return step(*piece.reading, piece.duration);
+    }
+    free += piece.duration;
+    if (free <= options_.max_free) return step(continued(), piece.duration);
+    time_ = time_ + seconds(piece.duration);
+  });
+  if (free > options_.max_free) forget_velocity();
+  time_ = time;  // whatever rounding has done to the sum of the steps
+  measured_share_ = measured / to_seconds(time - begin);
+  imu_.forget_before(time);
+}
+
+/// After a long silence the body may stand, drive or have been carried: its attitude is kept, with doubt.
+inline void InertialMotion::forget_velocity() {
+  set_translation({}, options_.start_speed, options_.lost_position);
+  mean_rate_.setZero();
+}
+
+inline void InertialMotion::set_translation(const R3d& velocity, double speed_deviation, double position_deviation) {
+  InertialState x = state();
+  x.get<Inertial::velocity>() = velocity;
+  InertialState::Jacobian covariance = filter_.covariance();
+  const auto forget = [&](int at, double deviation) {
+    covariance.middleRows<3>(at).setZero();
+    covariance.middleCols<3>(at).setZero();
+    covariance.diagonal().segment<3>(at).setConstant(deviation * deviation);
+  };
+  forget(inertial_offset<Inertial::velocity>, speed_deviation);
+  forget(inertial_offset<Inertial::position>, position_deviation);
+  filter_.reset(x, covariance);
+}
+
+inline void InertialMotion::follow() {
+  if (!(interval() > 0)) return;
+  mean_rate_ = way_.front().T_odom_body.rotation().local(state().get<Inertial::rotation>()) / interval();
+}
+
+inline SweepMotion InertialMotion::sweep_motion(Timestamp begin, const Vector6d& correction) const {
+  const double duration = to_seconds(time_ - begin);
+  if (way_.empty() || !(duration > 0)) return SweepMotion::constant_twist(std::max(duration, 0.0), Vector6d::Zero());
+  const double length = interval();
+  const SE3d T_end_odom = (way_at(time_) * SE3d::exp(correction)).inverse();
+  const double angle = way_at(begin).rotation().local(way_at(time_).rotation()).norm();
+  return SweepMotion::sample(duration, angle, [&](double offset) {
+    const Timestamp t = begin + seconds(offset);
+    const double share = length > 0 ? 1 - to_seconds(time_ - t) / length : 1.0;
+    return T_end_odom * way_at(t) * SE3d::exp(share * correction);
+  });
+}
+
+}  // namespace chainslam

@@ -1,0 +1,76 @@
+#pragma once
+
+#include <limits>
+
+#include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/filter/ieskf.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "chainslam/odometry/fast_lio2.hpp"
+#include "chainslam/odometry/inertial_motion.hpp"
+#include "chainslam/odometry/local_map.hpp"
+#include "chainslam/odometry/scan_filter.hpp"
+#include "chainslam/odometry/scan_measurement.hpp"
+#include "chainslam/odometry/scan_to_map.hpp"
+#include "chainslam/search/downsampling.hpp"
+#include "chainslam/search/voxel_map.hpp"
+
+namespace chainslam {
+
+/// Settings of `LidarInertialOdometry`; the defaults serve spinning LiDARs of 16 to 128 rings with any inertial unit
+/// from 10 Hz to 1 kHz.
+///
+/// @tparam Downsampling  how the local map thins what it is given, such as `NearestToCenter`.
+template <class Kernel = GemanMcClure, class Downsampling = VoxelMapOptions>
+struct LidarInertialOdometryOptions {
+  SE3d T_body_lidar{};  ///< mounting; body = the IMU
+  ScanFilter filter{};
+  double map_voxel = 0.5;    ///< metres; points of a scan offered to the map
+  double scan_voxel = 0.75;  ///< metres; points of a scan given to the filter
+  Downsampling map = detail::half_metre_apart<Downsampling>();
+  LocalMapOptions local_map{};
+  Index min_points = 50;            ///< after the voxel filter; scans with fewer count as empty
+  double min_match_ratio = 0.2;     ///< of the points given to the filter; with less the scan is lost
+  double min_error = 0.3;           ///< metres a prediction may be off, whatever the filter thinks
+  double max_error = 2.0;           ///< the same at most; a pose twice as far off is not believed
+  double redeskew_distance = 0.06;  ///< metres of skew left after the update that call for a second pass
+  Index max_lost_scans = 10;        ///< in a row; then the local map starts anew where the body is believed to be
+  InertialMotionOptions motion{};
+  ScanToMap<Kernel> scan_to_map{};
+  ScanMeasurementOptions scan{};
+  IterationRule iteration{.max_iterations = 12, .step_tolerance = 1e-3};
+  double residual_variance = 0;        ///< m^2; 0: learnt from the residuals
+  double min_mounting_rate = 0.2;      ///< rad/s: the mounting is estimated only while the body turns so fast
+  double max_mounting_position = 0.3;  ///< metres off the given one; farther, the estimate is given up
+  double max_mounting_rotation = 0.1;  ///< radians
+};
+
+/// FAST-LIO2 as published, with its map: settings of `LidarInertialOdometry<IkdTree<float, NearestToCenter>, Trivial>`.
+[[nodiscard]] inline LidarInertialOdometryOptions<Trivial, NearestToCenter> fast_lio2_options() {
+  const FastLio2Rules rules = fast_lio2();
+  LidarInertialOdometryOptions<Trivial, NearestToCenter> options;
+  options.map = {.voxel_size = 0.5};
+  options.scan_voxel = 0.5;
+  options.local_map.radius = 500;
+  options.redeskew_distance = std::numeric_limits<double>::infinity();
+  options.motion.process = rules.process;
+  options.motion.imu.unseen_share = 0;
+  options.motion.imu.max_step = std::numeric_limits<double>::infinity();
+  options.scan_to_map = rules.scan_to_map;
+  options.scan = rules.scan;
+  options.iteration = rules.iteration;
+  options.residual_variance = rules.variance;
+  return options;
+}
+
+/// What the filter says of the last frame, beside its health.
+struct InertialHealth {
+  FilterStatus update = FilterStatus::no_information;
+  double nis = 0;  ///< normalized innovation squared per residual, correlation taken off: about 1 if noise is what it
+                   ///< is said to be
+  Index degenerate_directions = 0;     ///< of six, that the scan did not see and that were not updated
+  Vector6d signal = Vector6d::Zero();  ///< ascending: information of these directions over that of pure noise
+  double measured_share = 0;           ///< of the way to this frame, by the inertial unit
+};
+
+}  // namespace chainslam

@@ -1,0 +1,303 @@
+#include "chainslam/odometry/lidar_inertial_odometry.hpp"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <vector>
+
+#include "chainslam/core/thread_pool.hpp"
+#include "chainslam/search/ikd_tree.hpp"
+#include "odometry/inertial_trip.hpp"
+#include "support/quick.hpp"
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+namespace {
+
+using Lio = LidarInertialOdometry<>;
+
+SE3d placed(double x, double y, double z, double wx, double wy, double wz) {
+  return SE3d(SO3d::exp({wx, wy, wz}), {x, y, z});
+}
+/// Rises smoothly from 0 to slope 1 at t = 0 ... 1 s.
+double ramp(double t) { return t <= 0 ? 0.0 : t < 1 ? t * t * t * (1 - 0.5 * t) : t - 0.5; }
+/// From rest through the hall, turning and nodding: up to 1.6 m/s and 0.7 rad/s.
+SE3d stroll(double t) {
+  const double s = ramp(t);
+  return placed(1.5 * s - 0.1 * std::sin(3 * s), 1.2 * std::sin(0.5 * s), 0.1 * std::sin(2 * s), 0.03 * std::sin(2 * s),
+                0.04 * std::sin(3 * s), 0.6 * std::sin(1.1 * s));
+}
+SE3d still(double) { return placed(1, 0, 0.2, 0.02, -0.03, 0.4); }
+SE3d fast_start(double t) {
+  return placed(-8 + 8 * t + 0.5 * t * t, 0.3 * std::sin(t), 0, 0, 0, 0.1 * std::sin(2 * t));
+}
+/// On the spot, about all axes.
+SE3d tumbling(double t) {
+  return placed(0.5 * std::sin(1.3 * t), 0.5 * std::sin(1.7 * t), 0.2 * std::sin(2.1 * t), 0.5 * std::sin(1.9 * t),
+                0.4 * std::sin(2.3 * t), 0.6 * std::sin(1.1 * t));
+}
+SE3d upside_down(double t) { return stroll(t) * placed(0, 0, 0, std::numbers::pi, 0, 0); }
+SE3d along_corridor(double t) {
+  const double s = ramp(t);
+  return placed(2 * s, 0.1 * std::sin(s), 0, 0, 0, 0.05 * std::sin(s));
+}
+
+/// Takes packets as they are and after some mischief.
+template <class Mischief>
+std::vector<Packet> spoiled(std::vector<Packet> packets, Mischief&& mischief) {
+  std::vector<Packet> kept;
+  for (Packet& packet : packets)
+    if (mischief(packet)) kept.push_back(std::move(packet));
+  return kept;
+}
+double seconds_in(const Packet& packet) { return available_at(packet).to_seconds() - 10; }
+
+struct Followed : TripOutcome {
+  LidarInertialOdometryCounts counts;
+};
+Followed follow_stroll(const InertialTrip& trip, const std::vector<Packet>& packets, const Lio::Options& given = {}) {
+  Lio::Options options = given;
+  options.T_body_lidar = trip.T_body_lidar;
+  Lio odometry(options);
+  Followed followed;
+  static_cast<TripOutcome&>(followed) = follow_trip(trip, packets, odometry);
+  followed.counts = odometry.counts();
+  MESSAGE("frames ", followed.frames.size(), ", lost ", followed.counts.lost_scans, ", max error ", followed.max_error,
+          " m, ", followed.max_angle, " rad, at the end ", followed.last_error, " m, tilt ", followed.tilt);
+  CHECK(followed.finite);
+  return followed;
+}
+
+const InertialTrip& strolling() {
+  static const InertialTrip trip{.pose = stroll, .T_body_lidar = placed(0.1, -0.05, 0.2, 0.02, 0.01, 0.5)};
+  return trip;
+}
+const std::vector<Packet>& stroll_packets() {
+  static const std::vector<Packet> packets = strolling().packets();
+  return packets;
+}
+
+}  // namespace
+
+TEST_SUITE("odometry/lidar_inertial_odometry") {
+  TEST_CASE("a walk through a hall, with readings at 100 Hz") {
+    const Followed run = follow_stroll(strolling(), stroll_packets());
+    CHECK(run.frames.size() == 50);
+    CHECK(run.counts.lost_scans == 0);
+    CHECK(run.counts.unmeasured_scans == 0);
+    CHECK(run.max_error < 0.03);
+    CHECK(run.max_angle < 0.006);
+    CHECK(run.tilt < 0.02);
+  }
+
+  TEST_CASE("... at 10 Hz, and with none at all") {
+    InertialTrip slow = strolling();
+    slow.imu_rate = 10;
+    const Followed ten = follow_stroll(slow, slow.packets());
+    CHECK(ten.counts.unmeasured_scans == 0);
+    CHECK(ten.max_error < 0.03);
+    InertialTrip blind = strolling();
+    blind.imu_rate = 0;
+    const Followed none = follow_stroll(blind, blind.packets());
+    CHECK(none.frames.size() == 50);
+    CHECK(none.counts.unmeasured_scans == 49);
+    CHECK(none.counts.lost_scans == 0);
+    CHECK(none.max_error < 0.05);
+  }
+
+  TEST_CASE("the same bits on one thread and on two") {
+    InertialTrip trip = strolling();
+    trip.scans = 12;
+    const std::vector<Packet> packets = trip.packets();
+    Lio serial, parallel;
+    const ThreadPool pool(2);
+    const TripOutcome a = follow_trip(trip, packets, serial), b = follow_trip(trip, packets, parallel, pool);
+    REQUIRE(a.frames.size() == b.frames.size());
+    for (std::size_t i = 0; i < a.frames.size(); ++i) {
+      CHECK(a.frames[i].T_odom_body == b.frames[i].T_odom_body);
+      CHECK(a.frames[i].covariance == b.frames[i].covariance);
+      CHECK(a.frames[i].cloud.positions == b.frames[i].cloud.positions);
+    }
+  }
+
+  TEST_CASE("the preset of FAST-LIO2 walks as well, on its own map") {
+    using Map = IkdTree<float, NearestToCenter>;
+    LidarInertialOdometryOptions<Trivial, NearestToCenter> options = fast_lio2_options();
+    options.T_body_lidar = strolling().T_body_lidar;
+    LidarInertialOdometry<Map, Trivial> odometry(options);
+    const TripOutcome run = follow_trip(strolling(), stroll_packets(), odometry);
+    MESSAGE("max error ", run.max_error, " m, ", run.max_angle, " rad");
+    CHECK(run.max_error < 0.1);
+  }
+
+  TEST_CASE("a second without readings: scans alone carry the motion on") {
+    const auto packets = spoiled(stroll_packets(), [](const Packet& packet) {
+      return !std::holds_alternative<ImuSample>(packet) || seconds_in(packet) < 2 || seconds_in(packet) > 3;
+    });
+    const Followed run = follow_stroll(strolling(), packets);
+    CHECK(run.frames.size() == 50);
+    CHECK(run.counts.unmeasured_scans >= 8);
+    CHECK(run.counts.lost_scans == 0);
+    CHECK(run.max_error < 0.05);
+  }
+
+  TEST_CASE("the unit's clock jumps, back and forth") {
+    const auto packets = spoiled(stroll_packets(), [](Packet& packet) {
+      auto* sample = std::get_if<ImuSample>(&packet);
+      if (sample == nullptr) return true;
+      const double t = seconds_in(packet);
+      if (t > 1.5 && t < 2.2) sample->time = sample->time + seconds(100);  // which leaves those after in the past
+      if (t > 3.5 && t < 3.7) sample->time = sample->time - seconds(1);
+      return true;
+    });
+    const Followed run = follow_stroll(strolling(), packets);
+    CHECK(run.frames.size() == 50);
+    CHECK(run.counts.imu_restarts == 2);
+    CHECK(run.counts.lost_scans == 0);
+    CHECK(run.max_error < 0.05);
+  }
+
+  TEST_CASE("scans come twice, late and from the future") {
+    std::vector<Packet> packets;
+    for (const Packet& packet : stroll_packets()) {
+      packets.push_back(packet);
+      const auto* scan = std::get_if<LidarScan>(&packet);
+      if (scan == nullptr || static_cast<int>(std::lround(10 * seconds_in(packet))) % 7 != 0) continue;
+      packets.push_back(packet);
+      LidarScan late = *scan;
+      late.time = late.time - seconds(3);
+      late.end = late.end - seconds(3);
+      packets.emplace_back(late);
+    }
+    const Followed run = follow_stroll(strolling(), packets);
+    CHECK(run.frames.size() == 50);
+    CHECK(run.counts.out_of_order_scans >= 12);
+    CHECK(run.max_error < 0.03);
+  }
+
+  TEST_CASE("three scans of ten are lost on the way") {
+    Rng rng(41);
+    const auto packets = spoiled(stroll_packets(), [&](const Packet& packet) {
+      return !std::holds_alternative<LidarScan>(packet) || rng.uniform() > 0.3;
+    });
+    const Followed run = follow_stroll(strolling(), packets);
+    CHECK(run.frames.size() < 45);
+    CHECK(run.counts.lost_scans == 0);
+    CHECK(run.max_error < 0.04);
+  }
+
+  TEST_CASE("broken points are left out, broken scans and readings give no frame") {
+    const float nan = std::numeric_limits<float>::quiet_NaN();
+    int index = 0;
+    const auto packets = spoiled(stroll_packets(), [&](Packet& packet) {
+      if (auto* sample = std::get_if<ImuSample>(&packet)) {
+        if (++index % 50 == 0) sample->gyro.x() = std::numeric_limits<double>::infinity();
+        return true;
+      }
+      auto& points = std::get<LidarScan>(packet).cloud.positions;
+      const bool whole = static_cast<int>(std::lround(10 * seconds_in(packet))) % 10 == 0;
+      for (std::size_t i = 0; i < points.size(); i += whole ? 1 : 9) points[i].y() = nan;
+      return true;
+    });
+    const Followed run = follow_stroll(strolling(), packets);
+    CHECK(run.frames.size() == 45);
+    CHECK(run.counts.empty_scans == 5);
+    CHECK(run.counts.dropped_imu_samples == 12);
+    CHECK(run.max_error < 0.04);
+  }
+
+  TEST_CASE("a gyroscope at the end of its range counts for little") {
+    constexpr double range = 0.3;  // of a motion of up to 0.7 rad/s
+    const auto clipped = spoiled(stroll_packets(), [&](Packet& packet) {
+      if (auto* sample = std::get_if<ImuSample>(&packet)) sample->gyro = sample->gyro.cwiseMax(-range).cwiseMin(range);
+      return true;
+    });
+    Lio::Options options;
+    options.motion.imu.gyro_range = range;
+    const Followed known = follow_stroll(strolling(), clipped, options);
+    CHECK(known.counts.clipped_imu_samples > 100);
+    CHECK(known.counts.lost_scans == 0);
+    CHECK(known.max_error < 0.05);
+  }
+
+  TEST_CASE("a corridor without ends: its direction is reported, and held by the inertial unit") {
+    InertialTrip trip{.world = corridor(), .pose = along_corridor, .scans = 40};
+    const Followed run = follow_stroll(trip, trip.packets());
+    CHECK(run.counts.degenerate_scans >= 25);
+    const Matrix6d& covariance = run.frames.back().covariance;
+    CHECK(covariance(0, 0) > 20 * covariance(1, 1));  // along against across
+    const SE3d end = run.T_world_odom * run.frames.back().T_odom_body;
+    CHECK(std::abs(end.translation().y() - trip.truth(run.frames.back().time).translation().y()) < 0.03);
+    CHECK(run.max_error < 1.0);  // of 7 m, by an accelerometer with a bias of 5 cm/s^2
+    CHECK(std::abs(trip.truth(run.frames.back().time).translation().x() - end.translation().x()) <
+          4 * std::sqrt(covariance(0, 0)));
+  }
+
+  TEST_CASE("standing still, nothing creeps and nothing grows") {
+    InertialTrip trip{.pose = still, .scans = quick() ? 100 : 600, .spinner = {.rings = 16, .columns = 90}};
+    Lio odometry;
+    const std::vector<Packet> packets = trip.packets();
+    const std::vector<Packet> begin(packets.begin(), packets.begin() + static_cast<std::ptrdiff_t>(packets.size() / 3));
+    static_cast<void>(follow_trip(trip, begin, odometry));
+    const std::size_t memory = odometry.local_map().memory(), points = odometry.local_map().size();
+    Lio again;
+    const TripOutcome run = follow_trip(trip, packets, again);
+    MESSAGE("max error ", run.max_error, " m, ", run.max_angle, " rad");
+    CHECK(run.max_error < 0.005);
+    CHECK(run.max_angle < 1e-3);
+    CHECK(again.local_map().memory() == memory);
+    CHECK(static_cast<double>(again.local_map().size()) < 1.05 * static_cast<double>(points));
+  }
+
+  TEST_CASE("mounted upside down, odom's +z still points up") {
+    InertialTrip trip{.pose = upside_down, .scans = 30};
+    const Followed run = follow_stroll(trip, trip.packets());
+    CHECK(run.tilt < 0.02);
+    CHECK(run.counts.lost_scans == 0);
+    CHECK(run.max_error < 0.03);
+  }
+
+  TEST_CASE("a start at full speed, speeding up") {
+    InertialTrip trip{.pose = fast_start, .scans = 20};
+    const Followed run = follow_stroll(trip, trip.packets());
+    CHECK(run.counts.lost_scans == 0);
+    CHECK(run.max_error < 0.06);
+    CHECK(run.tilt < 0.12);  // it speeds up by 1 m/s^2 where only the mean force tells what is up
+  }
+
+  TEST_CASE("too many points: the farthest go, and are counted") {
+    InertialTrip trip = strolling();
+    trip.scans = 20;
+    Lio::Options options;
+    options.local_map.max_points = 2000;
+    options.T_body_lidar = trip.T_body_lidar;
+    Lio odometry(options);
+    const TripOutcome run = follow_trip(trip, trip.packets(), odometry);
+    CHECK(odometry.local_map().size() <= 2000);
+    CHECK(odometry.counts().evicted_points > 0);
+    CHECK(run.max_error < 0.1);
+  }
+
+  TEST_CASE("a mounting that is a little off is found while the body turns") {
+    InertialTrip trip{.pose = tumbling, .T_body_lidar = strolling().T_body_lidar};
+    const std::vector<Packet> packets = trip.packets();
+    Lio::Options options;
+    options.T_body_lidar = trip.T_body_lidar * placed(0, 0, 0, 0.0, 0.02, -0.02);
+    options.motion.lidar_rotation = 0.03;
+    options.motion.lidar_position = 0.02;
+    Lio odometry(options);
+    static_cast<void>(follow_trip(trip, packets, odometry));
+    const double left = T_body_lidar(odometry.state()).rotation().local(trip.T_body_lidar.rotation()).norm();
+    MESSAGE("mounting: ", left, " rad of 0.028 left");
+    CHECK(left < 0.02);
+    CHECK(odometry.counts().mounting_resets == 0);
+    options.max_mounting_rotation = 1e-4;
+    Lio bounded(options);
+    static_cast<void>(follow_trip(trip, packets, bounded));
+    CHECK(bounded.counts().mounting_resets == 1);
+    CHECK(T_body_lidar(bounded.state()) == options.T_body_lidar);
+  }
+}
