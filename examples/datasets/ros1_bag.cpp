@@ -116,6 +116,7 @@ class Ros1Bag final : public RosRecording {
     if (ended_) return false;
     at_ = file_.offset();
     if (left() == 0) {
+      if (index_at_ > at_) return end("the file ends before its index: it was cut short");
       ended_ = true;
       return false;
     }
@@ -141,6 +142,7 @@ class Ros1Bag final : public RosRecording {
 
   /// Takes the data of a record of the file, or what is left of it.
   bool take(std::uint8_t op, std::uint64_t data_size) {
+    if (op == bag_op) index_at_ = BagHeader(header_).number<std::uint64_t>("index_pos").value_or(0);
     if (op == bag_op || op == index_op || op == chunk_info_op) {
       file_.skip(data_size, "a record's data");
       return !ended_;
@@ -219,9 +221,10 @@ class Ros1Bag final : public RosRecording {
   InputFile file_;
   std::map<std::uint32_t, RosTopic> topics_;
   std::vector<std::byte> header_, chunk_;
-  Bytes rest_;            ///< of the chunk, not yet read
-  std::uint64_t at_ = 0;  ///< where the record that is being read starts
-  bool cut_ = false;      ///< whether that record is not whole
+  Bytes rest_;                  ///< of the chunk, not yet read
+  std::uint64_t index_at_ = 0;  ///< where the bag's header says that its index is; 0 if it was never closed
+  std::uint64_t at_ = 0;        ///< where the record that is being read starts
+  bool cut_ = false;            ///< whether that record is not whole
   bool ended_ = false;
 };
 

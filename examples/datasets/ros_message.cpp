@@ -103,10 +103,9 @@ MessageReader::MessageReader(std::span<const std::byte> bytes, MessageEncoding e
 }
 
 std::span<const std::byte> MessageReader::take(std::size_t size, const char* field) {
-  const std::size_t left = at_ < bytes_.size() ? bytes_.size() - at_ : 0;
-  if (size > left)
-    throw MessageError("the message ends after " + std::to_string(left) + " of " + std::to_string(size) + " bytes of " +
-                       field);
+  if (size > left())
+    throw MessageError("the message ends after " + std::to_string(left()) + " of " + std::to_string(size) +
+                       " bytes of " + field);
   const auto part = bytes_.subspan(at_, size);
   at_ += size;
   return part;
@@ -121,10 +120,9 @@ std::string MessageReader::text(const char* field) {
 
 std::uint32_t MessageReader::count(std::size_t least, const char* field) {
   const auto count = number<std::uint32_t>(field);
-  const std::size_t left = at_ < bytes_.size() ? bytes_.size() - at_ : 0;
-  if (count > left / least)
+  if (count > left() / least)
     throw MessageError("the message promises " + std::to_string(count) + " " + field + " in its last " +
-                       std::to_string(left) + " bytes");
+                       std::to_string(left()) + " bytes");
   return count;
 }
 

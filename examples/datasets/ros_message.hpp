@@ -51,6 +51,7 @@ class MessageReader {
   /// The number of a sequence's elements, of which each takes `least` bytes or more.
   [[nodiscard]] std::uint32_t count(std::size_t least, const char* field);
   [[nodiscard]] std::span<const std::byte> take(std::size_t size, const char* field);
+  [[nodiscard]] std::size_t left() const { return at_ < bytes_.size() ? bytes_.size() - at_ : 0; }  ///< bytes
   [[nodiscard]] MessageEncoding encoding() const { return encoding_; }
 
  private:

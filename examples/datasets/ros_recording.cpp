@@ -12,12 +12,13 @@ namespace {
 
 using Opener = std::unique_ptr<RosRecording> (*)(const std::filesystem::path&);
 
-constexpr std::array<std::pair<std::string_view, Opener>, 1> kinds{{{".bag", open_ros1_bag}}};
+constexpr std::array<std::pair<std::string_view, Opener>, 3> recording_kinds{
+    {{".bag", open_ros1_bag}, {".mcap", open_mcap}, {".db3", open_db3}}};
 
 }  // namespace
 
 std::vector<std::filesystem::path> recording_files(const std::filesystem::path& path) {
-  for (const auto& [extension, opener] : kinds) {
+  for (const auto& [extension, opener] : recording_kinds) {
     if (path.extension() == extension && std::filesystem::is_regular_file(path)) return {path};
     auto files = files_in(path, {extension});
     if (!files.empty()) return files;
@@ -26,9 +27,9 @@ std::vector<std::filesystem::path> recording_files(const std::filesystem::path& 
 }
 
 std::unique_ptr<RosRecording> open_recording(const std::filesystem::path& file) {
-  for (const auto& [extension, opener] : kinds)
+  for (const auto& [extension, opener] : recording_kinds)
     if (file.extension() == extension) return opener(file);
-  throw_input_error(file.string(), "", "a file of no known kind of recording", "name a .bag");
+  throw_input_error(file.string(), "", "a file of no known kind of recording", "name a .bag, .mcap or .db3");
 }
 
 }  // namespace chainslam::datasets

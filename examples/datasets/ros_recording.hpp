@@ -60,13 +60,15 @@ class RosRecording {
 /// Openers of each kind of file. @throws IoError if the file is of another kind.
 /// @{
 [[nodiscard]] std::unique_ptr<RosRecording> open_ros1_bag(const std::filesystem::path& path);
+[[nodiscard]] std::unique_ptr<RosRecording> open_mcap(const std::filesystem::path& path);
+[[nodiscard]] std::unique_ptr<RosRecording> open_db3(const std::filesystem::path& path);  ///< rosbag2's SQLite
 /// @}
 
 /// The recording's files: the file itself, or a folder's files of one kind, in the order of the numbers in their names.
 /// Empty if there are none.
 [[nodiscard]] std::vector<std::filesystem::path> recording_files(const std::filesystem::path& path);
 
-/// Opens a file by its extension: .bag.
+/// Opens a file by its extension: .bag, .mcap or .db3.
 [[nodiscard]] std::unique_ptr<RosRecording> open_recording(const std::filesystem::path& file);
 
 }  // namespace chainslam::datasets

@@ -1,9 +1,13 @@
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "datasets/dataset.hpp"
 #include "support/files.hpp"
 
 namespace chainslam::test {
@@ -113,6 +117,28 @@ inline std::string livox_message(MessageBytes::Layout layout, std::uint32_t seco
     message << 10'000'000 * i << static_cast<float>(i) << 2.0F << 3.0F << static_cast<std::uint8_t>(10 * i)
             << static_cast<std::uint8_t>(i == 5 ? 0x20 : 0x10) << std::uint8_t{1};
   return message.str();
+}
+
+/// An LZ4 frame of one stored block (LZ4 frame format 1.6.2): 0x82 is its descriptor's checksum.
+inline std::string lz4_frame(const std::string& bytes) {
+  return std::string("\x04\x22\x4D\x18\x60\x40\x82", 7) +
+         little(static_cast<std::uint32_t>(bytes.size()) | 0x80000000U) + bytes + little(std::uint32_t{0});
+}
+
+inline std::vector<Packet> packets_of(datasets::Dataset& dataset) {
+  std::vector<Packet> packets;
+  while (auto packet = dataset.next()) packets.push_back(std::move(*packet));
+  return packets;
+}
+
+inline std::array<int, 3> counts_of(const std::vector<Packet>& packets) {
+  std::array<int, 3> counts{};
+  for (const Packet& packet : packets) ++counts[packet.index()];
+  return counts;
+}
+
+inline bool any_says(const std::vector<std::string>& sentences, const std::string& part) {
+  return std::ranges::any_of(sentences, [&](const std::string& sentence) { return says(sentence, part); });
 }
 
 }  // namespace chainslam::test
