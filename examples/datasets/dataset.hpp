@@ -18,7 +18,7 @@
 namespace chainslam::datasets {
 
 /// The layouts that `open_dataset` knows.
-enum class DatasetKind { nclt, range_images, keyframes, ros, clouds };
+enum class DatasetKind { nclt, range_images, keyframes, ros, nuscenes, clouds };
 
 /// Short name of a kind, as options and messages write it.
 [[nodiscard]] std::string_view name_of(DatasetKind kind);
@@ -42,6 +42,7 @@ struct DatasetOptions {
   bool prefer_sync = false;             ///< NCLT: velodyne_sync although there is a velodyne_hits.bin
   double scan_rate = 10;                ///< Hz, of folders of clouds whose times nothing states
   PointTimeHints point_time{};          ///< what is known of the time field of points in PCD, PLY and ROS messages
+  bool times_from_azimuth = true;       ///< of nuScenes' and MARS's points, which have none
   std::string lidar_topic{};            ///< of ROS recordings; the one with most points at the start if empty
   std::string imu_topic{};              ///< the same, with most messages
   std::string gnss_topic{};
@@ -110,6 +111,7 @@ class Dataset {
                                                          const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_keyframes(const std::filesystem::path& path, const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_ros(const std::filesystem::path& path, const DatasetOptions& options);
+[[nodiscard]] std::unique_ptr<Dataset> open_nuscenes(const std::filesystem::path& path, const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const DatasetOptions& options);
 /// @}
 

@@ -7,6 +7,7 @@
 #include "datasets/cloud_folder.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
+#include "datasets/nuscenes.hpp"
 #include "datasets/ros_recording.hpp"
 
 namespace chainslam::datasets {
@@ -18,7 +19,8 @@ constexpr const char* known_trees =
     "    range_images  data/*.png velodyne_config.txt timestamps_start.txt timestamps_end.txt, or *.png img.cfg "
     "imu.cfg\n"
     "    keyframes     Scans/*.pcd times.txt odom_poses.txt\n"
-    "    ros           a .bag, or a folder of them\n"
+    "    ros           a .bag, .mcap or .db3, or a folder of its parts\n"
+    "    nuscenes      v1.0*/*.json sweeps/ [samples/], as nuScenes and MARS have them; DIR/SCENE names a scene\n"
     "    clouds        *.pcd, *.ply or *.bin, also in velodyne/ or clouds/ [times.txt]";
 
 bool is_file(const std::filesystem::path& path) { return std::filesystem::is_regular_file(path); }
@@ -52,7 +54,7 @@ std::filesystem::path folder_of_dataset(const std::filesystem::path& path) {
 }  // namespace
 
 std::string_view name_of(DatasetKind kind) {
-  constexpr std::array<std::string_view, 5> names{"nclt", "range_images", "keyframes", "ros", "clouds"};
+  constexpr std::array<std::string_view, 6> names{"nclt", "range_images", "keyframes", "ros", "nuscenes", "clouds"};
   return names[static_cast<std::size_t>(kind)];
 }
 
@@ -67,16 +69,18 @@ std::optional<DatasetKind> recognise(const std::filesystem::path& path) {
   if (!files_in(path / "Scans", {".pcd"}).empty() && is_file(path / "times.txt") &&
       (is_file(path / "odom_poses.txt") || is_file(path / "optimized_poses.txt")))
     return DatasetKind::keyframes;
+  if (!nuscenes_tables(path).empty()) return DatasetKind::nuscenes;
   if (!recording_files(path).empty()) return DatasetKind::ros;
   if (!folder_of_clouds(path).empty()) return DatasetKind::clouds;
   return std::nullopt;
 }
 
 std::unique_ptr<Dataset> open_dataset(const std::filesystem::path& path, const DatasetOptions& options) {
-  if (!std::filesystem::exists(path)) throw_input_error(path.string(), "", "no such file or folder", "check the path");
+  if (!std::filesystem::exists(path) && !recognise(path))
+    throw_input_error(path.string(), "", "no such file or folder", "check the path");
   if (!std::filesystem::is_directory(path) && !recognise(path))
     throw_input_error(path.string(), "", "a file of no known kind of recording",
-                      "name the folder that holds the data set, or a recording (.bag)");
+                      "name the folder that holds the data set, or a recording (.bag, .mcap, .db3)");
   const std::filesystem::path folder = options.kind ? path : folder_of_dataset(path);
   const DatasetKind kind = options.kind ? *options.kind : *recognise(folder);
   switch (kind) {
@@ -88,6 +92,8 @@ std::unique_ptr<Dataset> open_dataset(const std::filesystem::path& path, const D
       return open_keyframes(folder, options);
     case DatasetKind::ros:
       return open_ros(folder, options);
+    case DatasetKind::nuscenes:
+      return open_nuscenes(folder, options);
     case DatasetKind::clouds:
       break;
   }

@@ -69,8 +69,6 @@ void print_closures(const fs::path& path) {
 }
 
 int run(const InspectArguments& arguments) {
-  if (!fs::exists(arguments.path))
-    throw_input_error(arguments.path.string(), "", "no such file or folder", "check the path");
   if (is_map_file(arguments.path)) {
     std::printf("%s: %s", arguments.path.c_str(), to_text(inspect_map_file(arguments.path)).c_str());
     if (arguments.closures) print_closures_of(arguments.path);
