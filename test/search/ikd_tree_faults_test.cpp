@@ -224,7 +224,7 @@ TEST_SUITE("search/ikd_tree: saving") {
     std::vector<std::byte> forged = fine.save();
     const std::vector<std::byte> honest = Map().save();
     std::copy_n(honest.begin() + 24, 8, forged.begin() + 24);
-    detail::seal(forged);
+    seal(forged, detail::tree_check_at);
     CHECK_THROWS_WITH_AS(static_cast<void>(Map::load(forged)), doctest::Contains("a point that cannot be there"),
                          IoError);
   }

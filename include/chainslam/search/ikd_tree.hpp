@@ -355,7 +355,7 @@ detail::TreeHeader IkdTree<ScalarType, Policy, Dim, Payload>::header() const {
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 std::vector<std::byte> IkdTree<ScalarType, Policy, Dim, Payload>::save() const {
   const detail::TreeHeader head = header();
-  detail::ByteSink out(detail::TreeHeader::bytes + head.bytes_per_point() * size());
+  ByteSink out(detail::TreeHeader::bytes + head.bytes_per_point() * size());
   put_header(out, head);
   for_each_point([&](Index, const Vector& p) {
     for (Eigen::Index axis = 0; axis < Dim; ++axis) out.put(p[axis]);
@@ -363,7 +363,7 @@ std::vector<std::byte> IkdTree<ScalarType, Policy, Dim, Payload>::save() const {
   if constexpr (Thinning::saves_states)
     for_each_point([&](Index, const Vector& p) { out.put(static_cast<std::uint16_t>(thinning_.state_of(p))); });
   if constexpr (Tree::Runs::has_payload) for_each_point([&](Index i, const Vector&) { out.put_raw(payload(i)); });
-  detail::seal(out.bytes());
+  seal(out.bytes(), detail::tree_check_at);
   return std::move(out.bytes());
 }
 
@@ -373,9 +373,9 @@ auto IkdTree<ScalarType, Policy, Dim, Payload>::load(std::span<const std::byte> 
   IkdTree tree(policy);
   const detail::TreeHeader head = detail::check_tree(bytes, tree.header(), name);
   const auto count = static_cast<std::size_t>(head.points);
-  detail::ByteSource coordinates(bytes.subspan(detail::TreeHeader::bytes));
-  detail::ByteSource states(bytes.subspan(detail::TreeHeader::bytes + count * sizeof(Scalar) * Dim));
-  detail::ByteSource payloads(bytes.last(count * head.payload_bytes));
+  ByteSource coordinates(bytes.subspan(detail::TreeHeader::bytes));
+  ByteSource states(bytes.subspan(detail::TreeHeader::bytes + count * sizeof(Scalar) * Dim));
+  ByteSource payloads(bytes.last(count * head.payload_bytes));
   std::vector<Point> points(count);
   for (std::size_t i = 0; i < count; ++i) {
     for (Scalar& coordinate : points[i].at) coordinate = coordinates.take<Scalar>();

@@ -1,16 +1,12 @@
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <span>
 #include <string>
 #include <utility>
-#include <vector>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/error.hpp"
 
 namespace chainslam::detail {
@@ -45,68 +41,9 @@ struct TreeHeader {
   }
 };
 
-/// Appends numbers, least significant byte first.
-class ByteSink {
- public:
-  explicit ByteSink(std::size_t expected) { bytes_.reserve(expected); }
-
-  template <class T>
-  void put(const T& value) {
-    auto bytes = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
-    if constexpr (std::endian::native == std::endian::big) std::reverse(bytes.begin(), bytes.end());
-    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
-  }
-  /// As it lies in memory.
-  template <class T>
-  void put_raw(const T& value) {
-    const auto* const data = reinterpret_cast<const std::byte*>(&value);
-    bytes_.insert(bytes_.end(), data, data + sizeof(T));
-  }
-  [[nodiscard]] std::vector<std::byte>& bytes() { return bytes_; }
-
- private:
-  std::vector<std::byte> bytes_;
-};
-
-/// Takes numbers off bytes whose length has been checked.
-class ByteSource {
- public:
-  explicit ByteSource(std::span<const std::byte> bytes) : bytes_(bytes) {}
-
-  template <class T>
-  [[nodiscard]] T take() {
-    std::array<std::byte, sizeof(T)> bytes;
-    std::memcpy(bytes.data(), bytes_.data(), sizeof(T));
-    if constexpr (std::endian::native == std::endian::big) std::reverse(bytes.begin(), bytes.end());
-    bytes_ = bytes_.subspan(sizeof(T));
-    return std::bit_cast<T>(bytes);
-  }
-  template <class T>
-  [[nodiscard]] T take_raw() {
-    T value;
-    std::memcpy(&value, bytes_.data(), sizeof(T));
-    bytes_ = bytes_.subspan(sizeof(T));
-    return value;
-  }
-
- private:
-  std::span<const std::byte> bytes_;
-};
-
 inline constexpr std::uint64_t tree_mark = 0x0A0D'444B'4953'4389U;
 inline constexpr std::uint32_t tree_version = 1;
 inline constexpr std::size_t tree_check_at = 40;
-
-/// FNV-1a, 64 bits, of everything but the check number itself.
-[[nodiscard]] inline std::uint64_t tree_check_number(std::span<const std::byte> bytes) {
-  std::uint64_t hash = 0xcbf2'9ce4'8422'2325U;
-  const auto add = [&](std::span<const std::byte> part) {
-    for (const std::byte b : part) hash = (hash ^ static_cast<std::uint64_t>(b)) * 0x100'0000'01b3U;
-  };
-  add(bytes.first(tree_check_at));
-  add(bytes.subspan(TreeHeader::bytes));
-  return hash;
-}
 
 inline void put_header(ByteSink& out, const TreeHeader& header) {
   out.put(tree_mark);
@@ -119,13 +56,6 @@ inline void put_header(ByteSink& out, const TreeHeader& header) {
   out.put(header.voxel_size);
   out.put(header.points);
   out.put(std::uint64_t{0});
-}
-
-/// Writes the check number into a tree that is otherwise complete.
-inline void seal(std::vector<std::byte>& bytes) {
-  ByteSink number(sizeof(std::uint64_t));
-  number.put(tree_check_number(bytes));
-  std::copy(number.bytes().begin(), number.bytes().end(), bytes.begin() + tree_check_at);
 }
 
 /// Says what is wrong with a saved tree.
@@ -163,7 +93,7 @@ inline void seal(std::vector<std::byte>& bytes) {
   const std::size_t body = bytes.size() - TreeHeader::bytes;
   if (body % header.bytes_per_point() != 0 || body / header.bytes_per_point() != header.points)
     refuse_tree(name, 32, std::to_string(header.points) + " points announced in " + std::to_string(body) + " bytes");
-  if (in.take<std::uint64_t>() != tree_check_number(bytes))
+  if (in.take<std::uint64_t>() != check_number(bytes, tree_check_at))
     refuse_tree(name, tree_check_at, "a check number that is not that of the bytes");
   if (header.rejected > 0x7fff'ffffU || header.points > 0x7fff'ffffU)
     refuse_tree(name, 20, "more than 2^31 - 1 points");

@@ -1,0 +1,95 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <type_traits>
+#include <vector>
+
+namespace chainslam {
+
+/// Appends numbers, least significant byte first.
+class ByteSink {
+ public:
+  explicit ByteSink(std::size_t expected = 0) { bytes_.reserve(expected); }
+
+  template <class T>
+  void put(const T& value) {
+    auto bytes = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
+    if constexpr (std::endian::native == std::endian::big) std::reverse(bytes.begin(), bytes.end());
+    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
+  }
+  /// As it lies in memory.
+  template <class T>
+  void put_raw(const T& value) {
+    const auto* const data = reinterpret_cast<const std::byte*>(&value);
+    bytes_.insert(bytes_.end(), data, data + sizeof(T));
+  }
+  /// How many, and each.
+  template <class List>
+  void put_list(const List& list) {
+    put(static_cast<std::uint64_t>(list.size()));
+    for (const auto& value : list) put(value);
+  }
+  [[nodiscard]] std::vector<std::byte>& bytes() { return bytes_; }
+
+ private:
+  std::vector<std::byte> bytes_;
+};
+
+/// Takes numbers off bytes whose length has been checked.
+class ByteSource {
+ public:
+  explicit ByteSource(std::span<const std::byte> bytes) : bytes_(bytes) {}
+
+  template <class T>
+  [[nodiscard]] T take() {
+    std::array<std::byte, sizeof(T)> bytes;
+    std::memcpy(bytes.data(), bytes_.data(), sizeof(T));
+    if constexpr (std::endian::native == std::endian::big) std::reverse(bytes.begin(), bytes.end());
+    bytes_ = bytes_.subspan(sizeof(T));
+    return std::bit_cast<T>(bytes);
+  }
+  template <class T>
+  [[nodiscard]] T take_raw() {
+    T value;
+    std::memcpy(&value, bytes_.data(), sizeof(T));
+    bytes_ = bytes_.subspan(sizeof(T));
+    return value;
+  }
+  /// What `put_list` wrote, into a list with `resize`.
+  template <class List>
+  void take_list(List& list) {
+    list.resize(static_cast<decltype(list.size())>(take<std::uint64_t>()));
+    for (auto& value : list) value = take<std::remove_cvref_t<decltype(value)>>();
+  }
+  [[nodiscard]] bool empty() const { return bytes_.empty(); }
+
+ private:
+  std::span<const std::byte> bytes_;
+};
+
+/// FNV-1a, 64 bits, of all bytes but the 8 of the check number itself.
+[[nodiscard]] inline std::uint64_t check_number(std::span<const std::byte> bytes, std::size_t check_at) {
+  std::uint64_t hash = 0xcbf2'9ce4'8422'2325U;
+  const auto add = [&](std::span<const std::byte> part) {
+    for (const std::byte b : part) hash = (hash ^ static_cast<std::uint64_t>(b)) * 0x100'0000'01b3U;
+  };
+  add(bytes.first(check_at));
+  add(bytes.subspan(check_at + sizeof hash));
+  return hash;
+}
+
+/// Writes the check number into bytes that are otherwise complete.
+inline void seal(std::vector<std::byte>& bytes, std::size_t check_at) {
+  ByteSink number;
+  number.put(check_number(bytes, check_at));
+  std::copy(number.bytes().begin(), number.bytes().end(),
+            bytes.begin() + static_cast<std::vector<std::byte>::difference_type>(check_at));
+}
+
+}  // namespace chainslam
