@@ -1,5 +1,6 @@
 #pragma once
 
-// `IncrementalCholesky`: its class, and how it brings factor and solution up to date.
+// `IncrementalCholesky`: its class, how it brings factor and solution up to date, and how it is saved.
+#include "chainslam/sparse/detail/incremental_cholesky_archive.hpp"
 #include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 #include "chainslam/sparse/detail/incremental_cholesky_update.hpp"

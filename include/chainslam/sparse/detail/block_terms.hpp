@@ -1,9 +1,11 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <span>
 #include <vector>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
 #include "chainslam/sparse/detail/table.hpp"
@@ -78,6 +80,54 @@ class BlockTerms {
       if (slot.next != -1) slots_[slot.next].previous = static_cast<Index>(k);
     }
   }
+
+  /// @param released  terms that are taken as if they had been released, in this order.
+  void save(ByteSink& out, std::span<const Index> released) const {
+    out.put_list(first_);
+    out.put(static_cast<std::uint64_t>(terms_.size()));
+    for (Index term = 0; term < count(); ++term) {
+      out.put(arity(term));
+      out.put(linked(term) ? rows(term) : Index{-1});
+      for (const Slot& slot : slots(term)) {
+        for (const Index index : {slot.variable, slot.next, slot.previous}) out.put(index);
+      }
+      if (!linked(term)) continue;
+      out.put(static_cast<std::uint8_t>(counted(term)));
+      for (Offset k = 0; k < size(term); ++k) out.put(jacobian(term)[k]);
+    }
+    std::vector<std::vector<Index>> unused = free_;
+    for (const Index term : released) {
+      if (arity(term) >= to_index(unused.size())) unused.resize(static_cast<std::size_t>(arity(term)) + 1);
+      unused[static_cast<std::size_t>(arity(term))].push_back(term);
+    }
+    out.put(static_cast<std::uint64_t>(unused.size()));
+    for (const std::vector<Index>& terms : unused) out.put_list(terms);
+  }
+  /// What `save` wrote, into an empty list of terms.
+  void load(ByteSource& in) {
+    in.take_list(first_);
+    const auto count = in.take<std::uint64_t>();
+    for (std::uint64_t term = 0; term < count; ++term) {
+      Term added{nullptr, to_index(slots_.size()), in.take<Index>(), in.take<Index>(), false, false};
+      for (Index k = 0; k < added.arity; ++k) {
+        const auto variable = in.take<Index>();
+        const auto next = in.take<Index>();
+        slots_.push_back({variable, static_cast<Index>(term), next, in.take<Index>()});
+      }
+      terms_.push_back(added);
+      if (added.rows < 0) continue;
+      Term& linked = terms_.back();
+      linked.linked = true;
+      linked.counted = in.take<std::uint8_t>() != 0;
+      linked.data = arena_.take(size(static_cast<Index>(term)));
+      for (Offset k = 0; k < size(static_cast<Index>(term)); ++k) linked.data[k] = in.take<double>();
+    }
+    free_.resize(in.take<std::uint64_t>());
+    for (std::vector<Index>& terms : free_) in.take_list(terms);
+  }
+
+  /// Terms, be they in use or not.
+  [[nodiscard]] Index count() const { return to_index(terms_.size()); }
 
   [[nodiscard]] bool linked(Index term) const { return terms_[term].linked; }
   /// A mark for the owner: whether the term's squared residual is part of a sum.

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cstdint>
 #include <span>
+#include <vector>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
 #include "chainslam/sparse/detail/front.hpp"
@@ -101,6 +103,49 @@ class FrontTree {
   }
   [[nodiscard]] std::span<const Index> rows(Index node) const {
     return variables(node).subspan(static_cast<std::size_t>(nodes_[node].columns));
+  }
+
+  /// Nodes, be they in use or not.
+  [[nodiscard]] Index size() const { return to_index(nodes_.size()); }
+
+  /// All but the fronts' numbers.
+  /// @param released  nodes that are taken as if they had been released, in this order.
+  void save(ByteSink& out, std::span<const Index> released) const {
+    out.put_list(node_of_);
+    out.put(static_cast<std::uint64_t>(nodes_.size()));
+    for (Index node = 0; node < size(); ++node) {
+      const Node& saved = nodes_[node];
+      out.put(has_numbers(node) ? saved.columns : Index{-1});
+      if (!has_numbers(node)) continue;
+      for (const Index index :
+           {saved.rows, saved.parent, saved.first_child, saved.last_child, saved.next, saved.previous})
+        out.put(index);
+      for (const Index variable : variables(node)) out.put(variable);
+      out.put(saved.lowered);
+      out.put(saved.excess);
+    }
+    std::vector<Index> unused = free_.vector();
+    unused.insert(unused.end(), released.begin(), released.end());
+    out.put_list(unused);
+  }
+  /// What `save` wrote, into an empty tree. The fronts' numbers are not initialised.
+  void load(ByteSource& in) {
+    in.take_list(node_of_);
+    nodes_.resize(static_cast<Offset>(in.take<std::uint64_t>()));
+    for (Index node = 0; node < size(); ++node) {
+      Node& loaded = nodes_[node];
+      loaded.columns = in.take<Index>();
+      if (loaded.columns < 0) continue;
+      for (Index* const index :
+           {&loaded.rows, &loaded.parent, &loaded.first_child, &loaded.last_child, &loaded.next, &loaded.previous})
+        *index = in.take<Index>();
+      loaded.variables = lists_.take(loaded.columns + loaded.rows);
+      for (Index k = 0; k < loaded.columns + loaded.rows; ++k) loaded.variables[k] = in.take<Index>();
+      loaded.lowered = in.take<double>();
+      loaded.excess = in.take<double>();
+      take_numbers(node);
+    }
+    in.take_list(free_);
   }
 
   /// Bytes taken from the system for numbers and lists.

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/concepts.hpp"
 #include "chainslam/sparse/detail/block_terms.hpp"
@@ -178,6 +179,11 @@ class IncrementalCholesky {
   [[nodiscard]] const FactorizationWork& work() const { return work_; }
   void reset_work() { work_ = {}; }
   [[nodiscard]] const detail::FrontTree<BlockSize>& tree() const { return tree_; }
+
+  /// Everything as it is after `solve`, but for what could be undone.
+  void save(ByteSink& out) const;
+  /// What `save` wrote, of a system with the same options: goes on to the same bits. Costs a factorisation.
+  void load(ByteSource& in);
 
  private:
   using Journal = detail::ChangeJournal;
