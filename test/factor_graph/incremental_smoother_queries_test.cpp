@@ -1,18 +1,27 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <array>
+#include <cstddef>
+#include <cstdint>
 #include <limits>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/gnss_factor.hpp"
 #include "chainslam/factor_graph/gravity_factor.hpp"
+#include "chainslam/factor_graph/incremental_gnc.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/factor_graph/marginals.hpp"
+#include "chainslam/factor_graph/shared_estimates.hpp"
+#include "chainslam/lie/rn.hpp"
 #include "factor_graph/smoother_twin.hpp"
 #include "support/property.hpp"
+#include "support/quick.hpp"
+#include "support/street_walk.hpp"
 
 using namespace chainslam;
 using namespace chainslam::test;
@@ -41,7 +50,8 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
       return GnssFactor<>{key, values[key] * arm, arm, SqrtInformation<3>::Identity() / 0.05};
     };
     const auto gravity = [&](Key key) {
-      return GravityFactor<>{key, S2<double>::from_vector(values[key].rotation().inverse() * Eigen::Vector3d::UnitZ()), 0.01};
+      return GravityFactor<>{key, S2<double>::from_vector(values[key].rotation().inverse() * Eigen::Vector3d::UnitZ()),
+                             0.01};
     };
     const Eigen::Vector3d none = Eigen::Vector3d::Zero(), arm(0.3, 0, 1);
     CHECK(freedom_of_chain(values) == "variable 0 (4 variables) is free in translation, rotation (6 directions)");
@@ -224,5 +234,324 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     REQUIRE(twin.smoother.update().ok());
     twin.smoother.undo();
     CHECK(twin.smoother.values() == before);
+  }
+
+  TEST_CASE("what was saved goes on to the same bits, with the same names of factors") {
+    for_all(12, [](Rng& rng, int size) {
+      Twin twin;
+      Walk walk(rng);
+      for (int k = 0; k < 6 + size; ++k) {
+        walk.step(twin);
+        if (k % 5 == 4) walk.remove_one(twin);
+        if (k % 7 == 6) walk.fix_one(twin);
+        REQUIRE(twin.smoother.update().ok());
+      }
+      if (size % 3 == 0) twin.smoother.undo();
+      const std::vector<std::byte> saved = twin.smoother.save();
+      Smoother other = Smoother::load(saved);
+      CHECK(other.save() == saved);
+      CHECK(other.values() == twin.smoother.values());
+      CHECK(other.cost() == twin.smoother.cost());
+      CHECK(other.factor_count() == twin.smoother.factor_count());
+      const auto noise = Smoother::Noise::from_sigma(0.02);
+      for (int k = 0; k < 8; ++k) {
+        const Key last = other.size() - 1;
+        for (Smoother* const smoother : {&twin.smoother, &other}) {
+          smoother->add_value((*smoother)[last]);
+          const FactorId id = smoother->add_between(last, last + 1, SE3d::exp(Vector6d::Constant(0.1)), noise);
+          if (k == 3) smoother->add_between(1, last, SE3d::exp(Vector6d::Constant(0.3)), noise);
+          if (k == 5 && !twin.closures.empty() && smoother->contains(twin.closures.front().first))
+            smoother->remove(twin.closures.front().first);
+          const UpdateReport report = smoother->update();
+          REQUIRE(report.ok());
+          CHECK(smoother->contains(id));
+        }
+        CHECK(other.values() == twin.smoother.values());
+      }
+      CHECK(other.save() == twin.smoother.save());
+      CHECK(twin.smoother.converge().final_cost == other.converge().final_cost);
+      CHECK(other.values() == twin.smoother.values());
+    });
+  }
+
+  TEST_CASE("what is not a whole saved smoother is refused by its byte, and so are open changes") {
+    Rng rng(3);
+    Twin twin;
+    Walk walk(rng);
+    for (int k = 0; k < 6; ++k) walk.step(twin);
+    CHECK_THROWS_AS(static_cast<void>(twin.smoother.save()), std::invalid_argument);
+    REQUIRE(twin.smoother.update().ok());
+    const std::vector<std::byte> saved = twin.smoother.save();
+    const auto refused = [](std::vector<std::byte> bytes) -> std::string {
+      try {
+        static_cast<void>(Smoother::load(bytes, "it"));
+      } catch (const IoError& error) {
+        return error.report().place;
+      }
+      return "";
+    };
+    for (std::size_t length = 0; length < saved.size(); length += 97)
+      CHECK(refused({saved.begin(), saved.begin() + static_cast<std::ptrdiff_t>(length)}).starts_with("byte "));
+    for (std::size_t at = 0; at < saved.size(); at += 61) {
+      std::vector<std::byte> bytes = saved;
+      bytes[at] ^= std::byte{4};
+      CHECK(refused(bytes).starts_with("byte "));
+    }
+    CHECK(refused(std::vector<std::byte>(100, std::byte{7})) == "byte 0");
+    std::vector<std::byte> later = saved;
+    later[8] = std::byte{2};
+    CHECK(refused(later) == "byte 8");
+    CHECK_THROWS_AS(static_cast<void>(IncrementalSmoother<SE3d>::load(saved)), IoError);
+    CHECK(refused(saved).empty());
+  }
+
+  TEST_CASE("a marginalised variable leaves the Schur complement of what was said of it") {
+    for_all(20, [](Rng& rng, int size) {
+      FactorGraph<SE3d> graph = random_graph<SE3d>(rng, 6, 0.05);
+      detail::DenseElimination<SE3d> elimination(2, {0, 1, 3, 4, 5});
+      if (size % 2 == 0) graph.add_prior(0, graph[0], random_noise<6>(rng));
+      graph.for_each_factor(
+          [&](const auto& factor) { elimination.add(factor.keys(), factor.linearize(graph.values())); });
+      const std::vector<SE3d> points{graph[0], graph[1], graph[3], graph[4], graph[5]};
+      const LinearPrior<SE3d> prior = elimination.eliminate(true, points);
+      detail::NormalEquations<FactorGraph<SE3d>> equations(graph);
+      const double cost = equations.linearize(graph, graph.values());
+      Eigen::MatrixXd H(36, 36);
+      for (Eigen::Index k = 0; k < 36; ++k) H.col(k) = equations.matrix() * Eigen::VectorXd::Unit(36, k);
+      Eigen::VectorXd g = equations.gradient();
+      Eigen::PermutationMatrix<36> order;
+      order.indices() << 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 0, 1, 2, 3, 4, 5, 18, 19, 20, 21, 22, 23, 24, 25,
+          26, 27, 28, 29, 30, 31, 32, 33, 34, 35;
+      H = order * H * order.transpose();
+      g = order * g;
+      const Eigen::LLT<Matrix6d> own(H.topLeftCorner<6, 6>());
+      const Eigen::MatrixXd coupling = H.bottomLeftCorner(30, 6);
+      const Eigen::MatrixXd schur = H.bottomRightCorner(30, 30) - coupling * own.solve(coupling.transpose());
+      const Eigen::VectorXd gradient = g.tail(30) - coupling * own.solve(g.head<6>());
+      const Eigen::MatrixXd& R = prior.sqrt_information;
+      CHECK((R.transpose() * R - schur).norm() < 1e-10 * H.norm());
+      CHECK((R.transpose() * prior.offset - gradient).norm() < 1e-8 * (1.0 + g.norm()));
+      CHECK(prior.offset.squaredNorm() == doctest::Approx(cost - g.head<6>().dot(own.solve(g.head<6>()))));
+      CHECK(R.rows() == (size % 2 == 0 ? 31 : 25));  // and the row of what cannot be lowered
+      Values<SE3d> away = graph.values();
+      for (const Key key : prior.keys()) away[key] = away[key].retract(random_tangent<SE3d>(rng, 0.5, 0.3));
+      const auto linearized = prior.linearize(away);
+      const Vector6d step = random_tangent<SE3d>(rng, 1e-6, 1e-6);
+      Values<SE3d> moved = away;
+      moved[3] = moved[3].retract(step);
+      CHECK((linearized.residual - prior.residual(away)).norm() == 0.0);
+      CHECK((prior.residual(moved) - linearized.residual - linearized.jacobians[2] * step).norm() < 1e-7);
+    });
+  }
+
+  TEST_CASE("with a lag, linear problems keep the batch's estimates, and names stay good") {
+    using Point = R2d;
+    for_all(10, [](Rng& rng, int size) {
+      SmootherOptions options = exact;
+      options.lag = 6;
+      IncrementalSmoother<Point> smoother(options);
+      IncrementalSmoother<Point> whole(exact);
+      std::vector<FactorId> names;
+      const auto noise = [&] { return NoiseModel<2>::from_sigma(0.1 + rng.uniform()); };
+      for (Key key = 0; key < 15 + size; ++key) {
+        const Point measured(Eigen::Vector2d(rng.normal(), rng.normal()));
+        const Key from = std::max(0, key - 1 - rng.uniform_index(4));
+        const auto one = noise(), other = noise();
+        for (auto* const each : {&smoother, &whole}) {
+          each->add_value(Point());
+          if (key == 0) each->add_prior(0, measured, one);
+          if (key > 0) each->add_between(key - 1, key, measured, one);
+          if (from < key - 1) {
+            const FactorId id = each->add_between(from, key, measured * measured, other);
+            if (each == &smoother) names.push_back(id);
+          }
+          REQUIRE(each->update().ok());
+        }
+        if (from < key - 1) CHECK(smoother.contains(names.back()));
+        CHECK(smoother.cost() == doctest::Approx(whole.cost()).epsilon(1e-9));
+        for (Key kept = std::max(0, key - 5); kept <= key; ++kept) {
+          CHECK((smoother[kept].value() - whole[kept].value()).norm() < 1e-9);
+          CHECK(!smoother.is_marginalized(kept));
+          CHECK((smoother.covariance(kept) - whole.covariance(kept)).norm() < 1e-9);
+        }
+        CHECK(smoother.factor_count() < 30);
+      }
+      CHECK(smoother.is_marginalized(1));
+      CHECK(smoother.count<LinearPrior<Point>>() > 0);
+      for (std::size_t k = 0; k < names.size(); ++k) CHECK((!smoother.contains(names[k]) || k + 6 >= names.size()));
+      CHECK_THROWS_AS(smoother.add_between(1, smoother.size() - 1, Point(), noise()), std::invalid_argument);
+      CHECK_THROWS_AS(smoother.set_fixed(1, false), std::invalid_argument);
+    });
+  }
+
+  TEST_CASE("poses given up leave the optimum of the others, can be brought back, and are saved") {
+    Rng rng(4);
+    Twin twin;
+    Walk walk(rng);
+    for (int k = 0; k < 40; ++k) walk.step(twin);
+    REQUIRE(twin.smoother.converge().ok());
+    const Values<SE3d> before = twin.smoother.values();
+    const double error = twin.smoother.update().squared_error;
+    std::vector<Key> old;
+    for (Key key = 0; key < 20; ++key) old.push_back(key);
+    twin.smoother.marginalize(old);
+    const UpdateReport report = twin.smoother.update();
+    REQUIRE(report.ok());
+    CHECK(report.squared_error == doctest::Approx(error).epsilon(1e-3));
+    CHECK(largest_difference(twin.smoother.values(), before) < 1e-4);
+    CHECK(twin.smoother.floating().empty());
+    Smoother other = Smoother::load(twin.smoother.save());
+    for (Smoother* const smoother : {&twin.smoother, &other}) {
+      smoother->add_value(before[39]);
+      smoother->add_between(39, 40, SE3d::exp(Vector6d::Constant(0.1)), Smoother::Noise::from_sigma(0.02));
+      REQUIRE(smoother->update().ok());
+      REQUIRE(smoother->converge().ok());
+    }
+    CHECK(other.values() == twin.smoother.values());
+    other.undo();
+    twin.smoother.undo();
+    CHECK(other.values() == twin.smoother.values());
+  }
+
+  TEST_CASE("a factor of weight 0 is as one that is not there, and comes back with its name") {
+    Rng rng(9);
+    Smoother smoother(exact);
+    const FactorGraph<SE3d> graph = random_graph<SE3d>(rng, 20, 0.05);
+    for (const SE3d& value : graph.values()) smoother.add_value(value);
+    smoother.set_fixed(0);
+    std::vector<FactorId> names;
+    for (const auto& factor : graph.betweens()) names.push_back(smoother.add(factor));
+    REQUIRE(smoother.converge().ok());
+    const double whole = smoother.cost();
+    const FactorId closure = names.back();
+    smoother.set_weight(closure, 0.0);
+    REQUIRE(smoother.converge().ok());
+    const Values<SE3d> without = smoother.values();
+    CHECK(smoother.weight(closure) == 0.0);
+    smoother.set_weight(closure, 0.25);
+    REQUIRE(smoother.converge().ok());
+    const double quarter = smoother.cost();
+    CHECK(quarter < whole);
+    smoother.undo();
+    smoother.set_weight(closure, 1.0);
+    REQUIRE(smoother.converge().ok());
+    CHECK(smoother.cost() == doctest::Approx(whole).epsilon(1e-7));
+    smoother.remove(closure);
+    REQUIRE(smoother.converge().ok());
+    CHECK(largest_difference(smoother.values(), without) < 1e-5);
+    CHECK(smoother.cost() < quarter);
+    CHECK_THROWS_AS(smoother.set_weight(closure, 1.0), std::invalid_argument);
+    CHECK_THROWS_AS(smoother.set_weight(names.front(), -1.0), std::invalid_argument);
+  }
+
+  TEST_CASE("a session that was saved is appended in one call, carried over, and tied") {
+    Rng rng(12);
+    Twin first, second;
+    for (Twin* const twin : {&first, &second}) {
+      Walk walk(rng);
+      for (int k = 0; k < 25; ++k) walk.step(*twin);
+      REQUIRE(twin->smoother.converge().ok());
+    }
+    second.smoother.marginalize(std::vector<Key>{0, 1});
+    REQUIRE(second.smoother.update().ok());
+    Smoother& smoother = first.smoother;
+    const double cost = smoother.cost();
+    const Index factors = smoother.factor_count();
+    const Smoother saved = Smoother::load(second.smoother.save());
+    CHECK(smoother.append(saved) == 25);
+    REQUIRE(smoother.update().ok());
+    CHECK(smoother.size() == 50);
+    CHECK(smoother.factor_count() == factors + saved.factor_count());
+    CHECK(smoother.cost() == doctest::Approx(cost + saved.cost()).epsilon(1e-4));
+    for (Key key = 0; key < 25; ++key) CHECK(smoother[25 + key].local(saved[key]).norm() < 1e-4);
+    PoseGraph graph = random_graph<SE3d>(rng, 5, 0.01);
+    graph.set_fixed(2);
+    CHECK(smoother.append(graph) == 50);
+    REQUIRE(smoother.update().ok());
+    CHECK(smoother.is_fixed(52));
+    CHECK(smoother[52] == graph[2]);
+  }
+
+  TEST_CASE("of a street walk whose closures lie by the dozen, graduated non-convexity keeps the honest optimum") {
+    for (std::uint64_t seed = 1; seed <= (quick() ? 1U : 3U); ++seed) {
+      StreetWalk walk({.sessions = 2, .keyframes = 300, .blocks = 2, .outliers = 0.25, .seed = seed});
+      Smoother robust, plain, honest;
+      IncrementalGnc<Smoother> gnc(robust);
+      std::vector<std::pair<FactorId, bool>> suspects;
+      Index steps = 0;
+      for (Key key = 0; !walk.done(); ++key) {
+        const StreetWalk::Step step = walk.next();
+        for (Smoother* const smoother : {&robust, &plain, &honest}) {
+          smoother->add_value(step.starts ? step.motion : (*smoother)[key - 1] * step.motion);
+          if (step.starts) smoother->add_prior(key, step.motion, StreetWalk::start_noise());
+          if (!step.starts) smoother->add_between(key - 1, key, step.motion, StreetWalk::odometry_noise());
+          for (const StreetWalk::Closure& closure : step.closures) {
+            const BetweenFactor<SE3d> factor{closure.from, key, closure.T_from_to,
+                                             StreetWalk::closure_noise().sqrt_information()};
+            if (smoother == &robust)
+              suspects.emplace_back(gnc.add(factor), closure.lies);
+            else if (smoother == &plain || !closure.lies)
+              smoother->add(factor);
+          }
+        }
+        const IncrementalGncReport report = gnc.update();
+        REQUIRE(report.last.ok());
+        CHECK(report.decided);
+        steps += report.steps;
+      }
+      Index lies = 0, believed = 0, doubted = 0;
+      for (const auto& [id, lie] : suspects) {
+        lies += lie ? 1 : 0;
+        believed += lie && gnc.weight(id) > 0.0 ? 1 : 0;
+        doubted += !lie && gnc.weight(id) < 1.0 ? 1 : 0;
+      }
+      REQUIRE(honest.converge().ok());
+      REQUIRE(robust.converge().ok());
+      REQUIRE(plain.converge().ok());
+      const auto worst = [&](const Smoother& smoother) {
+        double most = 0.0;
+        for (Key key = 0; key < smoother.size(); ++key)
+          most = std::max(most, (smoother[key].translation() - honest[key].translation()).norm());
+        return most;
+      };
+      INFO(lies, " lies, ", believed, " believed, ", doubted, " doubted, ", steps, " steps, worst ", worst(robust), " ",
+           worst(plain));
+      CHECK(lies > 5);
+      CHECK(believed == 0);
+      CHECK(doubted <= to_index(suspects.size()) / 20);
+      CHECK(worst(robust) < 0.05);
+      CHECK(worst(plain) > 1.0);
+      CHECK(steps < 4 * robust.size());
+    }
+  }
+
+  TEST_CASE("what is published is what the smoother has, after updates, undoing, moving and loading") {
+    Rng rng(4);
+    Twin twin;
+    Walk walk(rng);
+    SharedEstimates<SE3d> shared;
+    shared.publish(twin.smoother);
+    CHECK(shared.size() == 0);
+    const auto agree = [&](const Smoother& smoother) {
+      shared.publish(smoother);
+      CHECK(largest_difference(shared.values(), smoother.values()) < 1e-12);
+      CHECK(shared.size() == smoother.size());
+    };
+    for (int k = 0; k < 60; ++k) {
+      walk.step(twin);
+      REQUIRE(twin.smoother.update().ok());
+      if (k % 9 != 5) agree(twin.smoother);
+    }
+    REQUIRE(twin.smoother.converge().ok());
+    agree(twin.smoother);
+    twin.smoother.move(std::vector<Key>{3, 4}, random_pose<SE3d>(rng));
+    REQUIRE(twin.smoother.update().ok());
+    agree(twin.smoother);
+    twin.smoother.undo();
+    agree(twin.smoother);
+    SharedEstimates<SE3d> other;
+    const Smoother loaded = Smoother::load(twin.smoother.save());
+    other.publish(loaded);
+    CHECK(largest_difference(other.values(), loaded.values()) == 0.0);
   }
 }

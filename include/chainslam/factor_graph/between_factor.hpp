@@ -45,6 +45,12 @@ struct BetweenFactor {
     result.jacobians[0].noalias() = -result.jacobians[1] * T_from_to.inverse().adjoint();
     return result;
   }
+
+  /// Calls visit(members...), to save or to load them.
+  template <class Self, class Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    visit(self.from, self.to, self.measurement, self.sqrt_information, self.kernel);
+  }
 };
 static_assert(RobustFactor<BetweenFactor<SE3d>>);
 

@@ -43,6 +43,12 @@ struct GnssFactor {
     result.jacobians[0].rightCols<3>().noalias() = -result.jacobians[0].leftCols<3>() * SO3d::hat(lever_arm);
     return result;
   }
+
+  /// Calls visit(members...), to save or to load them.
+  template <class Self, class Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    visit(self.key, self.position, self.lever_arm, self.sqrt_information, self.kernel);
+  }
 };
 static_assert(RobustFactor<GnssFactor<>> && RobustFactor<GnssFactor<Huber>>);
 

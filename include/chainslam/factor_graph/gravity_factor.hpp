@@ -44,6 +44,12 @@ struct GravityFactor {
     return result;
   }
 
+  /// Calls visit(members...), to save or to load them.
+  template <class Self, class Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    visit(self.key, self.up_body, self.sigma, self.up_map, self.kernel);
+  }
+
  private:
   [[nodiscard]] Eigen::Vector3d seen(const Values<SE3d>& values) const {
     return values[key].rotation().inverse() * up_map.direction();

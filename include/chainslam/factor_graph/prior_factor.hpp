@@ -38,6 +38,12 @@ struct PriorFactor {
     result.jacobians[0].noalias() = sqrt_information * Group::right_jacobian_inverse(error);
     return result;
   }
+
+  /// Calls visit(members...), to save or to load them.
+  template <class Self, class Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    visit(self.key, self.mean, self.sqrt_information, self.kernel);
+  }
 };
 static_assert(RobustFactor<PriorFactor<SE3d>>);
 

@@ -2,14 +2,19 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstdint>
 #include <span>
 #include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/byte_archive.hpp"
+#include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/detail/state_archive.hpp"
 
 namespace chainslam {
 
@@ -32,7 +37,8 @@ class FactorPool {
  public:
   struct Entry {
     F factor;
-    Index term = -1;  ///< its number in the linear system
+    double weight = 1.0;  ///< of its squared residual
+    Index term = -1;      ///< its number in the linear system
     Index generation = 0;
     bool alive = false;
   };
@@ -42,18 +48,19 @@ class FactorPool {
     ++alive_;
     if (free_.empty()) {
       if (entries_.size() == entries_.capacity()) entries_.reserve(entries_.size() + entries_.size() / 4 + 16);
-      entries_.push_back({factor, term, 0, true});
+      entries_.push_back({factor, 1.0, term, 0, true});
       return to_index(entries_.size()) - 1;
     }
     const Index slot = free_.back();
     free_.pop_back();
-    entries_[static_cast<std::size_t>(slot)] = {factor, term, at(slot).generation, true};
+    entries_[static_cast<std::size_t>(slot)] = {factor, 1.0, term, at(slot).generation, true};
     return slot;
   }
   void set_alive(Index slot, bool alive) {
     entries_[static_cast<std::size_t>(slot)].alive = alive;
     alive_ += alive ? 1 : -1;
   }
+  void set_weight(Index slot, double weight) { entries_[static_cast<std::size_t>(slot)].weight = weight; }
   /// Lets the place of a factor that is not alive be used again.
   void release(Index slot) {
     ++entries_[static_cast<std::size_t>(slot)].generation;
@@ -74,6 +81,45 @@ class FactorPool {
     }
   }
 
+  /// visit(entry) for each place, be there a factor or not.
+  template <class Visit>
+  void for_each_slot(Visit&& visit) const {
+    for (const Entry& entry : entries_) visit(entry);
+  }
+
+  /// @param released  places that are taken as if they had been released, in this order.
+  void save(ByteSink& out, std::span<const Index> released) const {
+    StateWriter write(out);
+    out.put(static_cast<std::uint64_t>(entries_.size()));
+    for (const Entry& entry : entries_) {
+      const auto slot = static_cast<Index>(&entry - entries_.data());
+      const auto more = static_cast<Index>(std::count(released.begin(), released.end(), slot));
+      out.put(entry.alive ? entry.term : Index{-1});
+      out.put(entry.generation + more);
+      if (!entry.alive) continue;
+      out.put(entry.weight);
+      F::visit_members(entry.factor, write);
+    }
+    std::vector<Index> unused = free_;
+    unused.insert(unused.end(), released.begin(), released.end());
+    out.put_list(unused);
+  }
+  /// What `save` wrote, into an empty pool.
+  void load(ByteSource& in) {
+    StateReader read(in);
+    entries_.resize(in.take<std::uint64_t>());
+    for (Entry& entry : entries_) {
+      entry.term = in.take<Index>();
+      entry.generation = in.take<Index>();
+      entry.alive = entry.term >= 0;
+      if (!entry.alive) continue;
+      ++alive_;
+      entry.weight = in.take<double>();
+      F::visit_members(entry.factor, read);
+    }
+    in.take_list(free_);
+  }
+
  private:
   std::vector<Entry> entries_;
   std::vector<Index> free_;
@@ -89,6 +135,9 @@ class FactorPools {
     Index slot = -1;
   };
 
+  static constexpr std::size_t types = sizeof...(Factors);
+  [[nodiscard]] static std::uint64_t fingerprint() { return detail::fingerprint<Factors...>(); }
+
   template <Factor F>
   static constexpr bool has = (std::is_same_v<F, Factors> || ...);
 
@@ -96,8 +145,7 @@ class FactorPools {
   FactorId add(const F& factor, Index term) {
     auto& pool = std::get<FactorPool<F>>(pools_);
     const Index slot = pool.add(factor, term);
-    if (term >= to_index(of_term_.size())) of_term_.resize(static_cast<std::size_t>(term) + 1);
-    of_term_[static_cast<std::size_t>(term)] = {type_of<F>(), slot};
+    set_place(term, {type_of<F>(), slot});
     return {type_of<F>(), slot, pool.at(slot).generation};
   }
 
@@ -131,6 +179,16 @@ class FactorPools {
     std::apply([&](const auto&... pools) { (pools.for_each(visit), ...); }, pools_);
   }
 
+  /// @param released  places of each type that are taken as if they had been released, in this order.
+  void save(ByteSink& out, std::span<const std::vector<Index>> released) const {
+    std::size_t type = 0;
+    std::apply([&](const auto&... pools) { (pools.save(out, released[type++]), ...); }, pools_);
+  }
+  void load(ByteSource& in) {
+    Index type = 0;
+    std::apply([&](auto&... pools) { (load_pool(pools, type++, in), ...); }, pools_);
+  }
+
   template <Factor F>
   [[nodiscard]] Index count() const {
     return std::get<FactorPool<F>>(pools_).alive();
@@ -140,6 +198,19 @@ class FactorPools {
   }
 
  private:
+  void set_place(Index term, const Place& place) {
+    if (term >= to_index(of_term_.size())) of_term_.resize(static_cast<std::size_t>(term) + 1);
+    of_term_[static_cast<std::size_t>(term)] = place;
+  }
+  template <class Pool>
+  void load_pool(Pool& pool, Index type, ByteSource& in) {
+    pool.load(in);
+    Index slot = 0;
+    pool.for_each_slot([&](const auto& entry) {
+      if (entry.alive) set_place(entry.term, {type, slot});
+      ++slot;
+    });
+  }
   template <Factor F>
   [[nodiscard]] static constexpr Index type_of() {
     constexpr std::array<bool, sizeof...(Factors)> same{std::is_same_v<F, Factors>...};
@@ -156,6 +227,43 @@ inline constexpr bool is_left_invariant = [] {
   if constexpr (requires { F::left_invariant; }) return static_cast<bool>(F::left_invariant);
   return false;
 }();
+
+/// Whether a factor's weight can be set: its kernel, if it has one, does not, nor has it parts that are not scaled.
+template <class F>
+inline constexpr bool is_weighable = [] {
+  if constexpr (F::arity == std::dynamic_extent || !requires(F & factor) { factor.sqrt_information *= 1.0; })
+    return false;
+  else if constexpr (requires(const F& factor) { factor.kernel; })
+    return std::is_same_v<std::remove_cvref_t<decltype(std::declval<const F&>().kernel)>, Trivial>;
+  return true;
+}();
+
+/// Names variables that many places later.
+template <class F>
+void shift_keys(F& factor, Index places) {
+  const auto shift = [&](auto& member) {
+    using Member = std::remove_cvref_t<decltype(member)>;
+    if constexpr (std::is_same_v<Member, Key>) member += places;
+    if constexpr (std::is_same_v<Member, std::vector<Key>>) {
+      for (Key& key : member) key += places;
+    }
+  };
+  F::visit_members(factor, [&](auto&... members) { (shift(members), ...); });
+}
+
+/// visit(factor) with the factor as it counts: its square root of information scaled by the root of its weight.
+template <class Entry, class Visit>
+decltype(auto) visit_weighed(const Entry& entry, Visit&& visit) {
+  using F = std::remove_cvref_t<decltype(entry.factor)>;
+  if constexpr (is_weighable<F>) {
+    if (entry.weight != 1.0) {
+      F weighed = entry.factor;
+      weighed.sqrt_information *= std::sqrt(entry.weight);
+      return visit(std::as_const(weighed));
+    }
+  }
+  return visit(entry.factor);
+}
 
 /// A factor's residual and Jacobians, scaled by the root of its kernel's weight.
 template <Factor F>

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -15,98 +17,15 @@
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/detail/factor_pools.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
-#include "chainslam/factor_graph/free_part.hpp"
+#include "chainslam/factor_graph/linear_prior.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/factor_graph/prior_factor.hpp"
+#include "chainslam/factor_graph/smoother_reports.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
 
 namespace chainslam {
-
-/// How `IncrementalSmoother` trades accuracy for time. Shares are of the squared error (chi^2).
-struct SmootherOptions {
-  /// By this share the estimate may be worse than the best one of the linearised factors.
-  double linear_tolerance = 3e-5;
-  /// A factor is linearised anew when its residual differs from the linear prediction by more than its part of this
-  /// share. 0: always.
-  double nonlinear_tolerance = 3e-5;
-  /// A variable's factors are not looked at before its estimate has moved by this much (in the tangent space's units)
-  /// since they were linearised, and then whenever it has moved half as far again.
-  double first_look = 5e-3;
-  /// Beyond this, a variable's factors are linearised anew in any case.
-  double longest_step = 1.0;
-  /// The shares are of a squared error of at least this.
-  double least_error = 1e-3;
-  /// At most so many variables' factors are linearised anew in an update; the rest wait for the next. It bounds the
-  /// time of an update, and in long bursts saves work, since the rest is then nearer to where it will end.
-  Index largest_relinearization = 300;
-  /// Newest variables that are eliminated last.
-  Index late_variables = 10;
-};
-
-enum class UpdateStatus {
-  updated,
-  unconstrained,  ///< no prior, no fixed variable and the like hold parts of the graph in all directions; `variables`
-                  ///< has each one's least key, `free` the directions
-  singular,    ///< a direction of variable `variables[0]` is not measured, given those eliminated before it
-  not_finite,  ///< a residual is not a number: check values and measurements; `variables` has its factor's keys
-};
-
-/// What an update of `IncrementalSmoother` did.
-struct UpdateReport {
-  UpdateStatus status = UpdateStatus::updated;
-  std::vector<Key> variables;
-  std::vector<FreePart> free;  ///< what is free to move, if that made it fail; `describe` says it in words
-  double squared_error = 0.0;  ///< chi^2 of the estimate, as the linearised factors see it
-  double gap = 0.0;            ///< how much of it may be left to gain: by the linear system and by what still waits
-  Index relinearized = 0;      ///< factors
-  Index waiting = 0;           ///< variables whose factors wait to be linearised anew
-  FactorizationWork work;
-
-  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
-};
-
-/// When `converge` is done, and how it goes on where full steps fail.
-struct ConvergeOptions {
-  Index max_iterations = 50;
-  /// Done when a full step is predicted to gain less than this share of the squared error,
-  double relative_tolerance = 1e-9;
-  /// or less than this.
-  double absolute_tolerance = 1e-9;
-  /// Whether optimisation may start again from the chordal relaxation, where full steps raise the squared error or it
-  /// ends above what its degrees of freedom let expect. The lower optimum counts.
-  bool restart = true;
-};
-
-/// What led to where `converge` ended: a local optimum always, not always the global one.
-enum class ConvergeMethod {
-  gauss_newton,         ///< full steps, from the estimate as it was
-  levenberg_marquardt,  ///< damped steps, since a full one would have raised the squared error
-  chordal_restart,      ///< damped steps from the chordal relaxation, which ended lower
-};
-
-struct ConvergeReport {
-  UpdateStatus status = UpdateStatus::updated;
-  std::vector<Key> variables;  ///< as in `UpdateReport`
-  std::vector<FreePart> free;
-  ConvergeMethod method = ConvergeMethod::gauss_newton;
-  bool converged = false;  ///< else the iterations did not suffice
-  Index iterations = 0;    ///< linear systems solved
-  double initial_cost = 0.0;
-  double final_cost = 0.0;  ///< chi^2 through the kernels
-  double gap = 0.0;         ///< what the last step was predicted to gain, which bounds what is left to the optimum
-
-  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
-};
-
-/// What a factor would do if it were added.
-struct FactorForecast {
-  double squared_residual = 0.0;  ///< at the estimate as it is
-  /// What the squared error would rise by, with the factor and the rest giving way to each other: chi^2 distributed
-  /// with as many degrees of freedom as the factor has rows, if it agrees with the rest.
-  double rise = 0.0;
-};
 
 /// Keeps the best estimate of a growing factor graph (Kaess et al. 2012, "iSAM2", on `IncrementalCholesky`).
 ///
@@ -139,6 +58,7 @@ class IncrementalSmoother {
     solver_.add_variable();
     look_.push_back(options_.first_look);
     waits_.push_back(0);
+    marginalized_.push_back(0);
     if (!components_outdated_) components_.add_variable();
     const Key key = origins_.add(initial);
     estimates_.add(initial);
@@ -154,7 +74,7 @@ class IncrementalSmoother {
     const auto keys = factor.keys();
     require_keys(keys);
     begin();
-    const Index term = solver_.add_term(keys, F::rows);
+    const Index term = solver_.add_term(keys, rows_of(factor));
     const FactorId id = pools_.add(factor, term);
     if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
     touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
@@ -170,22 +90,51 @@ class IncrementalSmoother {
     return add(BetweenFactor<Group>{from, to, measurement, noise.sqrt_information()});
   }
 
+  /// Adds all of another graph in one go, such as a session that was saved: values, factors with names of their own,
+  /// and what is fixed. Its factors' members of type `Key` are their keys.
+  /// @param graph  a `FactorGraph`, another smoother, or anything with their `values`, `is_fixed` and
+  /// `for_each_factor`.
+  /// @returns the key of its first variable; the others follow in their order.
+  template <class Graph>
+  Key append(const Graph& graph) {
+    const Key first = size();
+    for (const Group& value : graph.values()) add_value(value);
+    graph.for_each_factor([&](auto factor) {
+      detail::shift_keys(factor, first);
+      add(factor);
+    });
+    for (Key key = first; key < size(); ++key) {
+      if (graph.is_fixed(key - first)) set_fixed(key);
+    }
+    return first;
+  }
+
   /// @throws std::invalid_argument if there is no such factor (any longer).
   void remove(const FactorId& id) {
-    if (!pools_.contains(id)) throw std::invalid_argument("IncrementalSmoother: there is no such factor");
+    const Index term = term_of(id);
     begin();
-    pools_.visit_pool(id.type, [&](auto& pool) {
-      const Index term = pool.at(id.slot).term;
-      solver_.remove_term(term);
-      pool.set_alive(id.slot, false);
-      changes_.push_back({ChangeKind::factor_removed, term, {}, 0.0});
-    });
+    remove_term(term);
     components_outdated_ = true;
   }
 
+  /// Lets a factor's squared residual count so many times from the next update on: 0 switches it off, 1 is as it was
+  /// added. It keeps its name. For factors with `sqrt_information` and without a kernel.
+  /// @throws std::invalid_argument if there is no such factor, or it has a kernel, or the weight is negative.
+  void set_weight(const FactorId& id, double weight);
+  /// @throws std::invalid_argument if there is no such factor.
+  [[nodiscard]] double weight(const FactorId& id) const;
+
+  /// Gives variables up and keeps what they tell of their neighbours: a linear factor on these, about where they are
+  /// now (the Schur complement), takes the place of all factors on them. Takes part in the next `update`; later ones
+  /// cost nothing for them. They keep their last estimate and no factor may name them; those of others keep their
+  /// names.
+  /// @throws std::invalid_argument if a key is unknown.
+  void marginalize(std::span<const Key> keys);
+  [[nodiscard]] bool is_marginalized(Key key) const { return marginalized_[static_cast<std::size_t>(key)] != 0; }
+
   /// Keeps a variable where it is, or lets it go again.
   void set_fixed(Key key, bool fixed = true) {
-    require_keys(std::array<Key, 1>{key});
+    require_keys(std::array<Key, 1>{key});  // a marginalised one stays as it is
     if (solver_.is_fixed(key) == fixed) return;
     begin();
     relinearize_at_estimate(key);
@@ -207,6 +156,7 @@ class IncrementalSmoother {
   void undo() {
     revert();
     open_ = false;
+    revision_ += 2;
   }
 
   /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything linearised anew at each
@@ -233,6 +183,14 @@ class IncrementalSmoother {
   /// Keys whose estimate the last update changed; new ones may be missing, if they lie where they were put.
   [[nodiscard]] std::span<const Key> changed() const { return solver_.changed(); }
 
+  /// Grows by one with each update, and by more with what changes estimates otherwise.
+  [[nodiscard]] std::uint64_t revision() const { return revision_; }
+
+  /// Calls visit(factor) for each factor, as it counts, type by type.
+  template <class Visit>
+  void for_each_factor(Visit&& visit) const {
+    pools_.for_each([&](const auto& entry) { detail::visit_weighed(entry, visit); });
+  }
   /// All estimates.
   [[nodiscard]] Values<Group> values() const {
     Values<Group> all;
@@ -243,7 +201,7 @@ class IncrementalSmoother {
   [[nodiscard]] double cost() const {
     const Values<Group> all = values();
     double sum = 0.0;
-    pools_.for_each([&](const auto& entry) { sum += detail::robust_cost(entry.factor, all); });
+    for_each_factor([&](const auto& factor) { sum += detail::robust_cost(factor, all); });
     return sum;
   }
   /// Covariance of the estimates of some variables together, as right perturbations, in the order of `keys` (without
@@ -259,28 +217,56 @@ class IncrementalSmoother {
   template <Factor F>
   [[nodiscard]] FactorForecast what_if(const F& factor) const;
 
+  /// The whole state as bytes, the same on every machine: values and where they are linearised, factors with their
+  /// names and weights, what is fixed or waits, and the order of elimination; not what `undo` would need. Types of
+  /// factors of one's own have `visit_members(self, visit)`, as `BetweenFactor` has.
+  /// @throws std::invalid_argument if changes wait for `update`.
+  [[nodiscard]] std::vector<std::byte> save() const;
+  /// A smoother that goes on from what was saved to the same bits. Costs a factorisation of everything.
+  /// @param name  what the bytes are called in messages.
+  /// @throws IoError if the bytes are not whole, or those of a smoother of another type.
+  [[nodiscard]] static IncrementalSmoother load(std::span<const std::byte> bytes,
+                                                const std::string& name = "saved IncrementalSmoother");
+
   /// The linear system behind.
   [[nodiscard]] const IncrementalCholesky<Group::dof>& solver() const { return solver_; }
 
  private:
-  using Pools = detail::FactorPools<PriorFactor<Group>, BetweenFactor<Group>, Extra...>;
+  using Pools = detail::FactorPools<PriorFactor<Group>, BetweenFactor<Group>, Extra..., LinearPrior<Group>>;
   static constexpr int dof = Group::dof;
+  /// Of a factor's Jacobians together.
+  template <Factor F>
+  static constexpr int columns_of = F::arity == std::dynamic_extent ? Eigen::Dynamic : dof* static_cast<int>(F::arity);
 
   class View;
 
-  enum class ChangeKind : char { value_added, factor_added, factor_removed, origin_moved, looked };
+  enum class ChangeKind : char {
+    value_added,
+    factor_added,
+    factor_removed,
+    factor_weighed,
+    origin_moved,
+    looked,
+    marginalized
+  };
   struct Change {
     ChangeKind kind;
     Index id;      ///< key or term
     Group origin;  ///< before
-    double look;   ///< before
+    double look;   ///< or weight, before
   };
 
-  template <std::size_t Arity>
-  void require_keys(const std::array<Key, Arity>& keys) const {
-    for (std::size_t i = 0; i < Arity; ++i) {
-      if (!origins_.contains(keys[i]))
-        throw std::invalid_argument("IncrementalSmoother: there is no variable " + std::to_string(keys[i]));
+  void require_known(Key key) const {
+    if (!origins_.contains(key))
+      throw std::invalid_argument("IncrementalSmoother: there is no variable " + std::to_string(key));
+  }
+  /// Of a factor.
+  template <class Keys>
+  void require_keys(const Keys& keys) const {
+    for (std::size_t i = 0; i < keys.size(); ++i) {
+      require_known(keys[i]);
+      if (is_marginalized(keys[i]))
+        throw std::invalid_argument("IncrementalSmoother: variable " + std::to_string(keys[i]) + " was marginalised");
       for (std::size_t j = 0; j < i; ++j) {
         if (keys[i] == keys[j])
           throw std::invalid_argument("IncrementalSmoother: a factor names variable " + std::to_string(keys[i]) +
@@ -288,12 +274,36 @@ class IncrementalSmoother {
       }
     }
   }
+  template <Factor F>
+  [[nodiscard]] static Index rows_of(const F& factor) {
+    if constexpr (F::rows == Eigen::Dynamic) return to_index(factor.offset.size());
+    return F::rows;
+  }
+  [[nodiscard]] Index term_of(const FactorId& id) const {
+    if (!pools_.contains(id)) throw std::invalid_argument("IncrementalSmoother: there is no such factor");
+    Index term = -1;
+    pools_.visit_pool(id.type, [&](const auto& pool) { term = pool.at(id.slot).term; });
+    return term;
+  }
+  void remove_term(Index term) {
+    const auto place = pools_.place(term);
+    solver_.remove_term(term);
+    pools_.visit_pool(place.type, [&](auto& pool) { pool.set_alive(place.slot, false); });
+    changes_.push_back({ChangeKind::factor_removed, term, {}, 0.0});
+  }
+  void weigh_term(Index term, double weight) {
+    const auto place = pools_.place(term);
+    pools_.visit_pool(place.type, [&](auto& pool) { pool.set_weight(place.slot, weight); });
+  }
 
   [[nodiscard]] UpdateReport update(bool exact);
   /// Derivative of a right perturbation of the estimate with respect to the linear system's step.
   [[nodiscard]] typename Group::Jacobian at_estimate(Key key) const {
     return Group::right_jacobian(Eigen::Map<const Tangent>(solver_.solution(key).data()));
   }
+  template <class Archive>
+  static void visit_options(SmootherOptions& options, Archive&& archive);
+  void marginalize_old();
   void begin();
   void revert();
   void undo_change(const Change& change);
@@ -325,6 +335,7 @@ class IncrementalSmoother {
   Pools pools_;
   std::vector<double> look_;  ///< of each variable: the step at which its factors are looked at
   std::vector<char> waits_;
+  std::vector<char> marginalized_;  ///< of each variable
   std::vector<Key> waiting_;
   std::vector<Key> waiting_before_;
   std::vector<char> touched_;  ///< of each term
@@ -332,6 +343,8 @@ class IncrementalSmoother {
   std::vector<Change> changes_;
   detail::HeldComponents<Group> components_;
   bool components_outdated_ = false;
+  Key oldest_ = 0;  ///< none before it is kept by `SmootherOptions::lag`
+  std::uint64_t revision_ = 0;
   bool open_ = false;  ///< whether changes wait for `update`
 };
 

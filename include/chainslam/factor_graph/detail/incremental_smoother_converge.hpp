@@ -22,7 +22,7 @@ class IncrementalSmoother<Group, Extra...>::View {
   [[nodiscard]] bool is_fixed(Key key) const { return smoother_.is_fixed(key); }
   template <class Visit>
   void for_each_factor(Visit&& visit) const {
-    smoother_.pools_.for_each([&](const auto& entry) { visit(entry.factor); });
+    smoother_.for_each_factor(visit);
   }
   [[nodiscard]] double cost(const Values<Group>& values) const {
     double sum = 0.0;
@@ -62,7 +62,7 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOpti
     best = values();
   }
   Index rows = 0;
-  pools_.for_each([&](const auto& entry) { rows += std::remove_cvref_t<decltype(entry.factor)>::rows; });
+  pools_.for_each([&](const auto& entry) { rows += solver_.terms().rows(entry.term); });
   if (options.restart && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
     damped_descent(values(), options, report);
   return report;

@@ -11,7 +11,7 @@ namespace chainslam {
 /// Between factors among moved variables see no change; the others are linearised anew at their estimate.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const Group& motion) {
-  for (const Key key : keys) require_keys(std::array<Key, 1>{key});
+  for (const Key key : keys) require_known(key);
   begin();
   std::vector<char> moved(static_cast<std::size_t>(size()), 0);
   for (const Key key : keys) {
@@ -37,6 +37,7 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
   std::ranges::sort(outside);
   outside.erase(std::unique(outside.begin(), outside.end()), outside.end());
   for (const Key key : outside) relinearize_at_estimate(key);
+  revision_ += 2;
   components_outdated_ = true;  // what holds a part may see it from elsewhere
 }
 
@@ -44,7 +45,7 @@ template <class Group, class... Extra>
 Eigen::MatrixXd IncrementalSmoother<Group, Extra...>::covariance(std::span<const Key> keys) const {
   std::vector<Key> free;
   for (const Key key : keys) {
-    require_keys(std::array<Key, 1>{key});
+    require_known(key);
     if (solver_.is_eliminated(key)) free.push_back(key);
   }
   // From the coordinates of the linear system to right perturbations of the estimates.

@@ -9,6 +9,7 @@ namespace chainslam {
 template <class Group, class... Extra>
 UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
   begin();
+  marginalize_old();
   UpdateReport report;
   solver_.reset_work();
   report.variables = find_floating();
@@ -41,6 +42,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
   report.waiting = to_index(waiting_.size());
   report.work = solver_.work();
   open_ = false;
+  ++revision_;
   return report;
 }
 
@@ -69,6 +71,7 @@ void IncrementalSmoother<Group, Extra...>::revert() {
   for (const Key key : waiting_) waits_[static_cast<std::size_t>(key)] = 1;
   solver_.rollback();
   components_outdated_ = true;
+  oldest_ = 0;
 }
 
 template <class Group, class... Extra>
@@ -79,6 +82,7 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
       estimates_.drop_last();
       look_.pop_back();
       waits_.pop_back();
+      marginalized_.pop_back();
       break;
     case ChangeKind::factor_added: {
       touched_[static_cast<std::size_t>(change.id)] = 0;
@@ -94,6 +98,12 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
       pools_.visit_pool(place.type, [&](auto& pool) { pool.set_alive(place.slot, true); });
       break;
     }
+    case ChangeKind::factor_weighed:
+      weigh_term(change.id, change.look);
+      break;
+    case ChangeKind::marginalized:
+      marginalized_[static_cast<std::size_t>(change.id)] = 0;
+      break;
     case ChangeKind::origin_moved:
       origins_[change.id] = change.origin;
       look_[static_cast<std::size_t>(change.id)] = change.look;
@@ -184,16 +194,18 @@ template <class Group, class... Extra>
 template <Factor F>
 bool IncrementalSmoother<Group, Extra...>::write(const typename detail::FactorPool<F>::Entry& entry,
                                                  UpdateReport& report) {
-  const auto linearized = detail::weighted_linearization(entry.factor, origins_);
-  constexpr int columns = dof * static_cast<int>(F::arity);
-  Eigen::Map<Eigen::Matrix<double, columns, F::rows>> jacobian(solver_.jacobian(entry.term));
-  for (std::size_t a = 0; a < F::arity; ++a)
-    jacobian.template middleRows<dof>(static_cast<int>(a) * dof) = linearized.jacobians[a].transpose();
-  Eigen::Map<Eigen::Matrix<double, F::rows, 1>>(solver_.residual(entry.term)) = linearized.residual;
+  const auto linearized = detail::visit_weighed(
+      entry, [&](const auto& factor) { return detail::weighted_linearization(factor, origins_); });
+  const auto keys = entry.factor.keys();
+  const Eigen::Index rows = linearized.residual.rows();
+  Eigen::Map<Eigen::Matrix<double, columns_of<F>, F::rows>> jacobian(
+      solver_.jacobian(entry.term), dof * static_cast<Eigen::Index>(keys.size()), rows);
+  for (std::size_t a = 0; a < keys.size(); ++a)
+    jacobian.template middleRows<dof>(static_cast<Eigen::Index>(a) * dof) = linearized.jacobians[a].transpose();
+  Eigen::Map<Eigen::Matrix<double, F::rows, 1>>(solver_.residual(entry.term), rows) = linearized.residual;
   double sum = linearized.residual.squaredNorm();
   for (Eigen::Index k = 0; k < jacobian.size(); ++k) sum += std::abs(jacobian.data()[k]);
   if (std::isfinite(sum)) return true;
-  const auto keys = entry.factor.keys();
   report.variables.assign(keys.begin(), keys.end());
   return false;
 }
@@ -229,21 +241,50 @@ double IncrementalSmoother<Group, Extra...>::misprediction(Index term) {
   double squared = 0.0;
   pools_.visit_term(term, [&](const auto& entry) {
     using F = std::remove_cvref_t<decltype(entry.factor)>;
-    constexpr int columns = dof * static_cast<int>(F::arity);
-    Eigen::Matrix<double, columns, 1> step;
-    int row = 0;
-    for (const Key key : entry.factor.keys()) {
+    const auto keys = entry.factor.keys();
+    const auto columns = dof * static_cast<Eigen::Index>(keys.size());
+    const Eigen::Index rows = solver_.terms().rows(term);
+    Eigen::Matrix<double, columns_of<F>, 1> step(columns);
+    Eigen::Index row = 0;
+    for (const Key key : keys) {
       estimates_[key] = (*this)[key];
       step.template segment<dof>(row) = Eigen::Map<const Tangent>(solver_.solution(key).data());
       row += dof;
     }
-    Eigen::Matrix<double, F::rows, 1> difference = detail::weighted_residual(entry.factor, estimates_);
-    difference -= Eigen::Map<const Eigen::Matrix<double, F::rows, 1>>(solver_.terms().residual(term));
+    Eigen::Matrix<double, F::rows, 1> difference =
+        detail::visit_weighed(entry, [&](const auto& factor) { return detail::weighted_residual(factor, estimates_); });
+    difference -= Eigen::Map<const Eigen::Matrix<double, F::rows, 1>>(solver_.terms().residual(term), rows);
     difference.noalias() -=
-        Eigen::Map<const Eigen::Matrix<double, columns, F::rows>>(solver_.terms().jacobian(term)).transpose() * step;
+        Eigen::Map<const Eigen::Matrix<double, columns_of<F>, F::rows>>(solver_.terms().jacobian(term), columns, rows)
+            .transpose() *
+        step;
     squared = difference.squaredNorm();
   });
   return squared;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::set_weight(const FactorId& id, double weight) {
+  const Index term = term_of(id);
+  bool weighable = false;
+  pools_.visit_term(
+      term, [&](const auto& entry) { weighable = detail::is_weighable<std::remove_cvref_t<decltype(entry.factor)>>; });
+  if (!weighable) throw std::invalid_argument("IncrementalSmoother: a factor's weight is that of its kernel");
+  if (!(weight >= 0.0) || !std::isfinite(weight))
+    throw std::invalid_argument("IncrementalSmoother: a weight is finite and not negative");
+  const double before = this->weight(id);
+  if (weight == before) return;
+  begin();
+  changes_.push_back({ChangeKind::factor_weighed, term, {}, before});
+  weigh_term(term, weight);
+  touch(term);
+}
+
+template <class Group, class... Extra>
+double IncrementalSmoother<Group, Extra...>::weight(const FactorId& id) const {
+  double weight = 1.0;
+  pools_.visit_term(term_of(id), [&](const auto& entry) { weight = entry.weight; });
+  return weight;
 }
 
 template <class Group, class... Extra>

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <cmath>
 #include <span>
 #include <utility>
@@ -81,9 +80,9 @@ class NormalEquations {
   [[nodiscard]] Index column(Key key) const { return column_[static_cast<std::size_t>(key)]; }
 
   /// visit(column of a, column of b) for each pair of free keys a before or equal to b in the factor's list.
-  template <std::size_t Arity, class Visit>
-  void for_each_pair(const std::array<Key, Arity>& keys, Visit&& visit) const {
-    for (std::size_t b = 0; b < Arity; ++b) {
+  template <class Keys, class Visit>
+  void for_each_pair(const Keys& keys, Visit&& visit) const {
+    for (std::size_t b = 0; b < keys.size(); ++b) {
       if (column(keys[b]) < 0) continue;
       for (std::size_t a = 0; a <= b; ++a) {
         if (column(keys[a]) >= 0) visit(column(keys[a]), column(keys[b]));
@@ -97,12 +96,11 @@ class NormalEquations {
     LinearizedFactor<F::rows, dof, F::arity> linearized = factor.linearize(values);
     double cost = linearized.residual.squaredNorm();
     if constexpr (RobustFactor<F>) cost = apply_kernel(factor.kernel, cost, linearized);
-    const std::array<Key, F::arity> keys = factor.keys();
-    for (std::size_t b = 0; b < F::arity; ++b) {
+    const auto keys = factor.keys();
+    for (std::size_t b = 0; b < keys.size(); ++b) {
       const Index column_b = column(keys[b]);
       if (column_b < 0) continue;
-      // Transposed once, so that the products run down columns.
-      const Eigen::Matrix<double, dof, F::rows> transposed = linearized.jacobians[b].transpose();
+      const auto transposed = by_columns(linearized.jacobians[b]);
       gradient_.segment<dof>(Eigen::Index{column_b} * dof).noalias() += transposed.lazyProduct(linearized.residual);
       for (std::size_t a = 0; a <= b; ++a) {
         const Index column_a = column(keys[a]);
@@ -116,6 +114,16 @@ class NormalEquations {
       }
     }
     return cost;
+  }
+
+  /// Transposed, so that the products run down columns; of fixed size as a matrix of its own.
+  template <class Jacobian>
+  [[nodiscard]] static auto by_columns(const Jacobian& jacobian) {
+    if constexpr (Jacobian::RowsAtCompileTime == Eigen::Dynamic) {
+      return jacobian.transpose();
+    } else {
+      return Eigen::Matrix<double, dof, Jacobian::RowsAtCompileTime>(jacobian.transpose());
+    }
   }
 
   /// Scales residual and Jacobians by the root of the kernel's weight (iteratively reweighted least squares).

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/values.hpp"
+#include "chainslam/lie/concepts.hpp"
+#include "chainslam/lie/se3.hpp"
+
+namespace chainslam {
+
+/// What is known of some variables together, linear about points that stay: residual
+/// offset + sum of sqrt_information_k log(point_k^-1 x_k). Marginalisation leaves such factors.
+template <LieGroup Group>
+struct LinearPrior {
+  using Value = Group;
+  static constexpr std::size_t arity = std::dynamic_extent;
+  static constexpr int rows = Eigen::Dynamic;
+  static constexpr bool holds_in_place = true;
+  using Linearized = LinearizedFactor<rows, Group::dof, arity>;
+
+  std::vector<Key> variables;
+  std::vector<Group> points;         ///< of each variable
+  Eigen::MatrixXd sqrt_information;  ///< `Group::dof` columns for each variable
+  Eigen::VectorXd offset;
+
+  [[nodiscard]] const std::vector<Key>& keys() const { return variables; }
+
+  [[nodiscard]] Eigen::VectorXd residual(const Values<Group>& values) const {
+    Eigen::VectorXd result = offset;
+    for (std::size_t k = 0; k < variables.size(); ++k) result += block(k) * points[k].local(values[variables[k]]);
+    return result;
+  }
+
+  [[nodiscard]] Linearized linearize(const Values<Group>& values) const {
+    Linearized result{offset, {}};
+    for (std::size_t k = 0; k < variables.size(); ++k) {
+      const typename Group::Tangent step = points[k].local(values[variables[k]]);
+      result.residual += block(k) * step;
+      result.jacobians.push_back(block(k) * Group::right_jacobian_inverse(step));
+    }
+    return result;
+  }
+
+  /// Calls visit(members...), to save or to load them.
+  template <class Self, class Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    visit(self.variables, self.points, self.sqrt_information, self.offset);
+  }
+
+ private:
+  [[nodiscard]] auto block(std::size_t k) const {
+    return sqrt_information.template middleCols<Group::dof>(static_cast<Eigen::Index>(k) * Group::dof);
+  }
+};
+static_assert(Factor<LinearPrior<SE3d>>);
+
+}  // namespace chainslam

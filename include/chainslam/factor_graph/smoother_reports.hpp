@@ -1,0 +1,98 @@
+#pragma once
+
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/free_part.hpp"
+#include "chainslam/factor_graph/values.hpp"
+#include "chainslam/sparse/incremental_cholesky.hpp"
+
+namespace chainslam {
+
+/// How `IncrementalSmoother` trades accuracy for time. Shares are of the squared error (chi^2).
+struct SmootherOptions {
+  /// By this share the estimate may be worse than the best one of the linearised factors.
+  double linear_tolerance = 3e-5;
+  /// A factor is linearised anew when its residual differs from the linear prediction by more than its part of this
+  /// share. 0: always.
+  double nonlinear_tolerance = 3e-5;
+  /// A variable's factors are not looked at before its estimate has moved by this much (in the tangent space's units)
+  /// since they were linearised, and then whenever it has moved half as far again.
+  double first_look = 5e-3;
+  /// Beyond this, a variable's factors are linearised anew in any case.
+  double longest_step = 1.0;
+  /// The shares are of a squared error of at least this.
+  double least_error = 1e-3;
+  /// At most so many variables' factors are linearised anew in an update; the rest wait for the next. It bounds the
+  /// time of an update, and in long bursts saves work, since the rest is then nearer to where it will end.
+  Index largest_relinearization = 300;
+  /// Newest variables that are eliminated last.
+  Index late_variables = 10;
+  /// Newest variables that are kept: `update` marginalises older ones. 0: all are kept.
+  Index lag = 0;
+};
+
+enum class UpdateStatus {
+  updated,
+  unconstrained,  ///< no prior, no fixed variable and the like hold parts of the graph in all directions; `variables`
+                  ///< has each one's least key, `free` the directions
+  singular,       ///< a direction of variable `variables[0]` is not measured, given those eliminated before it
+  not_finite,     ///< a residual is not a number: check values and measurements; `variables` has its factor's keys
+};
+
+/// What an update of `IncrementalSmoother` did.
+struct UpdateReport {
+  UpdateStatus status = UpdateStatus::updated;
+  std::vector<Key> variables;
+  std::vector<FreePart> free;  ///< what is free to move, if that made it fail; `describe` says it in words
+  double squared_error = 0.0;  ///< chi^2 of the estimate, as the linearised factors see it
+  double gap = 0.0;            ///< how much of it may be left to gain: by the linear system and by what still waits
+  Index relinearized = 0;      ///< factors
+  Index waiting = 0;           ///< variables whose factors wait to be linearised anew
+  FactorizationWork work;
+
+  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
+};
+
+/// When `converge` is done, and how it goes on where full steps fail.
+struct ConvergeOptions {
+  Index max_iterations = 50;
+  /// Done when a full step is predicted to gain less than this share of the squared error,
+  double relative_tolerance = 1e-9;
+  /// or less than this.
+  double absolute_tolerance = 1e-9;
+  /// Whether optimisation may start again from the chordal relaxation, where full steps raise the squared error or it
+  /// ends above what its degrees of freedom let expect. The lower optimum counts.
+  bool restart = true;
+};
+
+/// What led to where `converge` ended: a local optimum always, not always the global one.
+enum class ConvergeMethod {
+  gauss_newton,         ///< full steps, from the estimate as it was
+  levenberg_marquardt,  ///< damped steps, since a full one would have raised the squared error
+  chordal_restart,      ///< damped steps from the chordal relaxation, which ended lower
+};
+
+struct ConvergeReport {
+  UpdateStatus status = UpdateStatus::updated;
+  std::vector<Key> variables;  ///< as in `UpdateReport`
+  std::vector<FreePart> free;
+  ConvergeMethod method = ConvergeMethod::gauss_newton;
+  bool converged = false;  ///< else the iterations did not suffice
+  Index iterations = 0;    ///< linear systems solved
+  double initial_cost = 0.0;
+  double final_cost = 0.0;  ///< chi^2 through the kernels
+  double gap = 0.0;         ///< what the last step was predicted to gain, which bounds what is left to the optimum
+
+  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
+};
+
+/// What a factor would do if it were added.
+struct FactorForecast {
+  double squared_residual = 0.0;  ///< at the estimate as it is
+  /// What the squared error would rise by, with the factor and the rest giving way to each other: chi^2 distributed
+  /// with as many degrees of freedom as the factor has rows, if it agrees with the rest.
+  double rise = 0.0;
+};
+
+}  // namespace chainslam
