@@ -384,6 +384,33 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     });
   }
 
+  TEST_CASE("with a lag, neither work nor memory grows, however long the way") {
+    Rng rng(6);
+    Smoother smoother({.lag = 30});
+    const auto noise = Smoother::Noise::from_sigma(0.02);
+    Index most_before = 0, most_after = 0;
+    Offset bytes_before = 0;
+    for (Key key = 0; key < 900; ++key) {
+      const SE3d step = SE3d::exp(random_tangent<SE3d>(rng, 0.5, 0.1));
+      smoother.add_value(key == 0 ? SE3d() : smoother[key - 1] * step);
+      if (key == 0) smoother.add_prior(0, SE3d(), noise);
+      if (key > 0) smoother.add_between(key - 1, key, step, noise);
+      if (key > 40 && key % 4 == 0) {
+        const Key other = key - 5 - rng.uniform_index(20);
+        smoother.add_between(other, key, smoother[other].inverse() * smoother[key], noise);
+      }
+      const UpdateReport report = smoother.update();
+      REQUIRE(report.ok());
+      Index& most = key < 300 ? most_before : most_after;
+      most = std::max(most, report.work.refactorized);
+      if (key == 300) bytes_before = smoother.solver().tree().bytes();
+    }
+    CHECK(most_after <= 2 * most_before);
+    CHECK(most_after < 80);
+    CHECK(smoother.solver().tree().bytes() == bytes_before);
+    CHECK(smoother.factor_count() < 60);
+  }
+
   TEST_CASE("poses given up leave the optimum of the others, can be brought back, and are saved") {
     Rng rng(4);
     Twin twin;

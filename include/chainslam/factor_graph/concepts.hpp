@@ -30,7 +30,10 @@ struct LinearizedFactor {
 /// - `keys()` are `arity` different variables;
 /// - `residual(values)` has `rows` rows and is whitened: its covariance is the identity;
 /// - `linearize(values)` gives that residual and its derivatives with respect to d in `values[key].retract(d)`;
-/// - a member `kernel`, if there is one, models `RobustCost`: the term is then `kernel.cost(squared length)`.
+/// - a member `kernel`, if there is one, models `RobustCost`: the term is then `kernel.cost(squared length)`;
+/// - `F::visit_members(self, visit)`, if a graph of it is saved or appended, calls visit(members...), those of type
+/// `Key`
+///   or `std::vector<Key>` being its keys.
 template <class F>
 concept Factor = requires(const F& factor, const Values<typename F::Value>& values) {
   { factor.keys() } -> std::convertible_to<PerVariable<Key, F::arity>>;
