@@ -93,7 +93,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.tilt < 0.02);
   }
 
-  TEST_CASE("... at 10 Hz, and with none at all") {
+  TEST_CASE("... at 10 Hz, and with none at all" * doctest::skip(quick())) {
     InertialTrip slow = strolling();
     slow.imu_rate = 10;
     const Followed ten = follow_stroll(slow, slow.packets());
@@ -123,7 +123,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     }
   }
 
-  TEST_CASE("the preset of FAST-LIO2 walks as well, on its own map") {
+  TEST_CASE("the preset of FAST-LIO2 walks as well, on its own map" * doctest::skip(quick())) {
     using Map = IkdTree<float, NearestToCenter>;
     LidarInertialOdometryOptions<Trivial, NearestToCenter> options = fast_lio2_options();
     options.T_body_lidar = strolling().T_body_lidar;
@@ -133,7 +133,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.max_error < 0.1);
   }
 
-  TEST_CASE("a second without readings: scans alone carry the motion on") {
+  TEST_CASE("a second without readings: scans alone carry the motion on" * doctest::skip(quick())) {
     const auto packets = spoiled(stroll_packets(), [](const Packet& packet) {
       return !std::holds_alternative<ImuSample>(packet) || seconds_in(packet) < 2 || seconds_in(packet) > 3;
     });
@@ -144,7 +144,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.max_error < 0.05);
   }
 
-  TEST_CASE("the unit's clock jumps, back and forth") {
+  TEST_CASE("the unit's clock jumps, back and forth" * doctest::skip(quick())) {
     const auto packets = spoiled(stroll_packets(), [](Packet& packet) {
       auto* sample = std::get_if<ImuSample>(&packet);
       if (sample == nullptr) return true;
@@ -160,7 +160,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.max_error < 0.05);
   }
 
-  TEST_CASE("scans come twice, late and from the future") {
+  TEST_CASE("scans come twice, late and from the future" * doctest::skip(quick())) {
     std::vector<Packet> packets;
     for (const Packet& packet : stroll_packets()) {
       packets.push_back(packet);
@@ -178,7 +178,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.max_error < 0.03);
   }
 
-  TEST_CASE("three scans of ten are lost on the way") {
+  TEST_CASE("three scans of ten are lost on the way" * doctest::skip(quick())) {
     Rng rng(41);
     const auto packets = spoiled(stroll_packets(), [&](const Packet& packet) {
       return !std::holds_alternative<LidarScan>(packet) || rng.uniform() > 0.3;
@@ -209,7 +209,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.max_error < 0.04);
   }
 
-  TEST_CASE("a gyroscope at the end of its range counts for little") {
+  TEST_CASE("a gyroscope at the end of its range counts for little" * doctest::skip(quick())) {
     constexpr double range = 0.3;  // of a motion of up to 0.7 rad/s
     const auto clipped = spoiled(stroll_packets(), [&](Packet& packet) {
       if (auto* sample = std::get_if<ImuSample>(&packet)) sample->gyro = sample->gyro.cwiseMax(-range).cwiseMin(range);
@@ -223,7 +223,8 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(known.max_error < 0.05);
   }
 
-  TEST_CASE("a corridor without ends: its direction is reported, and held by the inertial unit") {
+  TEST_CASE("a corridor without ends: its direction is reported, and held by the inertial unit" *
+            doctest::skip(quick())) {
     InertialTrip trip{.world = corridor(), .pose = along_corridor, .scans = 40};
     const Followed run = follow_stroll(trip, trip.packets());
     CHECK(run.counts.degenerate_scans >= 25);
@@ -236,8 +237,8 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
           4 * std::sqrt(covariance(0, 0)));
   }
 
-  TEST_CASE("standing still, nothing creeps and nothing grows") {
-    InertialTrip trip{.pose = still, .scans = quick() ? 100 : 600, .spinner = {.rings = 16, .columns = 90}};
+  TEST_CASE("standing still, nothing creeps and nothing grows" * doctest::skip(quick())) {
+    InertialTrip trip{.pose = still, .scans = 600, .spinner = {.rings = 16, .columns = 90}};
     Lio odometry;
     const std::vector<Packet> packets = trip.packets();
     const std::vector<Packet> begin(packets.begin(), packets.begin() + static_cast<std::ptrdiff_t>(packets.size() / 3));
@@ -252,7 +253,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(static_cast<double>(again.local_map().size()) < 1.05 * static_cast<double>(points));
   }
 
-  TEST_CASE("mounted upside down, odom's +z still points up") {
+  TEST_CASE("mounted upside down, odom's +z still points up" * doctest::skip(quick())) {
     InertialTrip trip{.pose = upside_down, .scans = 30};
     const Followed run = follow_stroll(trip, trip.packets());
     CHECK(run.tilt < 0.02);
@@ -268,7 +269,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.tilt < 0.12);  // it speeds up by 1 m/s^2 where only the mean force tells what is up
   }
 
-  TEST_CASE("too many points: the farthest go, and are counted") {
+  TEST_CASE("too many points: the farthest go, and are counted" * doctest::skip(quick())) {
     InertialTrip trip = strolling();
     trip.scans = 20;
     Lio::Options options;
@@ -281,7 +282,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.max_error < 0.1);
   }
 
-  TEST_CASE("a mounting that is a little off is found while the body turns") {
+  TEST_CASE("a mounting that is a little off is found while the body turns" * doctest::skip(quick())) {
     InertialTrip trip{.pose = tumbling, .T_body_lidar = strolling().T_body_lidar};
     const std::vector<Packet> packets = trip.packets();
     Lio::Options options;

@@ -26,7 +26,7 @@ struct FastLio2Rules {
   constexpr double never = std::numeric_limits<double>::infinity();
   return {.process = {.integration = ImuIntegration::euler},
           .scan_to_map = {.max_matchings = 5, .min_matches = 1, .rematch_distance = never, .min_signal = -never},
-          .scan = {.planes = PlaneForm::intercept, .coarse_to_fine = false, .mean_time = false},
+          .scan = {.planes = PlaneForm::intercept, .fresh_distance = 0, .coarse_to_fine = false, .mean_time = false},
           .iteration = {.max_iterations = 5, .step_tolerance = 1e-3},
           .variance = 1e-3};
 }

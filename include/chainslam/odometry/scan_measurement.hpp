@@ -18,8 +18,9 @@ namespace chainslam {
 /// How a scan is used as a measurement, beyond what `ScanToMap` says of matching.
 struct ScanMeasurementOptions {
   PlaneForm planes = PlaneForm::centred;
-  bool coarse_to_fine = true;  ///< gate and kernel start at the error to be expected of the prediction
-  bool mean_time = true;       ///< the scan lies where the body was at the points' mean time, not at the sweep's end
+  double fresh_distance = 0.015;  ///< metres the pose may move for planes to count as just looked up
+  bool coarse_to_fine = true;     ///< gate and kernel start at the error to be expected of the prediction
+  bool mean_time = true;          ///< the scan lies where the body was at the points' mean time, not at the sweep's end
 };
 
 /// What is known of a scan before it is matched.
@@ -76,12 +77,16 @@ class ScanMeasurement {
   [[nodiscard]] static Eigen::Vector3d velocity(const InertialState& x) { return x.get<Inertial::velocity>().value(); }
   [[nodiscard]] double age() const { return options_.mean_time ? prior_.mean_age : 0.0; }
 
+  /// How far the matched points have moved since planes were looked up, metres.
+  [[nodiscard]] double moved_to(const SE3d& T) const {
+    const Vector6d moved = T_matched_.local(T);
+    return moved.head<3>().norm() + lever_ * moved.tail<3>().norm();
+  }
   [[nodiscard]] bool wants_planes(const SE3d& T, bool renew) const {
     if (matchings_ == 0) return true;
     if (matchings_ == rule_.max_matchings) return false;
-    const Vector6d moved = T_matched_.local(T);
-    return renew || error_ > 2 * rule_.residual_scale ||
-           moved.head<3>().norm() + lever_ * moved.tail<3>().norm() > rule_.rematch_distance;
+    const double moved = moved_to(T);
+    return (renew && moved > options_.fresh_distance) || moved > rule_.rematch_distance;
   }
 
   const Scan& scan_;
@@ -102,8 +107,8 @@ class ScanMeasurement {
 template <Cloud Scan, NearestNeighborSearch Map, class Kernel, Executor E>
 Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(const InertialState& x, bool renew) {
   const SE3d T = pose(x);
-  const bool fresh = wants_planes(T, renew);
-  if (fresh) {
+  const bool looked_up = wants_planes(T, renew);
+  if (looked_up) {
     const detail::PlaneRule plane{std::max(rule_.max_neighbor_distance, error_), rule_.max_plane_deviation,
                                   rule_.min_plane_width, rule_.residual_floor, options_.planes};
     detail::match_planes<Rule::neighbors>(scan_, map_, T, plane, neighbors_, planes_, executor_);
@@ -135,7 +140,8 @@ Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(co
   answer.gradient = -J.transpose() * information.seen_gradient(sum.gradient) / prior_.variance;
   answer.squared_error = sum.squared_residuals / prior_.variance;
   answer.residuals = sum.matches;
-  answer.settled = error_ <= 2 * rule_.residual_scale && (fresh || matchings_ == rule_.max_matchings);
+  const bool fresh = looked_up || matchings_ == rule_.max_matchings || moved_to(T) <= options_.fresh_distance;
+  answer.settled = error_ <= 2 * rule_.residual_scale && fresh;
   error_ *= 0.5;
   return answer;
 }
