@@ -3,6 +3,7 @@
 #include <benchmark/benchmark.h>
 
 #include <utility>
+#include <vector>
 
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/features/neighborhoods.hpp"
@@ -21,6 +22,15 @@
 
 namespace chainslam {
 namespace {
+
+/// What a peer does; how many points it described.
+template <class PeerCloud>
+double described(const std::vector<Eigen::Vector3f>& points, int neighbors) {
+  PeerCloud cloud(points);
+  cloud.estimate_normals(neighbors, 1.5);
+  cloud.estimate_fpfh(2.5);
+  return static_cast<double>(cloud.size());
+}
 
 /// Normals (within 1.5 m) and features (within 2.5 m) of a scan thinned to 0.5
 /// m, their search included. What is summed up only shows that it was made:
@@ -43,23 +53,11 @@ void fpfh(benchmark::State& state, const bench::ScanPair& pair) {
 #endif
 #ifdef CHAINSLAM_PEER_OPEN3D
       ,
-      bench::Peer{"open3d",
-                  [&] {
-                    bench::Open3dCloud cloud(thinned.positions);
-                    cloud.estimate_normals(30, 1.5);
-                    cloud.estimate_fpfh(2.5);
-                    return static_cast<double>(cloud.size());
-                  }}
+      bench::Peer{"open3d", [&] { return described<bench::Open3dCloud>(thinned.positions, 30); }}
 #endif
 #ifdef CHAINSLAM_PEER_PCL
       ,
-      bench::Peer{"pcl",
-                  [&] {
-                    bench::PclCloud cloud(thinned.positions);
-                    cloud.estimate_normals(0, 1.5);
-                    cloud.estimate_fpfh(2.5);
-                    return static_cast<double>(cloud.size());
-                  }}
+      bench::Peer{"pcl", [&] { return described<bench::PclCloud>(thinned.positions, 0); }}
 #endif
   );
   state.counters["points"] = static_cast<double>(thinned.size());
