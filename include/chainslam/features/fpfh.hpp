@@ -125,6 +125,8 @@ void mean_histogram(const HistogramRows& histograms, std::span<const Neighbor<Sc
 /// FPFH(p) = (SPFH(p) + sum w_i SPFH(p_i) / sum w_i) / 2 with w_i = 1 / |p_i - p| over p's neighbours: the paper's
 /// weights, but a mean where the paper has a sum over metres, so that the unit of length does not decide how much the
 /// neighbours count. Neighbours in the very same place are left out. Rows as in PCL and Open3D: theta, alpha, phi.
+/// The frame of a pair is that of the point whose normal is the nearer to the line between them; where both lean alike,
+/// as equal normals do, rounding chooses, here as in PCL, and with the frame the sign of phi.
 ///
 /// @param cloud  n points with unit normals, metres. All normals must look to the side that the points were seen
 ///               from, in this cloud as in those it is compared with. Points without a normal (zero or not finite)
