@@ -142,11 +142,37 @@ void global(benchmark::State& state, const CropPair& pair) {
   state.counters["fitness_source"] = result.fitness_source;
 }
 
-/// What more threads cost: process time beside the time on the wall.
+/// Runs chunks one after the other and adds up the time of loops that have several: what threads could share.
+class SharedTime {
+ public:
+  template <class Body>
+  void for_chunks(Index count, Index grain, Body&& body) const {
+    const bool counts = !inside_ && count > grain;
+    const double start = bench::ThreadTime::now();
+    if (counts) inside_ = true;
+    Serial{}.for_chunks(count, grain, body);
+    if (!counts) return;
+    inside_ = false;
+    seconds_ += bench::ThreadTime::now() - start;
+  }
+  [[nodiscard]] double seconds() const { return seconds_; }
+
+ private:
+  mutable bool inside_ = false;
+  mutable double seconds_ = 0;
+};
+
+/// What more threads cost: process time beside the time on the wall; and what share of the work only one can do.
 void global_threads(benchmark::State& state, const CropPair& pair) {
   const VerifiedRegistration<> ours = bench::verified_registration();
   const ThreadPool pool(static_cast<Index>(state.range(0)));
   for (auto _ : state) benchmark::DoNotOptimize(ours.align(pair.source, pair.target, pool));
+  const SharedTime shared;
+  const double start = bench::ThreadTime::now();
+  const GlobalAlignResult alone = ours.align(pair.source, pair.target, shared);
+  state.counters["serial_share"] = 1 - shared.seconds() / (bench::ThreadTime::now() - start);
+  if (!(alone.T_target_source.matrix() == ours.align(pair.source, pair.target, pool).T_target_source.matrix()))
+    state.SkipWithError("threads change the pose");
 }
 
 [[maybe_unused]] const bool global_registered = [] {
