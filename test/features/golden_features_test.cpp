@@ -96,7 +96,7 @@ TEST_SUITE("features/golden_features") {
       ++clear;
       CHECK(phi.cwiseAbs().maxCoeff() < tolerance);
     }
-    CHECK(clear > 20);
+    CHECK(clear > 5);
   }
 }
 
