@@ -40,6 +40,10 @@ class Triad {
   Eigen::Vector3d bias_;
 };
 
+Eigen::Vector3d saturated(const Eigen::Vector3d& reading, double range) {
+  return reading.cwiseMax(-range).cwiseMin(range);
+}
+
 }  // namespace
 
 InertialOptions InertialOptions::without_errors() const {
@@ -51,7 +55,10 @@ InertialOptions InertialOptions::without_errors() const {
           .gyro_bias_walk = 0.0,
           .accel_bias_walk = 0.0,
           .scale = 0.0,
-          .misalignment_deg = 0.0};
+          .misalignment_deg = 0.0,
+          .g_sensitivity = 0.0,
+          .gyro_range = gyro_range,
+          .accel_range = accel_range};
 }
 
 std::vector<ImuSample> record_imu(const Drive& drive, const InertialOptions& options, Timestamp epoch, const Rng& unit,
@@ -62,15 +69,19 @@ std::vector<ImuSample> record_imu(const Drive& drive, const InertialOptions& opt
              options.gyro_noise * per_sample, unit.fork(0), day);
   Triad accel(options.scale, misalignment, options.accel_bias, options.accel_bias_walk / per_sample,
               options.accel_noise * per_sample, unit.fork(1), day);
+  Eigen::Matrix3d pull;  // of specific force on the gyroscopes
+  Rng pull_rng = unit.fork(2);
+  for (int axis = 0; axis < 3; ++axis) pull.col(axis) = normal_vector(pull_rng, options.g_sensitivity);
   std::vector<ImuSample> samples;
   const auto count = static_cast<Index>(drive.duration() * options.rate);
   for (Index i = 0; i <= count; ++i) {
     const Duration time = seconds(i / options.rate);
     const Motion motion = drive.motion(to_seconds(time));
     const Eigen::Vector3d force_map = motion.acceleration_map + gravity * Eigen::Vector3d::UnitZ();
+    const Eigen::Vector3d force_body = motion.T_map_body.rotation().inverse() * force_map;
     samples.push_back({.time = epoch + time,
-                       .gyro = gyro.measure(motion.rate_body),
-                       .accel = accel.measure(motion.T_map_body.rotation().inverse() * force_map)});
+                       .gyro = saturated(gyro.measure(motion.rate_body + pull * force_body), options.gyro_range),
+                       .accel = saturated(accel.measure(force_body), options.accel_range)});
   }
   return samples;
 }

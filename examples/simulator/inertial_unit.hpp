@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <limits>
 #include <vector>
 
 #include "chainslam/core/random.hpp"
@@ -12,7 +13,7 @@ namespace chainslam::simulator {
 
 constexpr double gravity = 9.81;  ///< m/s^2, along -z of the map
 
-/// An inertial unit of the grade of Microstrain's 3DM-GX3-25.
+/// An inertial unit, by default of the grade of Microstrain's 3DM-GX3-25.
 struct InertialOptions {
   double rate = 100.0;             ///< Hz
   double gyro_noise = 5e-4;        ///< rad/s per sqrt(Hz)
@@ -23,6 +24,9 @@ struct InertialOptions {
   double accel_bias_walk = 2e-4;   ///< m/s^2 per sqrt(s)
   double scale = 2e-3;             ///< standard deviation of each axis' scale error
   double misalignment_deg = 0.05;  ///< standard deviation of the angles between nominal and true axes
+  double g_sensitivity = 0.0;      ///< standard deviation of the gyroscopes' answer to specific force, rad/s per m/s^2
+  double gyro_range = std::numeric_limits<double>::infinity();   ///< readings saturate here, rad/s
+  double accel_range = std::numeric_limits<double>::infinity();  ///< ... and here, m/s^2
 
   /// A perfect instrument at the same rate.
   [[nodiscard]] InertialOptions without_errors() const;

@@ -39,7 +39,8 @@ inline void add_box(World& world, const Place& place, const Eigen::Vector3d& low
   world.boxes.push_back({.center = place.at(center).cast<float>(),
                          .R_box_world = place.rotation.transpose().cast<float>(),
                          .half_extents = (0.5 * (high - low)).cast<float>(),
-                         .material = material});
+                         .material = material,
+                         .presence = Presence::lasting});
 }
 
 /// Adds an upright cylinder whose lower end is centred at `base`, in the place's frame.
@@ -48,14 +49,17 @@ inline void add_cylinder(World& world, const Place& place, const Eigen::Vector3d
   world.cylinders.push_back({.base = place.at(base).cast<float>(),
                              .radius = static_cast<float>(radius),
                              .height = static_cast<float>(height),
-                             .material = material});
+                             .material = material,
+                             .presence = Presence::lasting});
 }
 
 /// Adds an ellipsoid centred at `center`, in the place's frame; its axes are the world's.
 inline void add_ellipsoid(World& world, const Place& place, const Eigen::Vector3d& center, const Eigen::Vector3d& radii,
                           Material material) {
-  world.ellipsoids.push_back(
-      {.center = place.at(center).cast<float>(), .radii = radii.cast<float>(), .material = material});
+  world.ellipsoids.push_back({.center = place.at(center).cast<float>(),
+                              .radii = radii.cast<float>(),
+                              .material = material,
+                              .presence = Presence::lasting});
 }
 
 }  // namespace chainslam::simulator

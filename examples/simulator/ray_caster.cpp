@@ -70,6 +70,27 @@ struct RayCaster::Walk {
   std::array<float, 2> next_{};
 };
 
+/// A ray's direction, made ready for slab tests (Williams et al. 2005).
+struct RayCaster::Reciprocal {
+  Eigen::Vector3f of_direction;
+
+  explicit Reciprocal(const Ray& ray) {
+    constexpr float parallel = 1e30F;  // in place of an infinity, whose product with zero is no number
+    for (int axis = 0; axis < 3; ++axis)
+      of_direction[axis] = std::abs(ray.direction[axis]) > 1.0F / parallel ? 1.0F / ray.direction[axis] : parallel;
+  }
+
+  /// Whether the ray can meet what lies in the bounds before `limit`.
+  [[nodiscard]] bool reaches(const Ray& ray, const Bounds& bounds, float limit) const {
+    const Eigen::Array3f a = (bounds.low - ray.origin).array() * of_direction.array();
+    const Eigen::Array3f b = (bounds.high - ray.origin).array() * of_direction.array();
+    const Eigen::Array3f enter = a.min(b);
+    const Eigen::Array3f leave = a.max(b);
+    const float first = std::max({enter.x(), enter.y(), enter.z(), 0.0F});
+    return first <= std::min({leave.x(), leave.y(), leave.z(), limit});
+  }
+};
+
 RayCaster::RayCaster(World world, float cell_size) : world_(std::move(world)) {
   const HeightField& ground = world_.ground;
   const std::size_t samples = static_cast<std::size_t>(ground.columns) * static_cast<std::size_t>(ground.rows);
@@ -143,7 +164,8 @@ void RayCaster::list_shapes() {
   entries_.resize(total);
   for_each_shape([&](Kind kind, std::size_t shape, const Bounds& b) {
     for_each_cell(b, [&](Cell& cell) {
-      entries_[static_cast<std::size_t>(cell.end++)] = {b.low.z() - margin, b.high.z() + margin, to_index(shape), kind};
+      entries_[static_cast<std::size_t>(cell.end++)] = {
+          {b.low.array() - margin, b.high.array() + margin}, to_index(shape), kind};
       cell.shapes_top = std::max(cell.shapes_top, b.high.z() + margin);
     });
   });
@@ -171,6 +193,7 @@ std::optional<RayHit> RayCaster::cast(const Ray& ray) const {
     inside.clip_to_slab(ray.origin[axis] - origin_[axis] - half[axis], ray.direction[axis], half[axis]);
   if (inside.enter > inside.leave) return std::nullopt;
 
+  const Reciprocal reciprocal(ray);
   Nearest nearest{.distance = ray.max_distance};
   Walk walk(ray, origin_, cell_size_, {0, 0}, {columns_ - 1, rows_ - 1}, inside.enter, inside.leave);
   do {
@@ -179,19 +202,17 @@ std::optional<RayHit> RayCaster::cast(const Ray& ray) const {
     const float z_enter = ray.origin.z() + walk.enter * ray.direction.z();
     const float z_leave = ray.origin.z() + walk.leave * ray.direction.z();
     const float lowest = std::min(z_enter, z_leave);
-    if (lowest <= cell.shapes_top) meet_shapes(ray, cell, z_enter, z_leave, nearest);
+    if (lowest <= cell.shapes_top) meet_shapes(ray, reciprocal, cell, nearest);
     if (lowest <= cell.ground_top) meet_ground(ray, walk.cell[0], walk.cell[1], walk.enter, walk.leave, nearest);
   } while (nearest.distance > walk.leave && walk.advance());
   if (nearest.kind == Kind::none) return std::nullopt;
   return describe(ray, nearest);
 }
 
-void RayCaster::meet_shapes(const Ray& ray, const Cell& cell, float z_enter, float z_leave, Nearest& nearest) const {
-  const float low = std::min(z_enter, z_leave);
-  const float high = std::max(z_enter, z_leave);
+void RayCaster::meet_shapes(const Ray& ray, const Reciprocal& reciprocal, const Cell& cell, Nearest& nearest) const {
   for (Index i = cell.begin; i < cell.end; ++i) {
     const Entry& entry = entries_[static_cast<std::size_t>(i)];
-    if (entry.low > high || entry.high < low) continue;
+    if (!reciprocal.reaches(ray, entry.bounds, nearest.distance)) continue;
     const auto shape = static_cast<std::size_t>(entry.shape);
     const float distance = entry.kind == Kind::box        ? distance_to(world_.boxes[shape], ray)
                            : entry.kind == Kind::cylinder ? distance_to(world_.cylinders[shape], ray)
@@ -265,15 +286,16 @@ void RayCaster::meet_ground_cell(const Ray& ray, Index column, Index row, float 
 
 RayHit RayCaster::describe(const Ray& ray, const Nearest& nearest) const {
   const auto shape = static_cast<std::size_t>(nearest.shape);
+  const auto of = [&](const auto& solid) {
+    return RayHit{nearest.distance, normal_at(solid, ray, nearest.distance), solid.material, solid.presence};
+  };
   switch (nearest.kind) {
     case Kind::box:
-      return {nearest.distance, normal_at(world_.boxes[shape], ray, nearest.distance), world_.boxes[shape].material};
+      return of(world_.boxes[shape]);
     case Kind::cylinder:
-      return {nearest.distance, normal_at(world_.cylinders[shape], ray, nearest.distance),
-              world_.cylinders[shape].material};
+      return of(world_.cylinders[shape]);
     case Kind::ellipsoid:
-      return {nearest.distance, normal_at(world_.ellipsoids[shape], ray, nearest.distance),
-              world_.ellipsoids[shape].material};
+      return of(world_.ellipsoids[shape]);
     default:
       break;
   }

@@ -14,12 +14,13 @@ struct RayHit {
   float distance;          ///< metres along the ray
   Eigen::Vector3f normal;  ///< unit length, world frame, on the side that is seen
   Material material;
+  Presence presence = Presence::lasting;
 };
 
 /// Finds what rays meet first.
 ///
 /// A uniform grid over x and y, walked cell by cell (Amanatides and Woo 1987). A cell lists the shapes above it with
-/// their lowest and highest z, so that most are passed over by one comparison; inside a cell the ground is walked
+/// their bounds, so that most are passed over by comparisons alone; inside a cell the ground is walked
 /// sample by sample, and only where the ray dips below the cell's highest sample. The answer is that of testing every
 /// shape and every triangle. Reading from several threads at once is safe.
 class RayCaster {
@@ -38,11 +39,11 @@ class RayCaster {
   enum class Kind : std::uint8_t { none, box, cylinder, ellipsoid, ground };
 
   struct Entry {
-    float low;   ///< z, metres
-    float high;  ///< z, metres
+    Bounds bounds;  ///< of the shape, a little too wide
     Index shape;
     Kind kind;
   };
+  struct Reciprocal;
   struct Cell {
     Index begin = 0;  ///< in `entries_`
     Index end = 0;
@@ -64,7 +65,7 @@ class RayCaster {
   template <class Visit>
   void for_each_cell(const Bounds& bounds, const Visit& visit);
 
-  void meet_shapes(const Ray& ray, const Cell& cell, float enter, float leave, Nearest& nearest) const;
+  void meet_shapes(const Ray& ray, const Reciprocal& reciprocal, const Cell& cell, Nearest& nearest) const;
   void meet_ground(const Ray& ray, Index column, Index row, float enter, float leave, Nearest& nearest) const;
   void meet_ground_cell(const Ray& ray, Index column, Index row, float enter, float leave, Nearest& nearest) const;
   [[nodiscard]] RayHit describe(const Ray& ray, const Nearest& nearest) const;

@@ -46,4 +46,16 @@ namespace chainslam::simulator {
   return flip_axes() * (nominal_T_base_ms25().inverse() * nominal_antenna_base());
 }
 
+// A car in the manner of MARS: `ego` stands on the road below the rear axle, x ahead, y left, z up. The LiDAR's
+// mounting is the one of its example; `imu` is the body frame.
+
+[[nodiscard]] inline SE3d nominal_T_ego_lidar() {
+  return SE3d(from_roll_pitch_yaw(0.0, 0.0, -1.9 * std::numbers::pi / 180.0), Eigen::Vector3d(2.128, 0.0, 1.57));
+}
+
+[[nodiscard]] inline SE3d nominal_T_ego_imu() { return SE3d(SO3d(), Eigen::Vector3d(1.0, 0.0, 1.9)); }
+
+/// Metres.
+[[nodiscard]] inline Eigen::Vector3d nominal_antenna_ego() { return {0.2, 0.3, 1.95}; }
+
 }  // namespace chainslam::simulator

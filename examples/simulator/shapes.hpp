@@ -12,6 +12,9 @@ namespace chainslam::simulator {
 /// What a surface is made of: it decides how much light comes back.
 enum class Material : std::uint8_t { road, pavement, lawn, wall, glass, car, bark, foliage, metal, wood };
 
+/// Whether a thing is there every day, on some days only, or not even for the length of a drive.
+enum class Presence : std::uint8_t { lasting, changing, moving };
+
 /// A half-line, world frame, metres.
 struct Ray {
   Eigen::Vector3f origin;
@@ -34,6 +37,7 @@ struct Box {
   Eigen::Matrix3f R_box_world;  ///< its rows are the box's axes
   Eigen::Vector3f half_extents;
   Material material;
+  Presence presence = Presence::lasting;
 };
 
 /// A solid upright cylinder with flat ends.
@@ -42,6 +46,7 @@ struct Cylinder {
   float radius;
   float height;
   Material material;
+  Presence presence = Presence::lasting;
 };
 
 /// A solid ellipsoid whose axes are those of the world.
@@ -49,6 +54,7 @@ struct Ellipsoid {
   Eigen::Vector3f center;
   Eigen::Vector3f radii;
   Material material;
+  Presence presence = Presence::lasting;
 };
 
 namespace detail {

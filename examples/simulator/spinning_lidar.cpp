@@ -6,9 +6,10 @@
 #include <numbers>
 #include <optional>
 #include <stdexcept>
+#include <string>
+#include <utility>
 
 #include "simulator/day.hpp"
-#include "simulator/rig.hpp"
 
 namespace chainslam::simulator {
 
@@ -19,10 +20,11 @@ constexpr double degree = std::numbers::pi / 180.0;
 /// Part of the light that comes back diffusely, by `Material`.
 constexpr std::array<double, 10> reflectivity{0.15, 0.25, 0.3, 0.4, 0.06, 0.35, 0.3, 0.35, 0.45, 0.4};
 
-/// Chance that a return is strong enough to be seen: a diffuse surface of reflectivity 0.1, met squarely at 100 m, has
-/// an even chance; power falls with the square of the distance (radar equation for extended targets).
-double chance_of_return(double albedo, double cosine, double range) {
-  const double power = albedo * cosine / 0.1 * (100.0 / range) * (100.0 / range);
+/// Chance that a return is strong enough to be seen: a diffuse surface of reflectivity 0.1, met squarely at
+/// `range_of_tenth`, has an even chance; power falls with the square of the distance (radar equation for extended
+/// targets).
+double chance_of_return(double albedo, double cosine, double range, double range_of_tenth) {
+  const double power = albedo * cosine / 0.1 * (range_of_tenth / range) * (range_of_tenth / range);
   return 1.0 - std::exp(-std::numbers::ln2 * power);
 }
 
@@ -37,11 +39,12 @@ Eigen::Vector3d turned(double cosine, double sine, const Eigen::Vector3d& v) {
 }
 
 /// A range as measured, or nothing if the return was lost.
-std::optional<double> measure(const LidarOptions& options, const RayHit& hit, double cosine, double bias, Rng& rng) {
-  const auto range = static_cast<double>(hit.distance);
+std::optional<double> measure(const LidarOptions& options, const RayHit& hit, double range, double cosine, double bias,
+                              Rng& rng) {
   const double albedo = reflectivity[static_cast<std::size_t>(hit.material)];
   if (rng.uniform() < options.lost_returns) return std::nullopt;
-  if (rng.uniform() > chance_of_return(albedo, cosine, range)) return std::nullopt;
+  const double range_of_tenth = lidar_model(options.kind).range_of_tenth;
+  if (rng.uniform() > chance_of_return(albedo, cosine, range, range_of_tenth)) return std::nullopt;
   double measured = range + bias + options.range_noise * rng.normal();
   measured += options.incidence_bias * std::min(10.0, 1.0 / cosine - 1.0);
   if (hit.material == Material::foliage) measured -= 0.12 * std::log(1.0 - rng.uniform());  // into the leaves
@@ -49,24 +52,56 @@ std::optional<double> measure(const LidarOptions& options, const RayHit& hit, do
   return measured;
 }
 
+/// What a spot that lies across an edge in depth reports: if the edge is as short as the pulse, something in between.
+///
+/// An edge between this firing and the one before lies in the spot as often as the spot is wide, measured in firings.
+/// @param before    the range in the firing before. @param expected  ... if the surface went on as it is here.
+double spread_over_edge(const LidarOptions& options, double range, double before, double expected, Rng& rng) {
+  constexpr double pulse = 1.0;  // metres
+  constexpr double least = 0.1;  // metres: less is no edge
+  const double step = std::abs(before - expected);
+  if (!(step > least && step < pulse)) return range;
+  const double spot = options.beam_width_deg * options.firings_per_revolution / 360.0;
+  return rng.uniform() < spot ? range + rng.uniform() * (before - expected) : range;
+}
+
+/// Those whom a firing's rays may meet.
+std::vector<const Passing*> ahead_of(const Eigen::Vector3f& origin, const Eigen::Vector3f& ahead, float half_spread,
+                                     std::span<const Passing> passing, float part) {
+  std::vector<const Passing*> found;
+  const Eigen::Vector2f direction = ahead.head<2>().normalized();
+  for (const Passing& one : passing) {
+    const Eigen::Vector2f offset = (one.at(part) - origin).head<2>();
+    const float off = std::abs(direction.x() * offset.y() - direction.y() * offset.x());
+    if (offset.dot(direction) > -one.radius && off < half_spread * offset.norm() + one.radius) found.push_back(&one);
+  }
+  return found;
+}
+
 }  // namespace
 
 SpinningLidar::SpinningLidar(const LidarOptions& options, Rng unit, Index day)
-    : options_(options), noise_(on_day(unit, day)) {
-  if (options.firings_per_revolution <= 0 || options.firings_per_revolution % firings_per_packet != 0)
-    throw std::invalid_argument("SpinningLidar: firings_per_revolution must be a positive multiple of 12");
+    : options_(options), model_(&lidar_model(options.kind)), noise_(on_day(unit, day)) {
+  if (options.firings_per_revolution <= 0 || options.firings_per_revolution % model_->firings_per_packet != 0)
+    throw std::invalid_argument("SpinningLidar: firings_per_revolution must be a positive multiple of " +
+                                std::to_string(model_->firings_per_packet));
+  const auto& channels = model_->channels;
+  firing_duration_ = channels.back().delay + (channels[1].delay - channels[0].delay);
+  double widest = 8.0;  // degrees: a tilt of 10 degrees moves rays at 30 degrees of elevation by 5
+  for (const LidarChannel& one : channels) widest = std::max(widest, 8.0 + std::abs(one.azimuth_deg));
+  half_spread_ = static_cast<float>(std::sin(widest * degree));
   const Eigen::Vector3d axis = random_direction(unit);
   const Eigen::Vector3d shift = random_direction(unit);
-  const SE3d nominal = nominal_T_body_lidar();
+  const SE3d& nominal = options.T_body_lidar;
   true_T_body_lidar_ = SE3d(nominal.rotation() * SO3d::exp(options.mount_angle_deg * degree * axis),
                             nominal.translation() + options.mount_shift * shift);
 
   const double turn_rate = -2.0 * std::numbers::pi / options.period;
-  for (Index laser = 0; laser < lasers; ++laser) {
+  for (Index laser = 0; laser < lasers(); ++laser) {
     const auto sign = [&] { return unit.uniform() < 0.5 ? -1.0 : 1.0; };
     const double error = sign() * unit.uniform(0.2, 1.0) * options.elevation_error_deg * degree;
     const double bias = sign() * unit.uniform(0.5, 1.5) * options.range_bias;
-    const double azimuth = turn_rate * to_seconds(laser_offset(laser));
+    const double azimuth = turn_rate * to_seconds(laser_offset(laser)) + channel(laser).azimuth_deg * degree;
     const auto direction = [&](double elevation) {
       return Eigen::Vector3d(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
                              std::sin(elevation));
@@ -76,58 +111,75 @@ SpinningLidar::SpinningLidar(const LidarOptions& options, Rng unit, Index day)
   }
 }
 
-double SpinningLidar::nominal_elevation(Index laser) {
-  // Even lasers from the lowest up, odd ones from the middle up (HDL-32E user's manual).
-  constexpr double spacing = 4.0 / 3.0;
-  const double lowest = laser % 2 == 0 ? -92.0 / 3.0 : -28.0 / 3.0;
-  return (lowest + spacing * (laser / 2)) * degree;
-}
+double SpinningLidar::nominal_elevation(Index laser) const { return channel(laser).elevation_deg * degree; }
 
 Duration SpinningLidar::firing_offset(Index firing) const {
   return Duration(period().count() * firing / options_.firings_per_revolution);
 }
 
-Revolution SpinningLidar::turn(const RayCaster& world, const Drive& drive, Index index) const {
+Revolution SpinningLidar::turn(const RayCaster& world, const Drive& drive, Index index,
+                               std::span<const Passing> passing) const {
   Revolution revolution{.start = index * period(), .returns = {}};
   const Rng rng = noise_.fork(static_cast<std::uint64_t>(index));
+  Surroundings around{world, passing, std::vector<float>(model_->channels.size(), infinite_distance)};
   for (Index firing = 0; firing < options_.firings_per_revolution; ++firing) {
-    // The vehicle moves by a third of a millimetre while one firing's lasers go off: one pose, at their middle, does.
-    const Duration time = revolution.start + firing_offset(firing) + laser_offset(lasers) / 2;
-    const SE3d T_map_lidar = drive.pose(to_seconds(time)) * true_T_body_lidar_;
-    fire(world, T_map_lidar, firing, rng.fork(static_cast<std::uint64_t>(firing)), revolution.returns);
+    // The vehicle moves by half a millimetre while one firing's lasers go off: one pose, at their middle, does.
+    const Duration time = revolution.start + firing_offset(firing) + firing_duration_ / 2;
+    const SE3d T_map_lidar = drive.pose(to_seconds(time) + options_.clock_offset) * true_T_body_lidar_;
+    fire(around, {T_map_lidar, firing, rng.fork(static_cast<std::uint64_t>(firing))}, revolution.returns);
   }
   return revolution;
 }
 
-void SpinningLidar::fire(const RayCaster& world, const SE3d& T_map_lidar, Index firing, Rng rng,
-                         std::vector<LidarReturn>& returns) const {
-  const double azimuth = std::numbers::pi * (1.0 - (2.0 * firing + 1.0) / options_.firings_per_revolution);
+void SpinningLidar::fire(Surroundings& around, Shot shot, std::vector<LidarReturn>& returns) const {
+  const double part = (2.0 * shot.firing + 1.0) / options_.firings_per_revolution;  // of two turns
+  const double azimuth = std::numbers::pi * (1.0 - part);
   const double cosine = std::cos(azimuth);
   const double sine = std::sin(azimuth);
-  const Eigen::Matrix3d R_map_lidar = T_map_lidar.rotation().matrix();
-  const Eigen::Vector3f origin = T_map_lidar.translation().cast<float>();
-  for (Index i = 0; i < lasers; ++i) {
+  const double azimuth_before = azimuth + 2.0 * std::numbers::pi / options_.firings_per_revolution;
+  const double cosine_before = std::cos(azimuth_before);
+  const double sine_before = std::sin(azimuth_before);
+  const Eigen::Matrix3d R_map_lidar = shot.T_map_lidar.rotation().matrix();
+  const Eigen::Vector3f origin = shot.T_map_lidar.translation().cast<float>();
+  const Eigen::Vector3f ahead = (R_map_lidar * Eigen::Vector3d(cosine, sine, 0.0)).cast<float>();
+  const auto turned_part = static_cast<float>(0.5 * part);
+  const auto in_the_way = ahead_of(origin, ahead, half_spread_, around.passing, turned_part);
+  for (Index i = 0; i < lasers(); ++i) {
     const Laser& laser = lasers_[static_cast<std::size_t>(i)];
     const Eigen::Vector3f direction = (R_map_lidar * turned(cosine, sine, laser.actual)).cast<float>();
-    const auto hit = world.cast({.origin = origin,
-                                 .direction = direction.normalized(),
-                                 .max_distance = static_cast<float>(options_.max_range)});
+    Ray ray{
+        .origin = origin, .direction = direction.normalized(), .max_distance = static_cast<float>(options_.max_range)};
+    auto hit = around.world.cast(ray);
+    if (!in_the_way.empty()) {
+      if (hit) ray.max_distance = hit->distance;
+      if (const auto moving = meet(in_the_way, ray, turned_part)) hit = moving;
+    }
+    const float before =
+        std::exchange(around.previous[static_cast<std::size_t>(i)], hit ? hit->distance : infinite_distance);
     if (!hit) continue;
+    auto distance = static_cast<double>(hit->distance);
+    if (options_.beam_width_deg > 0.0 && before < infinite_distance) {
+      const Eigen::Vector3f earlier = (R_map_lidar * turned(cosine_before, sine_before, laser.actual)).cast<float>();
+      const float expected = hit->distance * hit->normal.dot(direction) / hit->normal.dot(earlier);
+      distance =
+          spread_over_edge(options_, distance, static_cast<double>(before), static_cast<double>(expected), shot.rng);
+    }
     const double incidence = std::max(1e-3, static_cast<double>(std::abs(hit->normal.dot(direction))));
-    const auto range = measure(options_, *hit, incidence, laser.range_bias, rng);
+    const auto range = measure(options_, *hit, distance, incidence, laser.range_bias, shot.rng);
     if (!range) continue;
     const double albedo = reflectivity[static_cast<std::size_t>(hit->material)];
     returns.push_back({.position = (*range * turned(cosine, sine, laser.nominal)).cast<float>(),
-                       .firing = static_cast<std::uint16_t>(firing),
+                       .firing = static_cast<std::uint16_t>(shot.firing),
                        .laser = static_cast<std::uint8_t>(i),
-                       .intensity = static_cast<std::uint8_t>(255.0 * albedo * std::sqrt(incidence))});
+                       .intensity = static_cast<std::uint8_t>(255.0 * albedo * std::sqrt(incidence)),
+                       .presence = hit->presence});
   }
 }
 
 LidarScan SpinningLidar::to_scan(const Revolution& revolution, Timestamp epoch) const {
   LidarScan scan;
   scan.time = epoch + revolution.start;
-  scan.end = scan.time + firing_offset(options_.firings_per_revolution - 1) + laser_offset(lasers);
+  scan.end = scan.time + last_return();
   for (const LidarReturn& hit : revolution.returns) {
     scan.cloud.positions.push_back(hit.position);
     scan.cloud.intensities.push_back(static_cast<float>(hit.intensity));

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "chainslam/core/random.hpp"
@@ -9,23 +10,32 @@
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/sensor/lidar_scan.hpp"
 #include "simulator/drive.hpp"
+#include "simulator/lidar_model.hpp"
 #include "simulator/ray_caster.hpp"
+#include "simulator/rig.hpp"
+#include "simulator/traffic.hpp"
 
 namespace chainslam::simulator {
 
-/// A spinning LiDAR in the manner of Velodyne's HDL-32E, and how far it is from its data sheet.
+/// A spinning LiDAR, and how far it is from its data sheet.
 struct LidarOptions {
-  Index firings_per_revolution = 600;  ///< a multiple of 12; the real one makes 2170
-  double period = 0.1;                 ///< seconds per revolution
-  double max_range = 100.0;            ///< metres
-  double min_range = 1.0;              ///< metres
-  double range_noise = 0.015;          ///< standard deviation, metres
-  double lost_returns = 0.005;         ///< lost whatever the surface, as a part of all
-  double elevation_error_deg = 0.1;    ///< each laser is off by 0.2 to 1 times this, either way
-  double range_bias = 0.02;            ///< each laser is off by 0.5 to 1.5 times this, either way, metres
-  double incidence_bias = 0.003;       ///< range grows by this times (1 / cos(incidence) - 1), at most 10 times, metres
-  double mount_angle_deg = 0.3;        ///< the true mounting is turned by this about a random axis
-  double mount_shift = 0.02;           ///< ... and shifted by this in a random direction, metres
+  LidarKind kind = LidarKind::hdl_32e;
+  SE3d T_body_lidar = nominal_T_body_lidar();  ///< where it is said to sit
+  Index firings_per_revolution =
+      600;                           ///< a multiple of a packet's firings; the model's for all that the real one makes
+  double period = 0.1;               ///< seconds per revolution
+  double max_range = 100.0;          ///< metres
+  double min_range = 1.0;            ///< metres
+  double range_noise = 0.015;        ///< standard deviation, metres
+  double lost_returns = 0.005;       ///< lost whatever the surface, as a part of all
+  double elevation_error_deg = 0.1;  ///< each laser is off by 0.2 to 1 times this, either way
+  double range_bias = 0.02;          ///< each laser is off by 0.5 to 1.5 times this, either way, metres
+  double incidence_bias = 0.003;     ///< range grows by this times (1 / cos(incidence) - 1), at most 10 times, metres
+  double mount_angle_deg = 0.3;      ///< the true mounting is turned by this about a random axis
+  double mount_shift = 0.02;         ///< ... and shifted by this in a random direction, metres
+  double beam_width_deg =
+      0.0;                    ///< of the spot, along the turn: at edges of up to 1 m in depth a return may lie between
+  double clock_offset = 0.0;  ///< stamps are early by this, seconds
 };
 
 /// One return, as the sensor reports it: with its nominal angles.
@@ -34,6 +44,7 @@ struct LidarReturn {
   std::uint16_t firing;      ///< within the revolution
   std::uint8_t laser;        ///< in the order of firing
   std::uint8_t intensity;
+  Presence presence;  ///< of what was hit: not the sensor's to know
 };
 
 /// One revolution; returns in the order of firing, those that were lost left out.
@@ -48,26 +59,31 @@ struct Revolution {
 /// firing's step off at both ends: a revolution ends where a reader that cuts at the wrap of atan2 cuts it.
 class SpinningLidar {
  public:
-  static constexpr Index lasers = 32;
-  static constexpr Index firings_per_packet = 12;
-
   /// The same unit is off by the same on every `day`; its noise is the day's.
-  /// @throws std::invalid_argument if `firings_per_revolution` is not a positive multiple of 12.
+  /// @throws std::invalid_argument if `firings_per_revolution` is not a positive multiple of a packet's firings.
   SpinningLidar(const LidarOptions& options, Rng unit, Index day = 0);
 
   [[nodiscard]] const LidarOptions& options() const { return options_; }
+  [[nodiscard]] const LidarModel& model() const { return *model_; }
+  [[nodiscard]] Index lasers() const { return to_index(model_->channels.size()); }
   [[nodiscard]] Duration period() const { return seconds(options_.period); }
   /// Time of a firing's first laser since the revolution's start.
   [[nodiscard]] Duration firing_offset(Index firing) const;
-  /// Time between a firing's first laser and this one. HDL-32E: 1.152 us a laser.
-  [[nodiscard]] static Duration laser_offset(Index laser) { return Duration(laser * 1152); }
+  /// Time between a firing's first laser and this one.
+  [[nodiscard]] Duration laser_offset(Index laser) const { return channel(laser).delay; }
+  /// When the revolution's last laser has fired, since the revolution's start.
+  [[nodiscard]] Duration last_return() const {
+    return firing_offset(options_.firings_per_revolution - 1) + firing_duration_;
+  }
   /// True pose of the sensor, not the one that an estimator is told.
   [[nodiscard]] const SE3d& true_T_body_lidar() const { return true_T_body_lidar_; }
   /// Elevation that the sensor reports for a laser, radians.
-  [[nodiscard]] static double nominal_elevation(Index laser);
+  [[nodiscard]] double nominal_elevation(Index laser) const;
 
   /// Revolution `index`, which starts `index` periods after the drive. The result depends on the arguments alone.
-  [[nodiscard]] Revolution turn(const RayCaster& world, const Drive& drive, Index index) const;
+  /// @param passing  whoever is on the way during it: `Traffic::during` from its start to its end.
+  [[nodiscard]] Revolution turn(const RayCaster& world, const Drive& drive, Index index,
+                                std::span<const Passing> passing = {}) const;
 
   /// The revolution as the library's record. `epoch` is the drive's start; a scan ends with its last firing, whether or
   /// not that one came back.
@@ -80,10 +96,28 @@ class SpinningLidar {
     double range_bias;  ///< metres
   };
 
-  void fire(const RayCaster& world, const SE3d& T_map_lidar, Index firing, Rng rng,
-            std::vector<LidarReturn>& returns) const;
+  [[nodiscard]] const LidarChannel& channel(Index laser) const {
+    return model_->channels[static_cast<std::size_t>(laser)];
+  }
+  /// One firing: where and when it happens.
+  struct Shot {
+    SE3d T_map_lidar;
+    Index firing;
+    Rng rng;
+  };
+  /// What the firing before leaves for the next, and what surrounds them.
+  struct Surroundings {
+    const RayCaster& world;
+    std::span<const Passing> passing;
+    std::vector<float> previous;  ///< each laser's true range in the firing before, infinite if there was none
+  };
+
+  void fire(Surroundings& around, Shot shot, std::vector<LidarReturn>& returns) const;
 
   LidarOptions options_;
+  const LidarModel* model_;
+  Duration firing_duration_;  ///< from the first laser to the end of the last
+  float half_spread_;         ///< sine of how far a firing's rays lie off its azimuth at most, with room for a tilt
   Rng noise_;
   SE3d true_T_body_lidar_;
   std::vector<Laser> lasers_;

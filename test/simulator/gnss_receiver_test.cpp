@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "simulator/place.hpp"
 #include "simulator/preset.hpp"
 #include "simulator/rig.hpp"
 
@@ -14,6 +15,21 @@ namespace {
 Drive small_drive() {
   const Preset options = *preset("town-small");
   return Drive(options.drive, options.sessions[0].route, make_town(options.town, Rng(1)), Rng(1).fork(1));
+}
+
+/// Flat, and nothing on it.
+const RayCaster& field() {
+  static const RayCaster caster(
+      [] {
+        World world;
+        world.ground = {
+            .origin = {-500.0F, -500.0F}, .spacing = 1000.0F, .columns = 2, .rows = 2, .heights = {}, .materials = {}};
+        world.ground.heights.assign(4, -50.0F);
+        world.ground.materials.assign(4, Material::lawn);
+        return world;
+      }(),
+      100.0F);
+  return caster;
 }
 
 GnssOptions perfect_receiver() {
@@ -44,7 +60,7 @@ TEST_SUITE("simulator/gnss_receiver") {
 
   TEST_CASE("a perfect receiver gives the antenna's position") {
     const Drive drive = small_drive();
-    const auto readings = record_gnss(drive, perfect_receiver(), Timestamp(), Rng(1));
+    const auto readings = record_gnss(drive, field(), perfect_receiver(), Timestamp(), Rng(1));
     REQUIRE(readings.size() == static_cast<std::size_t>(drive.duration() * 2.0) + 1);
     for (const GnssReading& reading : readings) {
       const Eigen::Vector3d antenna = drive.pose(reading.time.to_seconds()) * nominal_antenna_body();
@@ -63,7 +79,7 @@ TEST_SUITE("simulator/gnss_receiver") {
     double vertical = 0.0;
     constexpr int sessions = 300;
     for (int session = 0; session < sessions; ++session) {
-      const auto readings = record_gnss(drive, options, Timestamp(), Rng(static_cast<std::uint64_t>(session)));
+      const auto readings = record_gnss(drive, field(), options, Timestamp(), Rng(static_cast<std::uint64_t>(session)));
       const auto error = [&](std::size_t i) {
         const Eigen::Vector3d truth = drive.pose(readings[i].time.to_seconds()) * nominal_antenna_body();
         const Eigen::Vector3d zero = map_to_ecef(truth);
@@ -98,8 +114,8 @@ TEST_SUITE("simulator/gnss_receiver") {
     double longest = 1.0;
     Eigen::Vector3d previous = Eigen::Vector3d::Zero();
     for (std::uint64_t session = 0; session < 50; ++session) {
-      const auto readings = record_gnss(drive, options, Timestamp(), Rng(session));
-      const auto perfect = record_gnss(drive, perfect_receiver(), Timestamp(), Rng(session));
+      const auto readings = record_gnss(drive, field(), options, Timestamp(), Rng(session));
+      const auto perfect = record_gnss(drive, field(), perfect_receiver(), Timestamp(), Rng(session));
       const Eigen::Vector3d bias = readings[0].fix.position_ecef - perfect[0].fix.position_ecef;
       const Eigen::Vector3d up = (map_to_ecef(Eigen::Vector3d::UnitZ()) - map_to_ecef(Eigen::Vector3d::Zero()));
       const double aside = (bias - bias.dot(up) * up).norm();
@@ -121,7 +137,7 @@ TEST_SUITE("simulator/gnss_receiver") {
     std::size_t lost = 0;
     std::size_t all = 0;
     for (std::uint64_t session = 0; session < 100; ++session)
-      for (const GnssReading& reading : record_gnss(drive, {}, Timestamp(), Rng(session))) {
+      for (const GnssReading& reading : record_gnss(drive, field(), {}, Timestamp(), Rng(session))) {
         ++all;
         const bool none = reading.mode == 0;
         CHECK_FALSE((none && reading.time.to_seconds() < 15.0));
@@ -133,6 +149,67 @@ TEST_SUITE("simulator/gnss_receiver") {
     // The drive's 28 s see the beginning of an outage in four cases of ten, and most of it.
     CHECK(static_cast<double>(lost) / static_cast<double>(all) > 0.03);
     CHECK(static_cast<double>(lost) / static_cast<double>(all) < 0.09);
+  }
+
+  TEST_CASE("a roof takes the sky away, and with it the fixes; walls on both sides take a part of it") {
+    World world;
+    add_box(world, {}, {-150.0, -150.0, 12.0}, {150.0, 150.0, 13.0}, Material::wall);
+    const RayCaster roof(std::move(world));
+    const Drive drive = small_drive();
+    GnssOptions options = perfect_receiver();
+    options.needs_sky = true;
+    for (const GnssReading& reading : record_gnss(drive, roof, options, Timestamp(), Rng(1))) CHECK(reading.mode == 0);
+    for (const GnssReading& reading : record_gnss(drive, field(), options, Timestamp(), Rng(1)))
+      CHECK(reading.mode == 3);
+
+    World canyon;
+    for (const double side : {-1.0, 1.0})
+      add_box(canyon, {}, {-100.0, side * 12.5 - 2.5, 0.0}, {100.0, side * 12.5 + 2.5, 20.0}, Material::wall);
+    const double sky = open_sky(RayCaster(std::move(canyon)), {0.0, 0.0, 1.5});
+    CHECK(sky == doctest::Approx(12.0 / 24.0));  // along the street at 20 and 45 degrees, and everything at 75
+    CHECK(open_sky(field(), {0.0, 0.0, 1.5}) == 1.0);
+  }
+
+  TEST_CASE("bursts of multipath displace fixes for seconds, and some fixes have no altitude") {
+    const Drive drive = small_drive();
+    GnssOptions options = perfect_receiver();
+    options.time_between_bursts = 8.0;
+    options.burst_duration = 3.0;
+    options.flat_fixes = 0.3;
+    int displaced = 0;
+    int flat = 0;
+    int all = 0;
+    for (const std::uint64_t session : {1U, 2U, 3U, 4U, 5U, 6U}) {
+      const auto readings = record_gnss(drive, field(), options, Timestamp(), Rng(session));
+      bool before = false;
+      int changes = 0;
+      for (const GnssReading& reading : readings) {
+        const Eigen::Vector3d antenna = drive.pose(reading.time.to_seconds()) * nominal_antenna_body();
+        const bool off = (reading.fix.position_ecef - map_to_ecef(antenna)).norm() > 0.1;
+        displaced += off;
+        changes += off != before;
+        before = off;
+        flat += reading.mode == 2;
+        CHECK((reading.mode == 2) == std::isnan(reading.altitude));
+        CHECK((reading.mode == 2) == (reading.fix.quality == GnssQuality::two_dimensional));
+        ++all;
+      }
+      CHECK(changes >= 1);
+      CHECK(changes <= 9);  // in spells of 1.5 to 4.5 s, not fix by fix
+    }
+    CHECK(displaced > all / 8);
+    CHECK(displaced < all / 2);
+    CHECK(flat == doctest::Approx(0.3 * all).epsilon(0.25));
+  }
+
+  TEST_CASE("latency is where the vehicle was") {
+    const Drive drive = small_drive();
+    GnssOptions options = perfect_receiver();
+    options.latency = 0.3;
+    for (const GnssReading& reading : record_gnss(drive, field(), options, Timestamp(), Rng(1))) {
+      const double time = std::max(0.0, reading.time.to_seconds() - 0.3);
+      CHECK((reading.fix.position_ecef - map_to_ecef(drive.pose(time) * nominal_antenna_body())).norm() < 1e-6);
+    }
   }
 }
 

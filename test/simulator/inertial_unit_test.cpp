@@ -111,6 +111,29 @@ TEST_SUITE("simulator/inertial_unit") {
     CHECK(perfect.front().accel.z() > 9.5);
     CHECK(perfect[1].time - perfect[0].time == std::chrono::milliseconds(10));
   }
+
+  TEST_CASE("readings saturate at the stated range, and gyroscopes feel the pull of gravity if asked to") {
+    const Drive drive = small_drive(5);
+    InertialOptions options = InertialOptions().without_errors();
+    const auto free = record_imu(drive, options, Timestamp(), Rng(1));
+    options.gyro_range = 0.1;
+    options.accel_range = 9.8;
+    bool reached = false;
+    const auto cut = record_imu(drive, options, Timestamp(), Rng(1));
+    for (std::size_t i = 0; i < free.size(); ++i) {
+      CHECK(cut[i].gyro.cwiseAbs().maxCoeff() <= 0.1);
+      CHECK(cut[i].accel == free[i].accel.cwiseMin(9.8).cwiseMax(-9.8));
+      reached = reached || cut[i].gyro != free[i].gyro;
+    }
+    CHECK(reached);
+
+    InertialOptions sensitive = InertialOptions().without_errors();
+    sensitive.g_sensitivity = 1e-3;
+    const auto pulled = record_imu(drive, sensitive, Timestamp(), Rng(1));
+    const Eigen::Vector3d at_rest = pulled[10].gyro - free[10].gyro;
+    CHECK(at_rest.norm() > 1e-3);  // 9.81 times a number of size 1e-3 on each axis
+    CHECK(at_rest.norm() < 5e-2);
+  }
 }
 
 }  // namespace chainslam::simulator

@@ -90,11 +90,12 @@ TEST_SUITE("simulator/spinning_lidar") {
   }
 
   TEST_CASE("lasers span the data sheet's field of view") {
+    const SpinningLidar hdl({}, Rng(1));
     double lowest = 0.0;
     double highest = 0.0;
-    for (Index laser = 0; laser < SpinningLidar::lasers; ++laser) {
-      lowest = std::min(lowest, SpinningLidar::nominal_elevation(laser));
-      highest = std::max(highest, SpinningLidar::nominal_elevation(laser));
+    for (Index laser = 0; laser < hdl.lasers(); ++laser) {
+      lowest = std::min(lowest, hdl.nominal_elevation(laser));
+      highest = std::max(highest, hdl.nominal_elevation(laser));
     }
     CHECK(lowest * 180.0 / std::numbers::pi == doctest::Approx(-30.67).epsilon(1e-3));
     CHECK(highest * 180.0 / std::numbers::pi == doctest::Approx(10.67).epsilon(1e-3));
@@ -200,6 +201,92 @@ TEST_SUITE("simulator/spinning_lidar") {
   TEST_CASE("a number of firings that does not fill packets is refused") {
     CHECK_THROWS_AS(SpinningLidar({.firings_per_revolution = 601}, Rng(1)), std::invalid_argument);
     CHECK_THROWS_AS(SpinningLidar({.firings_per_revolution = 0}, Rng(1)), std::invalid_argument);
+  }
+
+  TEST_CASE("every make has its data sheet's lasers, field of view, rings and firing time") {
+    struct Sheet {
+      LidarKind kind;
+      std::size_t lasers;
+      double lowest, highest;  // degrees
+      double last_delay;       // microseconds
+    };
+    for (const Sheet& sheet :
+         {Sheet{LidarKind::hdl_32e, 32, -30.67, 10.67, 31 * 1.152},
+          Sheet{LidarKind::vlp_16, 16, -15.0, 15.0, 15 * 2.304}, Sheet{LidarKind::os1_64, 64, -16.611, 16.611, 0.0},
+          Sheet{LidarKind::vls_128, 128, -25.0, 15.0, 16 * 2.665}}) {
+      const LidarModel& model = lidar_model(sheet.kind);
+      CAPTURE(model.name);
+      REQUIRE(model.channels.size() == sheet.lasers);
+      std::vector<double> by_ring(sheet.lasers, -90.0);
+      double widest = 0.0;
+      for (const LidarChannel& channel : model.channels) {
+        by_ring[channel.ring] = channel.elevation_deg;
+        widest = std::max(widest, std::abs(channel.azimuth_deg));
+        CHECK(channel.delay <= model.channels.back().delay);
+      }
+      CHECK(std::ranges::is_sorted(by_ring));
+      CHECK(std::ranges::adjacent_find(by_ring) == by_ring.end());  // no two lasers on one ring
+      CHECK(by_ring.front() == doctest::Approx(sheet.lowest).epsilon(1e-3));
+      CHECK(by_ring.back() == doctest::Approx(sheet.highest).epsilon(1e-3));
+      CHECK(to_seconds(model.channels.back().delay) == doctest::Approx(1e-6 * sheet.last_delay));
+      CHECK(widest < 6.5);
+      CHECK(model.firings_per_revolution % model.firings_per_packet == 0);
+      LidarOptions options = perfect_lidar();
+      options.kind = sheet.kind;
+      options.firings_per_revolution = 240;
+      const SpinningLidar lidar(options, Rng(1));
+      const Revolution turn = lidar.turn(room(), drive_in_room(), 0);
+      CHECK(turn.returns.size() > sheet.lasers * 120);
+      for (const LidarReturn& hit : turn.returns) {
+        const Eigen::Vector3d p = hit.position.cast<double>();
+        CHECK(std::asin(p.z() / p.norm()) == doctest::Approx(lidar.nominal_elevation(hit.laser)).epsilon(1e-4));
+      }
+    }
+  }
+
+  TEST_CASE("a wide beam mixes returns across low steps, and only there") {
+    World world;
+    for (int step = 0; step < 60; ++step)  // a wall of slats, every other 0.5 m behind
+      add_box(world, {}, {40.0 + (step % 2) * 0.5, step - 30.0, -40.0}, {42.0, step - 29.0, 40.0}, Material::wall);
+    add_box(world, {}, {-42.0, -60.0, -40.0}, {-40.0, 60.0, 40.0}, Material::wall);
+    const RayCaster slats(std::move(world));
+    LidarOptions options = perfect_lidar();
+    const auto between = [&](double width) {
+      options.beam_width_deg = width;
+      const SpinningLidar lidar(options, Rng(1));
+      const Drive drive = drive_in_room();
+      std::pair<int, int> count{};  // in between in front, and off the plain wall behind
+      for (const LidarReturn& hit : lidar.turn(slats, drive, 0).returns) {
+        const Eigen::Vector3d p = drive.pose(0.0) * (lidar.true_T_body_lidar() * hit.position.cast<double>());
+        if (p.x() > 0.0 && std::abs(p.y()) < 25.0) count.first += p.x() > 40.03 && p.x() < 40.47;
+        if (p.x() < 0.0 && std::abs(p.y()) < 25.0) count.second += std::abs(p.x() + 40.0) > 0.1;
+      }
+      return count;
+    };
+    const auto [without, behind] = between(0.0);
+    const auto [with, still_behind] = between(0.2);
+    CHECK(behind == 0);
+    CHECK(still_behind == 0);
+    CHECK(with > without + 50);
+  }
+
+  TEST_CASE("a clock that is off makes scans of another time") {
+    LidarOptions options = perfect_lidar();
+    options.clock_offset = 0.1;
+    const RayCaster world = room();
+    const Drive drive = drive_in_room();
+    const auto late = SpinningLidar(options, Rng(1)).turn(world, drive, 70);
+    const auto next = SpinningLidar(perfect_lidar(), Rng(1)).turn(world, drive, 71);
+    std::map<std::pair<int, int>, Eigen::Vector3f> expected;
+    for (const LidarReturn& hit : next.returns) expected[{hit.firing, hit.laser}] = hit.position;
+    std::size_t found = 0;
+    for (const LidarReturn& hit : late.returns) {
+      const auto there = expected.find({hit.firing, hit.laser});
+      if (there == expected.end()) continue;
+      ++found;
+      CHECK((hit.position - there->second).norm() < 1e-3F);
+    }
+    CHECK(found > next.returns.size() * 9 / 10);  // which returns are lost is drawn for each revolution
   }
 }
 
