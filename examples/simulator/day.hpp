@@ -12,4 +12,7 @@ namespace chainslam::simulator {
   return day == 0 ? thing : thing.fork(~static_cast<std::uint64_t>(day));  // far from the numbers that parts have
 }
 
+/// November to March; day 0 is the first of June.
+[[nodiscard]] inline bool is_winter(Index day) { return day % 365 >= 153 && day % 365 < 304; }
+
 }  // namespace chainslam::simulator

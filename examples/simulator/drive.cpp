@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "simulator/rig.hpp"
 
@@ -31,6 +32,12 @@ std::vector<double> plan_speeds(const DriveOptions& options, const LanePath& pat
   speeds.front() = speeds.back() = 0.0;
   if (options.stop_at >= 0.0) {
     const auto stop = std::ranges::lower_bound(path.distances, options.stop_at * path.length());
+    speeds[static_cast<std::size_t>(stop - path.distances.begin())] = 0.0;
+  }
+  Rng stops = rng.fork(0);
+  for (double at = options.between_stops * stops.uniform(0.5, 1.5); options.between_stops > 0.0 && at < path.length();
+       at += options.between_stops * stops.uniform(0.5, 1.5)) {
+    const auto stop = std::ranges::lower_bound(path.distances, at);
     speeds[static_cast<std::size_t>(stop - path.distances.begin())] = 0.0;
   }
   for (std::size_t i = 1; i < count; ++i) {
@@ -78,25 +85,6 @@ std::vector<double> smoothed(const std::vector<double>& values, int half) {
   return result;
 }
 
-/// Where on the path a distance lies: a sample and the way to the next, 0 to 1.
-struct PathPoint {
-  std::size_t index;
-  double part;
-
-  PathPoint(const LanePath& path, double distance) {
-    const auto above = std::ranges::upper_bound(path.distances, distance);
-    const auto position = static_cast<std::size_t>(above - path.distances.begin());
-    index = std::clamp<std::size_t>(position, 1, path.distances.size() - 1) - 1;
-    part =
-        std::clamp((distance - path.distances[index]) / (path.distances[index + 1] - path.distances[index]), 0.0, 1.0);
-  }
-
-  template <class T>
-  [[nodiscard]] T of(const std::vector<T>& values) const {
-    return values[index] + part * (values[index + 1] - values[index]);
-  }
-};
-
 /// Small random motions that last a few control points.
 class Vibration {
  public:
@@ -119,6 +107,7 @@ std::vector<Control> lay_controls(const DriveOptions& options, const LanePath& p
   Vibration heave(rng.fork(0));
   Vibration pitching(rng.fork(1));
   Vibration rolling(rng.fork(2));
+  const double phase = rng.fork(3).uniform(0.0, 2.0 * std::numbers::pi);
   std::vector<Control> controls;
   const std::size_t last = driven.size() - 1;
   for (std::size_t i = 0; i <= last; ++i) {
@@ -134,16 +123,16 @@ std::vector<Control> lay_controls(const DriveOptions& options, const LanePath& p
     const Eigen::Vector2d ahead(std::cos(heading), std::sin(heading));
     const Eigen::Vector2d left(-ahead.y(), ahead.x());
     const Eigen::Vector2d slope = terrain.slope(position);
-    constexpr double dive = 0.006;  // radians per m/s^2 of braking
-    constexpr double lean = 0.008;  // radians per m/s^2 of cornering
-    const double shake = std::min(1.5, speed / 8.0);
-    const double pitch = -std::atan(slope.dot(ahead)) - dive * push;
-    const double roll = std::atan(slope.dot(left) * std::cos(pitch)) + lean * pull;
+    const double shake = std::min(1.5, speed / options.vibration_speed);
+    const double pitch = -std::atan(slope.dot(ahead)) - options.dive * push;
+    const double roll = std::atan(slope.dot(left) * std::cos(pitch)) + options.lean * pull;
     Control control;
     control << position, terrain.height(position) + options.body_height, roll, pitch, heading;
     control[2] += heave.next(shake * options.vibration_height);
     control[3] += rolling.next(shake * options.vibration_angle);
     control[4] += pitching.next(shake * options.vibration_angle);
+    control[4] += options.sway_angle * std::min(1.0, speed) *
+                  std::sin(2.0 * std::numbers::pi * static_cast<double>(i) * step / options.sway_period + phase);
     controls.push_back(control);
   }
   // Two more at rest before the first, so that the spline begins where the first one has its weight.
@@ -151,21 +140,26 @@ std::vector<Control> lay_controls(const DriveOptions& options, const LanePath& p
   return controls;
 }
 
-Spline<6> plan(const DriveOptions& options, const LanePath& path, const Terrain& terrain, const Rng& rng) {
+std::vector<double> plan_distances(const DriveOptions& options, const LanePath& path, const Rng& rng) {
   Rng moods = rng.fork(0);
   std::vector<double> driven = distances_over_time(options, path, plan_speeds(options, path, moods));
   for (int pass = 0; pass < 2; ++pass) driven = smoothed(driven, 5);
-  return {lay_controls(options, path, terrain, driven, rng.fork(1)), step};
+  return driven;
 }
 
 }  // namespace
 
 Drive::Drive(const DriveOptions& options, const Route& route, const Town& town, const Rng& rng)
-    : spline_([&] {
-        const LanePath path = follow_lane(town.streets, route, options.lane);
-        length_ = path.length();
-        return plan(options, path, town.terrain, rng);
-      }()) {}
+    : path_(follow_lane(town.streets, route, {.lane = options.lane, .radii = options.corners, .narrow = town.narrow})),
+      driven_(plan_distances(options, path_, rng)),
+      spline_(lay_controls(options, path_, town.terrain, driven_, rng.fork(1)), step) {}
+
+double Drive::driven(double time) const {
+  const double last = static_cast<double>(driven_.size() - 2);
+  const double whole = std::clamp(std::floor(time / step), 0.0, last);
+  const auto i = static_cast<std::size_t>(whole);
+  return driven_[i] + std::clamp(time / step - whole, 0.0, 1.0) * (driven_[i + 1] - driven_[i]);
+}
 
 Motion Drive::motion(double time) const {
   const Spline<6>::Point point = spline_.at(time);

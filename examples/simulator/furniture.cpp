@@ -1,8 +1,23 @@
 #include "simulator/furniture.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <numbers>
 
 namespace chainslam::simulator {
+
+namespace {
+
+/// From the trunk, at `clear`, to where a blob of leaves would be.
+void add_limb(World& world, const Place& place, double angle, double off, double clear, double height) {
+  const Eigen::Vector3d along(off * std::cos(angle), off * std::sin(angle), height - 0.8 * clear);
+  const Eigen::Matrix3d turn =
+      Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitX(), along.normalized()).toRotationMatrix();
+  add_box(world, place.moved({0.0, 0.0, 0.8 * clear}, turn), {0.0, -0.03, -0.03}, {along.norm(), 0.03, 0.03},
+          Material::bark);
+}
+
+}  // namespace
 
 void add_car(World& world, const Place& place, Rng rng) {
   const bool van = rng.uniform() < 0.15;
@@ -20,7 +35,7 @@ void add_car(World& world, const Place& place, Rng rng) {
       add_box(world, place, {x - 0.3, y - 0.1, 0.0}, {x + 0.3, y + 0.1, 0.58}, Material::road);
 }
 
-void add_tree(World& world, const Place& place, double size, Rng rng) {
+void add_tree(World& world, const Place& place, double size, Rng rng, bool bare) {
   const double clear = size * rng.uniform(2.4, 3.4);
   const double spread = size * rng.uniform(1.0, 1.7);
   const double crown = size * rng.uniform(2.5, 4.0);
@@ -33,7 +48,29 @@ void add_tree(World& world, const Place& place, double size, Rng rng) {
     for (int axis = 0; axis < 2; ++axis) radii[axis] = spread * rng.uniform(0.4, 0.8);
     radii.z() = crown * rng.uniform(0.18, 0.32);
     const double height = clear + rng.uniform(0.2, 0.85) * crown;
-    add_ellipsoid(world, place, {off * std::cos(angle), off * std::sin(angle), height}, radii, Material::foliage);
+    if (bare)
+      add_limb(world, place, angle, off, clear, height);
+    else
+      add_ellipsoid(world, place, {off * std::cos(angle), off * std::sin(angle), height}, radii, Material::foliage);
+  }
+}
+
+void add_heap(World& world, const Place& place, Rng rng) {
+  const double width = rng.uniform(0.4, 0.9);
+  add_ellipsoid(world, place, {0.0, 0.0, 0.0}, {rng.uniform(0.7, 1.0) * width, width, rng.uniform(0.3, 0.8)},
+                Material::wall);
+}
+
+void add_scaffold(World& world, const Place& place, double half, double height) {
+  constexpr double bay = 2.5;
+  constexpr double lift = 2.0;
+  const int bays = std::max(1, static_cast<int>(2.0 * half / bay));
+  for (int i = 0; i <= bays; ++i)
+    for (const double y : {-1.2, -0.4})
+      add_cylinder(world, place, {-half + 2.0 * half * i / bays, y, -0.3}, 0.03, height + 1.3, Material::metal);
+  for (double z = lift; z < height; z += lift) {
+    add_box(world, place, {-half, -1.2, z - 0.05}, {half, -0.4, z}, Material::wood);
+    add_box(world, place, {-half, -1.22, z + 0.95}, {half, -1.18, z + 1.0}, Material::metal);
   }
 }
 

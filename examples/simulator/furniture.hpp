@@ -11,8 +11,15 @@ namespace chainslam::simulator {
 /// A parked car, about 4.3 x 1.8 x 1.5 m, its middle at the origin.
 void add_car(World& world, const Place& place, Rng rng);
 
-/// A trunk and a crown of overlapping ellipsoids. `size` scales it; 1 is a street tree of about 7 m.
-void add_tree(World& world, const Place& place, double size, Rng rng);
+/// A trunk and a crown of overlapping ellipsoids, or only limbs where a `bare` tree's leaves would be. `size` scales
+/// it; 1 is a street tree of about 7 m.
+void add_tree(World& world, const Place& place, double size, Rng rng, bool bare = false);
+
+/// A heap of snow along the kerb.
+void add_heap(World& world, const Place& place, Rng rng);
+
+/// Poles, boards and braces before a wall, from x = -half to half, up to `height`; the wall is at y = 0, behind.
+void add_scaffold(World& world, const Place& place, double half, double height);
 
 /// A lamp of 5 to 7 m with an arm over the road (to +y).
 void add_lamp(World& world, const Place& place, Rng rng);

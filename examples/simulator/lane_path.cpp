@@ -52,7 +52,7 @@ void sample_arc(const Eigen::Vector2d& from, const Eigen::Vector2d& direction, d
   }
 }
 
-std::vector<Eigen::Vector2d> round_corners(const std::vector<Eigen::Vector2d>& corners) {
+std::vector<Eigen::Vector2d> round_corners(const std::vector<Eigen::Vector2d>& corners, const CornerRadii& radii) {
   constexpr double sharp = 0.4;  // radians; less is a bend
   std::vector<Eigen::Vector2d> points;
   Eigen::Vector2d start = corners.front();
@@ -60,7 +60,7 @@ std::vector<Eigen::Vector2d> round_corners(const std::vector<Eigen::Vector2d>& c
     const Eigen::Vector2d before = (corners[i] - corners[i - 1]).normalized();
     const Eigen::Vector2d after = (corners[i + 1] - corners[i]).normalized();
     const double turn = std::atan2(cross(before, after), before.dot(after));
-    const double radius = std::abs(turn) < sharp ? 45.0 : turn > 0.0 ? 10.0 : 6.5;
+    const double radius = std::abs(turn) < sharp ? radii.bend : turn > 0.0 ? radii.left : radii.right;
     const double tangent = radius * std::tan(0.5 * std::abs(turn));
     const Eigen::Vector2d begin = corners[i] - tangent * before;
     sample_line(start, begin, points);
@@ -70,6 +70,23 @@ std::vector<Eigen::Vector2d> round_corners(const std::vector<Eigen::Vector2d>& c
   sample_line(start, corners.back(), points);
   points.push_back(corners.back());
   return points;
+}
+
+/// Draws what passes through the stretch towards its line, gently.
+void squeeze(const NarrowStretch& stretch, std::vector<Eigen::Vector2d>& points) {
+  constexpr double approach = 12.0;  // metres
+  constexpr double kept = 0.15;      // of the distance to the line
+  const double length = (stretch.to - stretch.from).norm();
+  const Eigen::Vector2d along = (stretch.to - stretch.from) / length;
+  for (Eigen::Vector2d& point : points) {
+    const double u = along.dot(point - stretch.from);
+    const double off = cross(along, point - stretch.from);
+    const double outside = std::max({0.0, -u, u - length}) / approach;
+    if (outside >= 1.0 || std::abs(off) > stretch.reach) continue;
+    const double ease = outside * outside * (3.0 - 2.0 * outside);
+    const double factor = kept + (1.0 - kept) * ease;
+    point += (factor - 1.0) * off * Eigen::Vector2d(-along.y(), along.x());
+  }
 }
 
 /// Means over a window that narrows towards the ends, which stay where they are.
@@ -86,12 +103,13 @@ std::vector<Eigen::Vector2d> smoothed(const std::vector<Eigen::Vector2d>& points
 
 }  // namespace
 
-LanePath follow_lane(const StreetGrid& streets, const Route& route, double lane) {
+LanePath follow_lane(const StreetGrid& streets, const Route& route, const LaneOptions& options) {
   if (route.size() < 3) throw std::invalid_argument("follow_lane: a route needs at least three crossings");
-  LanePath path{.positions = round_corners(lane_corners(streets, route, lane)),
+  LanePath path{.positions = round_corners(lane_corners(streets, route, options.lane), options.radii),
                 .distances = {0.0},
                 .headings = {},
                 .curvatures = {}};
+  for (const NarrowStretch& stretch : options.narrow) squeeze(stretch, path.positions);
   for (int pass = 0; pass < 3; ++pass) path.positions = smoothed(path.positions, 12);
 
   const std::size_t count = path.positions.size();

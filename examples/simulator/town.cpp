@@ -10,6 +10,8 @@
 #include "simulator/building.hpp"
 #include "simulator/day.hpp"
 #include "simulator/furniture.hpp"
+#include "simulator/passage.hpp"
+#include "simulator/plot.hpp"
 
 namespace chainslam::simulator {
 
@@ -17,37 +19,6 @@ namespace {
 
 constexpr double kerb = 0.12;             // metres
 constexpr double clear_of_crossing = 12;  // nothing is parked or planted nearer to a crossing, metres
-
-double distance_to_street(const Eigen::Vector2d& point, const Street& street) {
-  const Eigen::Vector2d along = street.to - street.from;
-  const double part = std::clamp((point - street.from).dot(along) / along.squaredNorm(), 0.0, 1.0);
-  return (point - street.from - part * along).norm();
-}
-
-/// A rectangle on the ground.
-struct Plot {
-  Eigen::Vector2d center;
-  Eigen::Vector2d axis;  ///< unit vector along `half.x()`
-  Eigen::Vector2d half;  ///< half width and half depth, metres
-
-  [[nodiscard]] Eigen::Vector2d at(double x, double y) const {
-    return center + x * half.x() * axis + y * half.y() * Eigen::Vector2d(-axis.y(), axis.x());
-  }
-  [[nodiscard]] double radius() const { return half.norm(); }
-};
-
-/// Whether `axes` of the first plot separate the two (one half of the separating axis test).
-bool separated_by_axes_of(const Plot& a, const Plot& b) {
-  for (const int axis : {0, 1}) {
-    const Eigen::Vector2d direction = axis == 0 ? a.axis : Eigen::Vector2d(-a.axis.y(), a.axis.x());
-    const Eigen::Vector2d side(-b.axis.y(), b.axis.x());
-    const double reach = b.half.x() * std::abs(b.axis.dot(direction)) + b.half.y() * std::abs(side.dot(direction));
-    if (std::abs((b.center - a.center).dot(direction)) > a.half[axis] + reach) return true;
-  }
-  return false;
-}
-
-bool overlap(const Plot& a, const Plot& b) { return !separated_by_axes_of(a, b) && !separated_by_axes_of(b, a); }
 
 /// One side of a street, walked from its beginning with the houses to the left.
 struct Frontage {
@@ -57,6 +28,35 @@ struct Frontage {
   double length;           ///< metres
 
   [[nodiscard]] Eigen::Vector2d at(double s, double d) const { return start + s * along + d * inward; }
+};
+
+/// Marks what is added to a world during its life.
+class Marking {
+ public:
+  Marking(World& world, Presence presence)
+      : world_(world),
+        presence_(presence),
+        boxes_(world.boxes.size()),
+        cylinders_(world.cylinders.size()),
+        ellipsoids_(world.ellipsoids.size()) {}
+  Marking(const Marking&) = delete;
+  Marking& operator=(const Marking&) = delete;
+  ~Marking() {
+    mark(world_.boxes, boxes_);
+    mark(world_.cylinders, cylinders_);
+    mark(world_.ellipsoids, ellipsoids_);
+  }
+
+ private:
+  /// What is marked already, as less lasting, stays so.
+  template <class Shape>
+  void mark(std::vector<Shape>& shapes, std::size_t begin) const {
+    for (std::size_t i = begin; i < shapes.size(); ++i) shapes[i].presence = std::max(shapes[i].presence, presence_);
+  }
+
+  World& world_;
+  Presence presence_;
+  std::size_t boxes_, cylinders_, ellipsoids_;
 };
 
 /// A place for one car along the kerb.
@@ -76,12 +76,14 @@ class Builder {
         day_(day),
         town_{.streets = StreetGrid(options.streets, rng.fork(0)),
               .terrain = Terrain(options.steepness, rng.fork(1)),
-              .world = {}},
+              .world = {},
+              .narrow = {}},
         streets_(town_.streets.streets()),
         building_line_(options.streets.half_road + options.streets.pavement) {}
 
   Town build() && {
     lay_ground();
+    for (const Passage& passage : options_.passages) lead_through(passage);
     std::uint64_t number = 0;
     for (const Street& street : streets_) {
       const Eigen::Vector2d along = (street.to - street.from).normalized();
@@ -92,6 +94,7 @@ class Builder {
         line_with_plots(side, rng_.fork(2).fork(number));
         park_cars(side, rng_.fork(3).fork(number));
         furnish(side, rng_.fork(4).fork(number));
+        if (options_.seasons && is_winter(day_)) clear_snow(side, on_day(rng_.fork(7).fork(number), day_));
         ++number;
       }
     }
@@ -184,21 +187,69 @@ class Builder {
     return true;
   }
 
+  /// Walls and a roof over a stretch of street.
+  void lead_through(const Passage& passage) {
+    const Eigen::Vector2d from = town_.streets.position(passage.from);
+    const Eigen::Vector2d street = town_.streets.position(passage.to) - from;
+    const Eigen::Vector2d along = street.normalized();
+    const NarrowStretch stretch{
+        .from = from + passage.begin * street, .to = from + passage.end * street, .reach = options_.streets.half_road};
+    passages_.push_back(stretch);
+    if (passage.kind == PassageKind::corridor) town_.narrow.push_back(stretch);
+    const double length = (stretch.to - stretch.from).norm();
+    const Rng rng = rng_.fork(8).fork(passages_.size());
+    for (double s = 0.0; s + passage_piece <= length; s += passage_piece)
+      add_passage_piece(town_.world, leaning(stretch.from + s * along, along, 0.0), passage.kind, options_.streets,
+                        rng.fork(static_cast<std::uint64_t>(s)));
+  }
+
+  /// Whether a place at the kerb is within a passage, or at its mouth.
+  [[nodiscard]] bool is_in_passage(const Eigen::Vector2d& position) const {
+    return std::ranges::any_of(passages_, [&](const NarrowStretch& passage) {
+      return distance_to_street(position, {passage.from, passage.to}) < building_line_ + 2.0;
+    });
+  }
+
+  [[nodiscard]] bool is_bare() const { return options_.seasons && is_winter(day_); }
+
+  void plant_tree(const Place& place, double size, const Rng& rng) {
+    const Marking marking(town_.world, options_.seasons ? Presence::changing : Presence::lasting);
+    add_tree(town_.world, place, size, rng, is_bare());
+  }
+
+  void clear_snow(const Frontage& side, Rng rng) {
+    const Marking marking(town_.world, Presence::changing);
+    for (double s = clear_of_crossing; s < side.length - clear_of_crossing; s += rng.uniform(1.5, 8.0)) {
+      const Eigen::Vector2d position = side.at(s, options_.streets.half_road + rng.uniform(0.9, 1.4));
+      if (!is_in_passage(position)) add_heap(town_.world, standing(position, side.along), rng.fork(1));
+    }
+  }
+
   void line_with_plots(const Frontage& side, Rng rng) {
+    if (rng.fork(1).uniform() < options_.open_sides) return;
+    alike_ = rng.fork(2).uniform() < options_.alike;
+    design_ = rng.fork(3);
     double s = building_line_ + rng.uniform(0.0, 2.0);
+    const HouseOptions& houses = options_.houses;
+    const double one_width = Rng(design_).uniform(houses.least_width, houses.most_width);
     while (s < side.length - building_line_ - 8.0) {
-      const double width = rng.uniform(8.0, 18.0);
+      const double own_width = rng.uniform(houses.least_width, houses.most_width);
+      const double width = alike_ ? one_width : own_width;
       const double kind = rng.uniform();
       const double gap = rng.uniform() < 0.35 ? 0.1 : rng.uniform(1.0, 5.0);
-      const bool built = kind < 0.8 ? place_house(side, s, width, rng) : lay_garden(side, s, width, rng);
+      const bool built = kind < options_.built ? place_house(side, s, width, rng) : lay_garden(side, s, width, rng);
       s += built ? width + gap : 2.0;
     }
   }
 
   bool place_house(const Frontage& side, double s, double width, Rng& rng) {
-    const double setback = building_line_ + (rng.uniform() < 0.3 ? 0.05 : rng.uniform(0.3, 4.0));
-    const double full_depth = rng.uniform(8.0, 13.0);
-    const Index storeys = 1 + rng.uniform_index(options_.max_storeys);
+    const HouseOptions& houses = options_.houses;
+    Rng drawn = alike_ ? design_.fork(1) : rng;
+    const double setback =
+        building_line_ + (drawn.uniform() < houses.at_the_street ? 0.05 : drawn.uniform(0.3, houses.most_setback));
+    const double full_depth = drawn.uniform(houses.least_depth, houses.most_depth);
+    const Index storeys = 1 + drawn.uniform_index(options_.max_storeys);
+    if (!alike_) rng = drawn;
     for (const double depth : {full_depth, 0.6 * full_depth}) {
       const Plot plot{.center = side.at(s + 0.5 * width, setback + 0.5 * depth),
                       .axis = side.along,
@@ -214,10 +265,22 @@ class Builder {
                               .depth = depth,
                               .foundation = std::max(0.0, front.origin.z() - lowest) + 0.3,
                               .storeys = storeys};
-      add_building(town_.world, plan, rng.fork(static_cast<std::uint64_t>(plots_.size())));
+      raise(plan, alike_ ? design_ : rng.fork(static_cast<std::uint64_t>(plots_.size())), rng);
       return true;
     }
     return false;
+  }
+
+  /// The house, if it is finished, and its scaffolding.
+  void raise(const BuildingPlan& plan, const Rng& design, const Rng& rng) {
+    const Rng history = rng.fork(~static_cast<std::uint64_t>(plots_.size()));
+    const bool late = history.fork(0).uniform() < options_.built_later;
+    if (late && day_ < static_cast<Index>(history.fork(1).uniform(1.0, 200.0))) return;
+    const Marking marking(town_.world, late ? Presence::changing : Presence::lasting);
+    add_building(town_.world, plan, design);
+    if (history.fork(2).uniform() >= options_.scaffolds || on_day(history.fork(3), day_).uniform() >= 0.5) return;
+    const Marking scaffold(town_.world, Presence::changing);
+    add_scaffold(town_.world, plan.place, 0.5 * plan.width, 2.9 * plan.storeys);
   }
 
   bool lay_garden(const Frontage& side, double s, double width, Rng& rng) {
@@ -238,15 +301,15 @@ class Builder {
     for (int i = 0; i < trees; ++i) {
       const double x = rng.uniform(1.5, width - 1.5);
       const double y = building_line_ + rng.uniform(2.5, 7.0);
-      add_tree(town_.world, standing(side.at(s + x, y), side.along), rng.uniform(0.7, 1.5),
-               rng.fork(10U + static_cast<unsigned>(i)));
+      const double size = rng.uniform(0.7, 1.5);
+      plant_tree(standing(side.at(s + x, y), side.along), size, rng.fork(10U + static_cast<unsigned>(i)));
     }
     return true;
   }
 
-  /// Whether a thing is among the `part` of all that differ from day to day; on the first day all are as they were.
-  [[nodiscard]] bool is_changed(const Rng& thing, double part) const {
-    return day_ > 0 && thing.fork(0).uniform() < part;
+  /// Whether a thing is among the `part` of all that differ from day to day.
+  [[nodiscard]] static Presence presence_of(const Rng& thing, double part) {
+    return thing.fork(0).uniform() < part ? Presence::changing : Presence::lasting;
   }
 
   void park_cars(const Frontage& side, Rng rng) {
@@ -254,11 +317,12 @@ class Builder {
          s += rng.uniform(5.4, 6.4)) {
       Rng car = rng.fork(static_cast<std::uint64_t>(s * 1000.0));
       ParkingBay bay(rng);
-      if (is_changed(car, options_.parked_anew)) {
+      const Marking marking(town_.world, presence_of(car, options_.parked_anew));
+      if (day_ > 0 && presence_of(car, options_.parked_anew) == Presence::changing) {
         car = on_day(car, day_);
         bay = ParkingBay(car);
       }
-      if (bay.lot >= options_.parked) continue;
+      if (bay.lot >= options_.parked || is_in_passage(side.at(s, options_.streets.half_road))) continue;
       const Eigen::Vector2d direction = side.along + bay.skew * side.inward;
       add_car(town_.world, leaning(side.at(s, options_.streets.half_road - bay.gap), direction.normalized(), 0.0), car);
     }
@@ -275,12 +339,15 @@ class Builder {
       double what = rng.uniform();
       const double size = rng.uniform(0.7, 1.2);
       Rng item = rng.fork(number++);
-      if (is_changed(item, options_.kerb_changes)) {
+      if (is_in_passage(side.at(s, offset))) continue;
+      const Presence presence = presence_of(item, options_.kerb_changes);
+      const Marking marking(town_.world, presence);
+      if (day_ > 0 && presence == Presence::changing) {
         item = on_day(item, day_);
         what = item.uniform();
       }
       if (what < (avenue ? 0.45 : 0.1))
-        add_tree(town_.world, place, size, item);
+        plant_tree(place, size, item);
       else if (what < 0.62)
         add_lamp(town_.world, place, item);
       else if (what < 0.72)
@@ -298,7 +365,7 @@ class Builder {
   void plant_yards(Rng rng) {
     const HeightField& ground = town_.world.ground;
     const Eigen::Vector2d size = options_.ground_spacing * Eigen::Vector2d(ground.columns - 1, ground.rows - 1);
-    const int attempts = static_cast<int>(size.prod() / 80.0);
+    const int attempts = static_cast<int>(size.prod() / options_.area_per_tree);
     for (int i = 0; i < attempts; ++i) {
       const double x = rng.uniform(3.0, size.x() - 3.0);
       const double y = rng.uniform(3.0, size.y() - 3.0);
@@ -315,7 +382,7 @@ class Builder {
       if (shed)
         add_box(town_.world, place, {-half, -0.8 * half, -0.8}, {half, 0.8 * half, 1.6 * scale + 0.8}, Material::wood);
       else
-        add_tree(town_.world, place, scale, rng.fork(static_cast<std::uint64_t>(i)));
+        plant_tree(place, scale, rng.fork(static_cast<std::uint64_t>(i)));
     }
   }
 
@@ -326,6 +393,9 @@ class Builder {
   std::vector<Street> streets_;
   double building_line_;  ///< middle of the road to the houses, metres
   std::vector<Plot> plots_;
+  std::vector<NarrowStretch> passages_;
+  bool alike_ = false;  ///< whether the houses of the side that is being lined are all the same
+  Rng design_;          ///< ... this one
 };
 
 }  // namespace

@@ -98,9 +98,9 @@ TEST_SUITE("simulator/drive") {
 
   TEST_CASE("a route that turns back on itself, or goes nowhere, is refused") {
     const StreetGrid streets({}, Rng(1));
-    CHECK_THROWS_AS(static_cast<void>(follow_lane(streets, {{0, 0}, {1, 0}, {0, 0}}, 1.9)), std::invalid_argument);
-    CHECK_THROWS_AS(static_cast<void>(follow_lane(streets, {{0, 0}, {1, 0}}, 1.9)), std::invalid_argument);
-    CHECK_THROWS_AS(static_cast<void>(follow_lane(streets, {{0, 0}, {1, 0}, {99, 0}}, 1.9)), std::invalid_argument);
+    CHECK_THROWS_AS(static_cast<void>(follow_lane(streets, {{0, 0}, {1, 0}, {0, 0}}, {})), std::invalid_argument);
+    CHECK_THROWS_AS(static_cast<void>(follow_lane(streets, {{0, 0}, {1, 0}}, {})), std::invalid_argument);
+    CHECK_THROWS_AS(static_cast<void>(follow_lane(streets, {{0, 0}, {1, 0}, {99, 0}}, {})), std::invalid_argument);
   }
 }
 
