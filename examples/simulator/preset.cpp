@@ -2,6 +2,8 @@
 
 #include <array>
 
+#include "simulator/large_presets.hpp"
+
 namespace chainslam::simulator {
 
 namespace {
@@ -14,6 +16,7 @@ Preset town() {
                 .lidar = {},
                 .imu = {},
                 .gnss = {},
+                .traffic = {},
                 .sessions = {}};
   // Once around, then a smaller loop that shares streets with the first, in the same and in the opposite direction.
   const Route route = {{1, 1}, {2, 1}, {3, 1}, {4, 1}, {4, 2}, {4, 3}, {3, 3}, {2, 3}, {1, 3},
@@ -56,14 +59,24 @@ Preset town_sessions() {
 }  // namespace
 
 std::span<const std::string_view> preset_names() {
-  static constexpr std::array<std::string_view, 3> names{"town", "town-small", "town-sessions"};
+  static constexpr std::array<std::string_view, 5> names{"town", "town-small", "town-sessions", "nclt-like",
+                                                         "mars-like"};
   return names;
 }
 
-std::optional<Preset> preset(std::string_view name) {
+std::optional<PresetSize> preset_size(std::string_view name) {
+  if (name == "small") return PresetSize::small;
+  if (name == "medium") return PresetSize::medium;
+  if (name == "full") return PresetSize::full;
+  return std::nullopt;
+}
+
+std::optional<Preset> preset(std::string_view name, PresetSize size) {
   if (name == "town") return town();
   if (name == "town-small") return town_small();
   if (name == "town-sessions") return town_sessions();
+  if (name == "nclt-like") return nclt_like(size);
+  if (name == "mars-like") return mars_like(size);
   return std::nullopt;
 }
 

@@ -21,16 +21,18 @@ TownDrive::TownDrive(const Preset& preset, std::uint64_t seed, std::size_t sessi
 TownDrive::TownDrive(const Preset& preset, const SessionPlan& session, const Rng& rng, Town town)
     : epoch_((first_day + std::chrono::days(session.day)).time_since_epoch() + noon),
       drive_(preset.drive, session.route, town, on_day(rng.fork(1), session.day)),
+      terrain_(town.terrain),
       caster_(std::move(town.world)),
+      traffic_(preset.traffic, drive_, on_day(rng.fork(5), session.day)),
       lidar_(preset.lidar, rng.fork(2), session.day),
       imu_(record_imu(drive_, preset.imu, epoch_, rng.fork(3), session.day)),
-      gnss_(record_gnss(drive_, preset.gnss, epoch_, on_day(rng.fork(4), session.day))),
+      gnss_(record_gnss(drive_, caster_, preset.gnss, epoch_, on_day(rng.fork(4), session.day))),
       scan_count_(static_cast<Index>(drive_.duration() / preset.lidar.period)) {}
 
-Timestamp TownDrive::scan_end(Index index) const {
-  const Index last = lidar_.options().firings_per_revolution - 1;
-  return epoch() + index * lidar_.period() + lidar_.firing_offset(last) +
-         SpinningLidar::laser_offset(SpinningLidar::lasers);
+Revolution TownDrive::revolution(Index index) const {
+  const double start = to_seconds(index * lidar_.period());
+  const double stop = start + to_seconds(lidar_.period());
+  return lidar_.turn(caster_, drive_, index, traffic_.during(drive_, terrain_, start, stop));
 }
 
 std::optional<Packet> TownDrive::next() {

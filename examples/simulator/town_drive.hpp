@@ -30,9 +30,13 @@ class TownDrive {
   [[nodiscard]] Timestamp epoch() const { return epoch_; }
   [[nodiscard]] Timestamp end() const { return epoch() + seconds(drive_.duration()); }
   [[nodiscard]] Index scan_count() const { return scan_count_; }
+  /// When the last laser of a scan has fired.
+  [[nodiscard]] Timestamp scan_end(Index index) const {
+    return epoch() + index * lidar_.period() + lidar_.last_return();
+  }
 
   /// Scan `index` as the sensor reports it, and as the library's record. Safe from several threads.
-  [[nodiscard]] Revolution revolution(Index index) const { return lidar_.turn(caster_, drive_, index); }
+  [[nodiscard]] Revolution revolution(Index index) const;
   [[nodiscard]] LidarScan scan(Index index) const { return lidar_.to_scan(revolution(index), epoch()); }
 
   /// The truth, T_map_body, at any time of the drive.
@@ -44,6 +48,7 @@ class TownDrive {
 
   [[nodiscard]] const Drive& drive() const { return drive_; }
   [[nodiscard]] const RayCaster& caster() const { return caster_; }
+  [[nodiscard]] const Traffic& traffic() const { return traffic_; }
   [[nodiscard]] const SpinningLidar& lidar() const { return lidar_; }
   [[nodiscard]] const std::vector<ImuSample>& imu() const { return imu_; }
   [[nodiscard]] const std::vector<GnssReading>& gnss() const { return gnss_; }
@@ -51,11 +56,11 @@ class TownDrive {
  private:
   TownDrive(const Preset& preset, const SessionPlan& session, const Rng& rng, Town town);
 
-  [[nodiscard]] Timestamp scan_end(Index index) const;
-
   Timestamp epoch_;
   Drive drive_;
+  Terrain terrain_;
   RayCaster caster_;
+  Traffic traffic_;
   SpinningLidar lidar_;
   std::vector<ImuSample> imu_;
   std::vector<GnssReading> gnss_;
