@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -32,16 +33,24 @@ std::string known_presets() {
 struct SimulateArguments {
   std::string preset = "town";
   std::filesystem::path out;
+  std::string size = "medium";
+  std::optional<std::size_t> sessions;
   std::uint64_t seed = 1;
   bool overwrite = false;
   int threads = static_cast<int>(std::thread::hardware_concurrency());
 };
 
 int run(const SimulateArguments& arguments) {
-  const auto preset = simulator::preset(arguments.preset);
+  auto preset = simulator::preset(arguments.preset, *simulator::preset_size(arguments.size));
   if (!preset)
     throw support::ConfigError("simulate", "there is no such preset", arguments.preset,
                                "take one of: " + known_presets());
+  if (arguments.sessions) {
+    if (*arguments.sessions > preset->sessions.size())
+      throw support::ConfigError("simulate", "the preset has fewer sessions", std::to_string(*arguments.sessions),
+                                 "take at most " + std::to_string(preset->sessions.size()));
+    preset->sessions.resize(*arguments.sessions);
+  }
   OutputFolder folder(arguments.out, arguments.overwrite);
   const support::Interrupt interrupt;
   support::Progress progress;
@@ -74,9 +83,15 @@ int run(const SimulateArguments& arguments) {
 
 CLI::App* add_simulate(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<SimulateArguments>();
-  CLI::App* verb = program.add_subcommand("simulate", "make a data set: drives through a town, in NCLT's file layout");
+  CLI::App* verb = program.add_subcommand("simulate", "make a data set: drives through a town or a campus");
   verb->add_option("PRESET", arguments->preset, "what to make: " + known_presets())->required()->option_text(" ");
   verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
+  verb->add_option("--size", arguments->size, "of nclt-like and mars-like: small, medium (default) or full")
+      ->check(CLI::IsMember({"small", "medium", "full"}))
+      ->option_text("SIZE");
+  verb->add_option("--sessions", arguments->sessions, "only the first N of the preset's")
+      ->check(CLI::Range(1, 1000))
+      ->option_text("N");
   verb->add_option("--seed", arguments->seed, "the same seed gives the same bytes (default 1)")->option_text("N");
   verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");
   verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")

@@ -56,8 +56,9 @@ std::vector<std::byte> HitsFile::encode(const Revolution& revolution, const Spin
   std::vector<std::byte> bytes;
   bytes.reserve(revolution.returns.size() * 8 + 2048);
   auto first = revolution.returns.begin();
-  for (Index firing = 0; firing < lidar.options().firings_per_revolution; firing += SpinningLidar::firings_per_packet) {
-    const Index next_packet = firing + SpinningLidar::firings_per_packet;
+  const Index in_packet = lidar.model().firings_per_packet;
+  for (Index firing = 0; firing < lidar.options().firings_per_revolution; firing += in_packet) {
+    const Index next_packet = firing + in_packet;
     const auto last = std::find_if(first, revolution.returns.end(),
                                    [&](const LidarReturn& hit) { return hit.firing >= next_packet; });
     const Timestamp time = epoch + revolution.start + lidar.firing_offset(firing);

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "chainslam/io/tum.hpp"
 #include "simulator/nclt_files.hpp"
+#include "simulator/nuscenes_files.hpp"
 #include "simulator/rig.hpp"
 #include "simulator/town_drive.hpp"
 
@@ -37,7 +39,9 @@ class NewFolder {
   }
 
   /// A file or folder to be made in it.
-  const fs::path& part(const fs::path& name) { return parts_.emplace_back(path_ / name); }
+  fs::path part(const fs::path& name) { return parts_.emplace_back(path_ / name); }
+  /// All that was made, folders before what is in them; more may be added.
+  [[nodiscard]] std::vector<fs::path>& parts() { return parts_; }
 
   /// Bytes in all files, which stay from now on.
   std::uint64_t keep() {
@@ -49,33 +53,64 @@ class NewFolder {
 
  private:
   fs::path path_;
-  std::vector<fs::path> parts_;  ///< folders before what is in them
+  std::vector<fs::path> parts_;
   bool whole_ = false;
 };
 
-/// @param made  called with the scans that have been written since the last call.
-std::uint64_t write_hits(const fs::path& path, const TownDrive& drive, const ChunkRunner& run_chunks,
-                         const std::function<void(Index)>& made) {
-  constexpr Index batch = 32;  // scans that are made, then written together
-  HitsFile file(path);
+/// A revolution and its bytes.
+struct EncodedScan {
+  Revolution revolution;
+  std::vector<std::byte> bytes;
+};
+
+/// Makes all scans of a drive, batch by batch on all threads, and takes them in order.
+///
+/// @param encode  the bytes of a revolution. @param take  called with each scan's number and what was made of it.
+/// @param made  called with the scans that have been taken since the last call.
+/// @returns the number of returns.
+template <class Encode, class Take>
+std::uint64_t for_each_scan(const TownDrive& drive, const ChunkRunner& run_chunks, const Encode& encode,
+                            const Take& take, const std::function<void(Index)>& made) {
+  constexpr Index batch = 32;  // scans that are made, then taken together
   std::uint64_t points = 0;
   for (Index done = 0; done < drive.scan_count();) {
     const Index count = std::min(batch, drive.scan_count() - done);
-    std::vector<std::vector<std::byte>> encoded(static_cast<std::size_t>(count));
-    std::vector<std::size_t> returns(encoded.size());
+    std::vector<EncodedScan> scans(static_cast<std::size_t>(count));
     run_chunks(count, 1, [&](Index begin, Index end) {
       for (Index i = begin; i < end; ++i) {
-        const Revolution revolution = drive.revolution(done + i);
-        returns[static_cast<std::size_t>(i)] = revolution.returns.size();
-        encoded[static_cast<std::size_t>(i)] = HitsFile::encode(revolution, drive.lidar(), drive.epoch());
+        EncodedScan& scan = scans[static_cast<std::size_t>(i)];
+        scan.revolution = drive.revolution(done + i);
+        scan.bytes = encode(scan.revolution);
       }
     });
-    for (const auto& packets : encoded) file.write(packets);
-    for (const std::size_t in_scan : returns) points += in_scan;
+    for (Index i = 0; i < count; ++i) {
+      const EncodedScan& scan = scans[static_cast<std::size_t>(i)];
+      take(done + i, scan);
+      points += scan.revolution.returns.size();
+    }
     done += count;
     made(count);
   }
+  return points;
+}
+
+/// @param labels  where to write the presence of every hit, if anywhere.
+std::uint64_t write_hits(const fs::path& path, const fs::path& labels, const TownDrive& drive,
+                         const ChunkRunner& run_chunks, const std::function<void(Index)>& made) {
+  HitsFile file(path);
+  std::optional<AtomicFile> presences;
+  if (!labels.empty()) presences.emplace(labels);
+  const auto encode = [&](const Revolution& turn) { return HitsFile::encode(turn, drive.lidar(), drive.epoch()); };
+  const auto take = [&](Index, const EncodedScan& scan) {
+    file.write(scan.bytes);
+    if (!presences) return;
+    std::string of_scan;
+    for (const LidarReturn& hit : scan.revolution.returns) of_scan += static_cast<char>(hit.presence);
+    presences->write(of_scan);
+  };
+  const std::uint64_t points = for_each_scan(drive, run_chunks, encode, take, made);
   file.commit();
+  if (presences) presences->commit();
   return points;
 }
 
@@ -97,28 +132,72 @@ std::string date_of(Timestamp time) {
          two_digits(static_cast<unsigned>(date.day()));
 }
 
+std::string heading(const Preset& preset, std::uint64_t seed) {
+  return preset.summary + ".\n\npreset: " + preset.name + "\nseed: " + std::to_string(seed) + "\n";
+}
+
+/// How long, how far and how much.
+std::string figures(const TownDrive& drive, std::uint64_t points) {
+  return "scans: " + std::to_string(drive.scan_count()) + " at 10 Hz\npoints: " + std::to_string(points) +
+         "\nduration: " + std::to_string(drive.drive().duration()) +
+         " s\nlength: " + std::to_string(drive.drive().length()) + " m\n\n";
+}
+
+constexpr const char* about_errors =
+    "The sensors are off what is stated here, as real ones are: per-laser elevation and range, mounting, scale, "
+    "bias.\n";
+constexpr const char* about_truth =
+    "t x y z qx qy qz qw, the pose of the inertial unit at the end of every\nscan; map frame x north, y west, z up, "
+    "body "
+    "frame x ahead, y left, z up.\n";
+
 void write_readme(const fs::path& path, const Preset& preset, std::uint64_t seed, std::size_t session,
                   const TownDrive& drive, std::uint64_t points) {
   AtomicFile file(path);
-  file.write("A simulated LiDAR session in NCLT's file layout: " + preset.summary + ".\n\n");
-  file.write("preset: " + preset.name + "\nseed: " + std::to_string(seed) + "\n");
+  file.write("A simulated LiDAR session in NCLT's file layout: " + heading(preset, seed));
   if (preset.sessions.size() > 1)
     file.write("session: " + std::to_string(session + 1) + " of " + std::to_string(preset.sessions.size()) +
                ", all in one map frame\n");
-  file.write("scans: " + std::to_string(drive.scan_count()) + " at 10 Hz\npoints: " + std::to_string(points) + "\n");
-  file.write("duration: " + std::to_string(drive.drive().duration()) +
-             " s\nlength: " + std::to_string(drive.drive().length()) + " m\n\n");
+  file.write(figures(drive, points));
   file.write("velodyne_hits.bin, ms25.csv, gps.csv and groundtruth_" + date_of(drive.epoch()) + ".csv");
   file.write(
       " are laid out as NCLT has them (axes z down;\n"
-      "the ground truth is that of the robot's base). truth.tum: t x y z qx qy qz qw, the pose of the inertial unit at "
-      "the\n"
-      "end of every scan; map frame x north, y west, z up, body frame x ahead, y left, z up.\n\n"
-      "The sensors are off what is stated here, as real ones are: per-laser elevation and range, mounting, scale, "
-      "bias.\n"
+      "the ground truth is that of the robot's base). truth.tum: " +
+      std::string(about_truth) + "\n" + about_errors +
       "Nominal pose of the LiDAR in the body frame, both z up (x y z  qx qy qz qw):\n  " +
-      describe(nominal_T_body_lidar()) + "\n");
+      describe(preset.lidar.T_body_lidar) + "\n");
+  if (preset.labelled)
+    file.write(
+        "labels.bin: a byte for every hit in velodyne_hits.bin, 0 lasting, 1 not there on all days, 2 moving.\n");
   file.commit();
+}
+
+/// A session as a folder of its own, or as the whole folder if it is the only one.
+std::uint64_t write_nclt(NewFolder& folder, const Preset& preset, std::uint64_t seed, std::size_t session,
+                         const TownDrive& drive, const ChunkRunner& run_chunks,
+                         const std::function<void(Index)>& made) {
+  const fs::path place = preset.sessions.size() > 1 ? "session" + std::to_string(session + 1) : "";
+  if (!place.empty()) fs::create_directory(folder.part(place));
+  const fs::path hits = folder.part(place / "velodyne_hits.bin");
+  const fs::path labels = preset.labelled ? folder.part(place / "labels.bin") : fs::path();
+  const std::uint64_t points = write_hits(hits, labels, drive, run_chunks, made);
+  write_ms25(folder.part(place / "ms25.csv"), drive);
+  write_gps(folder.part(place / "gps.csv"), drive);
+  write_ground_truth(folder.part(place / ("groundtruth_" + date_of(drive.epoch()) + ".csv")), drive);
+  write_tum(folder.part(place / "truth.tum"), drive.truth_at_scan_ends());
+  write_readme(folder.part(place / "README.txt"), preset, seed, session, drive, points);
+  return points;
+}
+
+/// A session as a scene; its truth beside the tables.
+std::uint64_t write_scene(NewFolder& folder, NuscenesFolder& tables, std::size_t session, const TownDrive& drive,
+                          const ChunkRunner& run_chunks, const std::function<void(Index)>& made) {
+  tables.begin_scene(session, drive);
+  const auto encode = [&](const Revolution& turn) { return NuscenesFolder::encode(turn, drive.lidar()); };
+  const auto take = [&](Index index, const EncodedScan& scan) { tables.add_scan(index, scan.revolution, scan.bytes); };
+  const std::uint64_t points = for_each_scan(drive, run_chunks, encode, take, made);
+  write_tum(folder.part("truth_session" + std::to_string(session + 1) + ".tum"), drive.truth_at_scan_ends());
+  return points;
 }
 
 }  // namespace
@@ -139,17 +218,24 @@ SimulationReport simulate(const Preset& preset, std::uint64_t seed, const fs::pa
     done += scans;
     if (progress) progress(done, report.scans);
   };
+  std::optional<NuscenesFolder> tables;
+  std::string readme;
+  if (preset.layout == FileLayout::nuscenes) {
+    tables.emplace(directory, preset, folder.parts());
+    readme = "Simulated LiDAR sessions in nuScenes' tables, as MARS has them: " + heading(preset, seed);
+  }
   for (std::size_t i = 0; i < drives.size(); ++i) {
     const TownDrive& drive = drives[i];
-    const fs::path place = drives.size() > 1 ? "session" + std::to_string(i + 1) : "";
-    if (!place.empty()) fs::create_directory(folder.part(place));
-    const std::uint64_t points = write_hits(folder.part(place / "velodyne_hits.bin"), drive, run_chunks, made);
-    write_ms25(folder.part(place / "ms25.csv"), drive);
-    write_gps(folder.part(place / "gps.csv"), drive);
-    write_ground_truth(folder.part(place / ("groundtruth_" + date_of(drive.epoch()) + ".csv")), drive);
-    write_tum(folder.part(place / "truth.tum"), drive.truth_at_scan_ends());
-    write_readme(folder.part(place / "README.txt"), preset, seed, i, drive, points);
+    const std::uint64_t points = tables ? write_scene(folder, *tables, i, drive, run_chunks, made)
+                                        : write_nclt(folder, preset, seed, i, drive, run_chunks, made);
+    if (tables) readme += "\nscene session" + std::to_string(i + 1) + "\n" + figures(drive, points);
     report.points += points;
+  }
+  if (tables) {
+    tables->finish();
+    AtomicFile file(folder.part("README.txt"));
+    file.write(readme + "truth_session*.tum: " + about_truth + about_errors);
+    file.commit();
   }
   report.bytes = folder.keep();
   return report;

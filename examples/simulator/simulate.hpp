@@ -29,9 +29,14 @@ using ChunkRunner = std::function<void(Index count, Index grain, const std::func
                                         const std::filesystem::path& directory, const ChunkRunner& run_chunks,
                                         const SimulationProgress& progress = {});
 
-/// Writes a simulated session in NCLT's layout, all files in one folder; several sessions as the folders `session1`,
+/// Writes simulated sessions in the preset's layout.
+///
+/// NuScenes: see `NuscenesFolder`; beside its tables `truth_session1.tum` ..., as below, and `README.txt`.
+///
+/// NCLT: a session all files in one folder; several sessions as the folders `session1`,
 /// `session2`, ... in it, their truths in one map frame:
-/// `velodyne_hits.bin`, `ms25.csv`, `gps.csv`, `groundtruth_<date>.csv` as NCLT has them (z down); beside them
+/// `velodyne_hits.bin`, `ms25.csv`, `gps.csv`, `groundtruth_<date>.csv` as NCLT has them (z down); `labels.bin`, a
+/// `Presence` for each hit, if the preset is labelled; beside them
 /// `truth.tum`, T_map_body at the end of every scan (z up, as the library has it), and `README.txt`, which says what it
 /// is. The same preset and seed give the same bytes with any executor.
 ///

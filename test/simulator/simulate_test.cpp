@@ -3,12 +3,15 @@
 #include <doctest/doctest.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <charconv>
 #include <csignal>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <numbers>
+#include <set>
 #include <sstream>
 
 #include "chainslam/core/thread_pool.hpp"
@@ -38,6 +41,32 @@ Preset quick_preset() {
   Preset quick = *preset("town-small");
   quick.lidar.firings_per_revolution = 60;
   return quick;
+}
+
+/// Around a corner in traffic with a coarse VLS-128, in two sessions.
+Preset quick_avenue() {
+  Preset quick = *preset("mars-like", PresetSize::small);
+  quick.lidar.firings_per_revolution = 15;
+  quick.sessions.resize(2);
+  quick.town.streets = {.columns = 2, .rows = 2, .block = 60.0};
+  quick.town.passages.clear();
+  quick.sessions[0].route = {{0, 0}, {1, 0}, {1, 1}};
+  quick.sessions[1].route = {{1, 1}, {1, 0}, {0, 0}};
+  return quick;
+}
+
+/// The value of a field in each row of a table, as it is written; a row is a line.
+std::vector<std::string> column(const fs::path& table, const std::string& key) {
+  std::ifstream file(table);
+  std::vector<std::string> values;
+  for (std::string line; std::getline(file, line);) {
+    const auto at = line.find('"' + key + "\": ");
+    if (at == std::string::npos) continue;
+    const auto from = at + key.size() + 4;
+    const auto to = line.find_first_of(line[from] == '[' ? "]" : ",}", from);
+    values.push_back(line.substr(from, to - from + (line[from] == '[' ? 1 : 0)));
+  }
+  return values;
 }
 
 std::string read_file(const fs::path& path) {
@@ -213,6 +242,100 @@ TEST_SUITE("simulator/simulate") {
       CHECK(trajectory.poses[17].local(drive.truth(trajectory.times[17])).norm() < 1e-9);
       CHECK(read_file(folder.path / "README.txt").find("seed: 5\n") != std::string::npos);
     }
+  }
+
+  TEST_CASE("nuScenes' tables hold a scene for each session, and the same bytes by one thread and two") {
+    const Folder folder("tables");
+    const Folder again("tables2");
+    const Preset avenue = quick_avenue();
+    const SimulationReport report = simulate(avenue, 2, folder.path, ThreadPool(2));
+    CHECK(simulate(avenue, 2, again.path, Serial{}).bytes == report.bytes);
+    std::uint64_t bytes = 0;
+    std::uint64_t points = 0;
+    for (const auto& entry : fs::recursive_directory_iterator(folder.path)) {
+      if (!entry.is_regular_file()) continue;
+      const fs::path name = fs::relative(entry.path(), folder.path);
+      if (read_file(entry.path()) != read_file(again.path / name)) FAIL_CHECK(name.string());
+      bytes += entry.file_size();
+      if (name.string().ends_with(".pcd.bin")) points += entry.file_size() / 20;
+    }
+    CHECK(bytes == report.bytes);
+    CHECK(points == report.points);
+
+    const fs::path tables = folder.path / "v1.0";
+    CHECK(column(tables / "scene.json", "name") == std::vector<std::string>{"\"session1\"", "\"session2\""});
+    CHECK(column(tables / "sensor.json", "channel") ==
+          std::vector<std::string>{"\"LIDAR_FRONT_CENTER\"", "\"IMU_TOP\""});
+    const auto times = column(tables / "sample.json", "timestamp");
+    REQUIRE(times.size() == static_cast<std::size_t>(report.scans));
+    const auto nexts = column(tables / "sample.json", "next");
+    const auto tokens = column(tables / "sample.json", "token");
+    CHECK(std::set<std::string>(tokens.begin(), tokens.end()).size() == tokens.size());
+    CHECK(nexts[3] == tokens[4]);
+    CHECK(std::ranges::count(nexts, "\"\"") == 2);
+    for (const std::string& file : column(tables / "sample_data.json", "filename"))
+      if (!fs::exists(folder.path / file.substr(1, file.size() - 2))) FAIL_CHECK(file);
+
+    const TownDrive drive(avenue, 2, 0);
+    const Index index = 40;
+    const LidarScan scan = drive.scan(index);
+    const std::string time = std::to_string(scan.end.nanoseconds() / 1000);
+    CHECK(times[index] == time);
+    const std::string cloud = read_file(folder.path / "sweeps" / "LIDAR_FRONT_CENTER" / (time + ".pcd.bin"));
+    REQUIRE(cloud.size() == 20 * scan.cloud.size());
+    for (std::size_t i = 0; i < scan.cloud.size(); i += 11) {
+      std::array<float, 5> point{};
+      std::memcpy(point.data(), cloud.data() + 20 * i, 20);
+      CHECK(Eigen::Vector3f(point[0], point[1], point[2]) == scan.cloud.positions[i]);
+      CHECK(point[3] == scan.cloud.intensities[i]);
+      CHECK(point[4] >= 0.0F);
+      CHECK(point[4] <= 127.0F);
+    }
+    const ImuSample& imu = drive.imu()[30];
+    const fs::path record =
+        folder.path / "sweeps" / "IMU_TOP" / (std::to_string(imu.time.nanoseconds() / 1000) + ".json");
+    double x = 0.0, y = 0.0, z = 0.0;
+    REQUIRE(std::sscanf(column(record, "acc").at(0).c_str(), "[%lf, %lf, %lf]", &x, &y, &z) == 3);
+    CHECK((Eigen::Vector3d(x, y, z) - imu.accel).norm() == 0.0);
+    REQUIRE(std::sscanf(column(record, "avel").at(0).c_str(), "[%lf, %lf, %lf]", &x, &y, &z) == 3);
+    CHECK((Eigen::Vector3d(x, y, z) - imu.gyro).norm() == 0.0);
+    const GnssReading& fix = drive.gnss()[30];
+    REQUIRE(fix.time == imu.time);
+    if (fix.mode != 0)
+      CHECK(std::stod(column(record, "lat").at(0)) ==
+            doctest::Approx(fix.latitude * 180.0 / std::numbers::pi).epsilon(1e-12));
+
+    REQUIRE(std::sscanf(column(tables / "ego_pose.json", "translation").at(index).c_str(), "[%lf, %lf, %lf]", &x, &y,
+                        &z) == 3);
+    const SE3d T_map_ego = drive.truth(scan.end) * nominal_T_ego_imu().inverse();
+    CHECK((Eigen::Vector3d(x, y, z) - T_map_ego.translation()).norm() < 1e-9);
+    CHECK(T_map_ego.translation().z() - drive.truth(scan.end).translation().z() < -1.8);  // on the road
+    REQUIRE(std::sscanf(column(tables / "calibrated_sensor.json", "translation").at(0).c_str(), "[%lf, %lf, %lf]", &x,
+                        &y, &z) == 3);
+    CHECK((Eigen::Vector3d(x, y, z) - Eigen::Vector3d(2.128, 0.0, 1.57)).norm() < 1e-9);
+    CHECK(read_tum(folder.path / "truth_session2.tum").size() + static_cast<std::size_t>(drive.scan_count()) ==
+          static_cast<std::size_t>(report.scans));
+    CHECK(fs::file_size(folder.path / column(tables / "lidarseg.json", "filename")
+                                          .at(index)
+                                          .substr(1, column(tables / "lidarseg.json", "filename").at(index).size() -
+                                                         2)) == scan.cloud.size());
+  }
+
+  TEST_CASE("labels say of every hit whether it lasts, changes or moves") {
+    Preset labelled = quick_preset();
+    labelled.labelled = true;
+    labelled.traffic = {.companions = 2};
+    const Folder folder("labels");
+    const SimulationReport report = simulate(labelled, 3, folder.path, ThreadPool(2));
+    CHECK(entries_in(folder.path) == 7);
+    const std::string labels = read_file(folder.path / "labels.bin");
+    REQUIRE(labels.size() == report.points);
+    const TownDrive drive(labelled, 3);
+    std::string first;
+    for (const Index index : {0, 1})
+      for (const LidarReturn& hit : drive.revolution(index).returns) first += static_cast<char>(hit.presence);
+    CHECK(labels.starts_with(first));
+    for (const char label : {'\0', '\1', '\2'}) CHECK(std::ranges::count(labels, label) > 1000);
   }
 
   TEST_CASE("several sessions are folders, each as if it were alone, dated by its day") {
