@@ -18,6 +18,7 @@
 #include "options.hpp"
 #include "output_folder.hpp"
 #include "results.hpp"
+#include "simulated_dataset.hpp"
 #include "support/interrupt.hpp"
 #include "support/progress.hpp"
 #include "support/summary.hpp"
@@ -44,7 +45,10 @@ using Datasets = std::vector<std::unique_ptr<datasets::Dataset>>;
 /// All are opened before the first is mapped, so that a wrong path is not found out an hour later.
 Datasets open_datasets(const MapArguments& arguments, const MapperOptions& options) {
   Datasets datasets;
-  for (const fs::path& path : arguments.data) datasets.push_back(datasets::open_dataset(path, options.dataset));
+  for (const fs::path& path : arguments.data) {
+    auto simulated = open_simulation(path.string());
+    datasets.push_back(simulated ? std::move(simulated) : datasets::open_dataset(path, options.dataset));
+  }
   return datasets;
 }
 
@@ -206,7 +210,9 @@ CLI::App* add_map(CLI::App& program, int& exit_code) {
       "once,\n"
       "and so may a crash: `chainslam recover DIR.partial/map.cslam.partial` then has all but the last keyframe.\n"
       "`chainslam config --print` shows everything that can be configured.");
-  verb->add_option("DATA", arguments->data, "folders of data sets, one session each (see chainslam inspect)")
+  verb->add_option("DATA", arguments->data,
+                   "folders of data sets, one session each (see chainslam inspect), or "
+                   "simulate:PRESET/SIZE/SESSION")
       ->required()
       ->option_text("...");
   verb->add_option("--load", arguments->maps, "maps to go on from: map.cslam of earlier runs")->option_text("MAP...");

@@ -1,0 +1,81 @@
+#include "simulated_dataset.hpp"
+
+#include <charconv>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "simulator/town_drive.hpp"
+#include "support/configuration.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+constexpr std::string_view prefix = "simulate:";
+
+class SimulatedDataset final : public datasets::Dataset {
+ public:
+  SimulatedDataset(const simulator::Preset& preset, std::uint64_t seed, std::size_t session, std::string name)
+      : drive_(preset, seed, session) {
+    info_.kind = datasets::DatasetKind::nclt;  // truths of one preset and seed share the map frame, as NCLT's do
+    info_.name = std::move(name);
+    info_.start = drive_.epoch();
+    info_.end = drive_.end();
+    info_.T_body_lidar = preset.lidar.T_body_lidar;
+    info_.p_body_antenna = preset.gnss.antenna_body;
+    const std::string lidar(drive_.lidar().model().name);
+    info_.sensors = {{lidar, SensorKind::lidar, static_cast<std::size_t>(drive_.scan_count()), "simulated"},
+                     {"inertial unit", SensorKind::imu, drive_.imu().size(), "simulated"},
+                     {"GNSS receiver", SensorKind::gnss, std::nullopt, "simulated"}};
+    info_.notes = {"simulated while it is read: " + preset.summary};
+  }
+
+  [[nodiscard]] std::optional<Packet> next() override { return drive_.next(); }
+  [[nodiscard]] std::optional<Trajectory> truth() const override { return drive_.truth_at_scan_ends(); }
+
+ private:
+  simulator::TownDrive drive_;
+};
+
+std::vector<std::string_view> parts_of(std::string_view text) {
+  std::vector<std::string_view> parts;
+  for (std::size_t end = 0; end != std::string_view::npos; text.remove_prefix(end + 1)) {
+    end = text.find('/');
+    parts.push_back(text.substr(0, end));
+    if (end == std::string_view::npos) break;
+  }
+  return parts;
+}
+
+std::optional<std::uint64_t> number(std::string_view text) {
+  std::uint64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size() ? std::optional(value) : std::nullopt;
+}
+
+}  // namespace
+
+std::unique_ptr<datasets::Dataset> open_simulation(std::string_view name) {
+  if (!name.starts_with(prefix)) return nullptr;
+  const auto refuse = [&](const char* what) -> std::unique_ptr<datasets::Dataset> {
+    throw support::ConfigError("map", what, std::string(name),
+                               "write simulate:PRESET/SIZE/SESSION[/SEED], such as simulate:nclt-like/medium/1");
+  };
+  const std::vector<std::string_view> parts = parts_of(name.substr(prefix.size()));
+  if (parts.size() < 3 || parts.size() > 4) return refuse("that names no simulated session");
+  const auto size = simulator::preset_size(parts[1]);
+  if (!size) return refuse("there is no such size");
+  const auto preset = simulator::preset(parts[0], *size);
+  if (!preset) return refuse("there is no such preset");
+  const auto session = number(parts[2]);
+  const auto seed = parts.size() == 4 ? number(parts[3]) : std::optional<std::uint64_t>(1);
+  if (!session || *session < 1 || *session > preset->sessions.size()) return refuse("the preset has no such session");
+  if (!seed) return refuse("the seed is no number");
+  return std::make_unique<SimulatedDataset>(*preset, *seed, static_cast<std::size_t>(*session - 1),
+                                            preset->name + "-" + std::string(parts[2]));
+}
+
+}  // namespace chainslam::mapper
