@@ -10,7 +10,7 @@ namespace chainslam::simulator {
 namespace {
 
 /// The small town with a tenth of the rays.
-Preset quick_preset() {
+Preset coarse_preset() {
   Preset quick = *preset("town-small");
   quick.lidar.firings_per_revolution = 60;
   return quick;
@@ -20,7 +20,7 @@ Preset quick_preset() {
 
 TEST_SUITE("simulator/town_drive") {
   TEST_CASE("packets come in time order, all of them") {
-    TownDrive drive(quick_preset(), 1);
+    TownDrive drive(coarse_preset(), 1);
     std::array<std::size_t, 3> counts{};
     Timestamp previous = drive.epoch();
     while (const auto packet = drive.next()) {
@@ -38,9 +38,9 @@ TEST_SUITE("simulator/town_drive") {
   }
 
   TEST_CASE("the same seed gives the same scans in any order, another seed another town") {
-    const TownDrive a(quick_preset(), 7);
-    TownDrive b(quick_preset(), 7);
-    const TownDrive other(quick_preset(), 8);
+    const TownDrive a(coarse_preset(), 7);
+    TownDrive b(coarse_preset(), 7);
+    const TownDrive other(coarse_preset(), 8);
     const LidarScan late = a.scan(100);
     CHECK(a.scan(30).cloud.positions == b.scan(30).cloud.positions);
     CHECK(late.cloud.positions == b.scan(100).cloud.positions);
@@ -101,7 +101,7 @@ TEST_SUITE("simulator/town_drive") {
   }
 
   TEST_CASE("truth at scan ends and at inertial samples has a pose for each") {
-    const TownDrive drive(quick_preset(), 1);
+    const TownDrive drive(coarse_preset(), 1);
     const Trajectory scans = drive.truth_at_scan_ends();
     REQUIRE(scans.size() == static_cast<std::size_t>(drive.scan_count()));
     CHECK(scans.times[5] == drive.scan(5).end);
