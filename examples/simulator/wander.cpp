@@ -12,18 +12,18 @@ Route wander(const Window& window, Index streets, Rng rng) {
   const Index columns = window.high.column - window.low.column + 1;
   const Index rows = window.high.row - window.low.row + 1;
   if (columns < 2 || rows < 2) throw std::invalid_argument("wander: the window needs at least 2 x 2 crossings");
-  using Place = std::pair<Index, Index>;
-  std::map<std::pair<Place, Place>, int> seen;
-  const auto street = [](const Place& a, const Place& b) { return std::pair(std::min(a, b), std::max(a, b)); };
+  using Node = std::pair<Index, Index>;
+  std::map<std::pair<Node, Node>, int> seen;
+  const auto street = [](const Node& a, const Node& b) { return std::pair(std::min(a, b), std::max(a, b)); };
 
-  Place here(window.low.column + rng.uniform_index(columns), window.low.row + rng.uniform_index(rows));
-  Place before(-1, -1);
+  Node here(window.low.column + rng.uniform_index(columns), window.low.row + rng.uniform_index(rows));
+  Node before(-1, -1);
   Route route{{here.first, here.second}};
   for (Index i = 0; i < streets; ++i) {
-    std::vector<std::pair<Place, double>> choices;
+    std::vector<std::pair<Node, double>> choices;
     double sum = 0.0;
-    for (const auto& [dx, dy] : {Place(1, 0), Place(-1, 0), Place(0, 1), Place(0, -1)}) {
-      const Place next(here.first + dx, here.second + dy);
+    for (const auto& [dx, dy] : {Node(1, 0), Node(-1, 0), Node(0, 1), Node(0, -1)}) {
+      const Node next(here.first + dx, here.second + dy);
       const bool inside = next.first >= window.low.column && next.first <= window.high.column &&
                           next.second >= window.low.row && next.second <= window.high.row;
       if (!inside || next == before) continue;
