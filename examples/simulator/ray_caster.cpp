@@ -202,16 +202,20 @@ std::optional<RayHit> RayCaster::cast(const Ray& ray) const {
     const float z_enter = ray.origin.z() + walk.enter * ray.direction.z();
     const float z_leave = ray.origin.z() + walk.leave * ray.direction.z();
     const float lowest = std::min(z_enter, z_leave);
-    if (lowest <= cell.shapes_top) meet_shapes(ray, reciprocal, cell, nearest);
+    if (lowest <= cell.shapes_top) meet_shapes(ray, reciprocal, cell, z_enter, z_leave, nearest);
     if (lowest <= cell.ground_top) meet_ground(ray, walk.cell[0], walk.cell[1], walk.enter, walk.leave, nearest);
   } while (nearest.distance > walk.leave && walk.advance());
   if (nearest.kind == Kind::none) return std::nullopt;
   return describe(ray, nearest);
 }
 
-void RayCaster::meet_shapes(const Ray& ray, const Reciprocal& reciprocal, const Cell& cell, Nearest& nearest) const {
+void RayCaster::meet_shapes(const Ray& ray, const Reciprocal& reciprocal, const Cell& cell, float z_enter,
+                            float z_leave, Nearest& nearest) const {
+  const float low = std::min(z_enter, z_leave);
+  const float high = std::max(z_enter, z_leave);
   for (Index i = cell.begin; i < cell.end; ++i) {
     const Entry& entry = entries_[static_cast<std::size_t>(i)];
+    if (entry.bounds.low.z() > high || entry.bounds.high.z() < low) continue;
     if (!reciprocal.reaches(ray, entry.bounds, nearest.distance)) continue;
     const auto shape = static_cast<std::size_t>(entry.shape);
     const float distance = entry.kind == Kind::box        ? distance_to(world_.boxes[shape], ray)

@@ -65,7 +65,8 @@ class RayCaster {
   template <class Visit>
   void for_each_cell(const Bounds& bounds, const Visit& visit);
 
-  void meet_shapes(const Ray& ray, const Reciprocal& reciprocal, const Cell& cell, Nearest& nearest) const;
+  void meet_shapes(const Ray& ray, const Reciprocal& reciprocal, const Cell& cell, float z_enter, float z_leave,
+                   Nearest& nearest) const;
   void meet_ground(const Ray& ray, Index column, Index row, float enter, float leave, Nearest& nearest) const;
   void meet_ground_cell(const Ray& ray, Index column, Index row, float enter, float leave, Nearest& nearest) const;
   [[nodiscard]] RayHit describe(const Ray& ray, const Nearest& nearest) const;
