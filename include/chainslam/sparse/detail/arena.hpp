@@ -122,9 +122,10 @@ class Arena {
     return nullptr;
   }
 
-  /// A new piece, as one free block that is at least that large.
+  /// A new piece, as one free block that is at least that large. Free blocks of two pieces never join, so pieces are
+  /// few, and much larger than their arrays: what has not been used of one costs addresses, not memory.
   [[nodiscard]] std::byte* add_piece(std::size_t size) {
-    const std::size_t whole = std::max(size + 1, smallest_piece);
+    const std::size_t whole = std::max({4 * size, smallest_piece, static_cast<std::size_t>(words_) / 2});
     pieces_.push_back(std::make_unique_for_overwrite<std::byte[]>(whole * word));
     words_ += static_cast<Offset>(whole);
     std::byte* const block = pieces_.back().get();
