@@ -166,6 +166,7 @@ Preset mars_like(PresetSize size) {
   town.streets = {
       .columns = 6, .rows = 5, .block = 150.0, .irregularity = 0.15, .jitter = 8.0, .half_road = 8.0, .pavement = 3.0};
   town.steepness = 0.05;
+  town.clear_of_crossing = 20.0;  // streets as wide as these reach far into each other where they meet askew
   town.max_storeys = 8;
   town.houses = {.least_width = 10.0,
                  .most_width = 28.0,

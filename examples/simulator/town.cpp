@@ -17,8 +17,7 @@ namespace chainslam::simulator {
 
 namespace {
 
-constexpr double kerb = 0.12;             // metres
-constexpr double clear_of_crossing = 12;  // nothing is parked or planted nearer to a crossing, metres
+constexpr double kerb = 0.12;  // metres
 
 /// One side of a street, walked from its beginning with the houses to the left.
 struct Frontage {
@@ -219,7 +218,8 @@ class Builder {
 
   void clear_snow(const Frontage& side, Rng rng) {
     const Marking marking(town_.world, Presence::changing);
-    for (double s = clear_of_crossing; s < side.length - clear_of_crossing; s += rng.uniform(1.5, 8.0)) {
+    for (double s = options_.clear_of_crossing; s < side.length - options_.clear_of_crossing;
+         s += rng.uniform(1.5, 8.0)) {
       const Eigen::Vector2d position = side.at(s, options_.streets.half_road + rng.uniform(0.9, 1.4));
       if (!is_in_passage(position)) add_heap(town_.world, standing(position, side.along), rng.fork(1));
     }
@@ -313,7 +313,7 @@ class Builder {
   }
 
   void park_cars(const Frontage& side, Rng rng) {
-    for (double s = clear_of_crossing + rng.uniform(0.0, 3.0); s < side.length - clear_of_crossing;
+    for (double s = options_.clear_of_crossing + rng.uniform(0.0, 3.0); s < side.length - options_.clear_of_crossing;
          s += rng.uniform(5.4, 6.4)) {
       Rng car = rng.fork(static_cast<std::uint64_t>(s * 1000.0));
       ParkingBay bay(rng);
@@ -332,8 +332,8 @@ class Builder {
   void furnish(const Frontage& side, Rng rng) {
     const bool avenue = rng.uniform() < 0.5;
     std::uint64_t number = 0;
-    for (double s = clear_of_crossing - 4.0 + rng.uniform(0.0, 6.0); s < side.length - clear_of_crossing + 4.0;
-         s += rng.uniform(4.0, 9.0)) {
+    for (double s = options_.clear_of_crossing - 4.0 + rng.uniform(0.0, 6.0);
+         s < side.length - options_.clear_of_crossing + 4.0; s += rng.uniform(4.0, 9.0)) {
       const double offset = options_.streets.half_road + rng.uniform(0.5, 0.8);
       const Place place = standing(side.at(s, offset), -side.along);  // y points to the road
       double what = rng.uniform();

@@ -36,9 +36,10 @@ struct TownOptions {
   double ground_spacing = 0.5;  ///< metres between the ground's samples
   double border = 25.0;         ///< ground beyond the outermost crossings, metres
   Index max_storeys = 5;
-  double parked = 0.45;       ///< part of the kerb's parking bays that are taken
-  double parked_anew = 0.6;   ///< part of the bays that are left and taken anew every day
-  double kerb_changes = 0.1;  ///< part of what stands along the kerb that is something else every day
+  double clear_of_crossing = 12.0;  ///< nothing is parked or planted nearer to a crossing, metres
+  double parked = 0.45;             ///< part of the kerb's parking bays that are taken
+  double parked_anew = 0.6;         ///< part of the bays that are left and taken anew every day
+  double kerb_changes = 0.1;        ///< part of what stands along the kerb that is something else every day
   HouseOptions houses;
   double built = 0.8;         ///< part of the plots that are houses; the others are gardens
   double open_sides = 0.0;    ///< part of the streets' sides without houses or gardens: lawns
