@@ -1,6 +1,8 @@
 #include "options.hpp"
 
 #include <numbers>
+#include <string>
+#include <tuple>
 
 namespace chainslam::mapper {
 
@@ -27,6 +29,14 @@ void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset
                     {.help = "Read NCLT's velodyne_sync although there is a velodyne_hits.bin."});
   configuration.add("dataset.scan_rate", dataset.scan_rate,
                     {.unit = "Hz", .min = 0.01, .max = 1000, .help = "Scans per second where no file states times."});
+  for (const auto& [key, topic, what] : {std::tuple{"dataset.lidar_topic", &dataset.lidar_topic, "scans"},
+                                         std::tuple{"dataset.imu_topic", &dataset.imu_topic, "inertial readings"},
+                                         std::tuple{"dataset.gnss_topic", &dataset.gnss_topic, "positions"}})
+    configuration.add(
+        key, *topic,
+        {.help = std::string("Topic of a ROS recording's ") + what + "; if empty, the busiest of its kind."});
+  configuration.add("dataset.times_from_azimuth", dataset.times_from_azimuth,
+                    {.help = "Give the points of nuScenes and MARS, which have no times, those of a steady turn."});
   configuration.add("dataset.truth", dataset.truth,
                     {.help = "TUM file with the true poses T_map_body; --truth sets it too."});
 }
