@@ -30,9 +30,8 @@ namespace chainslam {
 ///
 /// The first pose is the origin of `odom`, +z against gravity as well as it is known then. A scan waits for the first
 /// reading after its end, until another scan comes or `flush` is called; so its frame may come with a later packet.
-/// - Without readings for 0.25 s, and without an inertial unit at all, the motion goes on at constant velocity and
-/// rate,
-///   held by the scans alone; after more than a second without either, velocity and position are as good as unknown.
+/// - Without readings for 0.25 s, and without an inertial unit at all, velocity and rate stay as they were, held by the
+///   scans alone; after more than a second without either, velocity and position are as good as unknown.
 /// - Readings at the end of their range count for little.
 /// - Directions that a scan does not see are left to the prediction.
 /// - Empty, late and lost scans leave the traces of `LidarOdometry`.
