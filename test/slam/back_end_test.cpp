@@ -27,10 +27,6 @@ using test::Street;
 using test::translation_error;
 using test::way_round;
 
-const LoopCloserOptions small_submaps{.submap = {.radius = 6}};
-
-SE3d shift(double x, double y, double z) { return SE3d(SO3d(), {x, y, z}); }
-
 /// Hands out the closures of a script, each when its keyframe `to` is the newest.
 struct ScriptedCloser {
   std::vector<LoopClosure> script;
@@ -92,7 +88,7 @@ struct ScannedRound : Round {
   template <Executor E>
   [[nodiscard]] std::unique_ptr<const SingleSession> run(const E& executor) const {
     auto back_end = std::make_unique<SingleSession>(BackEndOptions{.graph = {.odometry_noise = noise}},
-                                                    LoopCloser<>(small_submaps));
+                                                    LoopCloser<>(test::small_submaps));
     for (std::size_t i = 0; i < truth.size(); ++i) {
       Keyframe next = keyframe(i);
       next.cloud = scans[i];
@@ -169,7 +165,7 @@ TEST_SUITE("slam/back_end") {
     const Round round;
     std::vector<LoopClosure> script;
     for (const Index to : {80, 81, 82, 83}) script.push_back(measured(to - 80, to, round.between(to - 80, to)));
-    LoopClosure wrong = measured(10, 70, round.between(10, 70) * shift(6, -4, 0));
+    LoopClosure wrong = measured(10, 70, round.between(10, 70) * test::shift(6, -4, 0));
     const auto error_of = [&](std::vector<LoopClosure> closures) {
       PlainBackEnd back_end({.graph = {.odometry_noise = Round::noise}}, {std::move(closures)});
       for (std::size_t i = 0; i < round.truth.size(); ++i) back_end.add(round.keyframe(i));
@@ -184,10 +180,10 @@ TEST_SUITE("slam/back_end") {
   }
 
   TEST_CASE("refused closures are kept apart and change nothing") {
-    LoopClosure refused = measured(0, 2, shift(9, 9, 9));
+    LoopClosure refused = measured(0, 2, test::shift(9, 9, 9));
     refused.verdict = ClosureVerdict::implausible;
     PlainBackEnd back_end({}, {{refused}});
-    for (int i = 0; i < 3; ++i) back_end.add(keyframe_at(i, shift(i, 0, 0)));
+    for (int i = 0; i < 3; ++i) back_end.add(keyframe_at(i, test::shift(i, 0, 0)));
     CHECK(back_end.map().closures.empty());
     REQUIRE(back_end.map().refusals.size() == 1);
     CHECK(back_end.map().refusals[0].verdict == ClosureVerdict::implausible);
@@ -197,15 +193,15 @@ TEST_SUITE("slam/back_end") {
 
   TEST_CASE("what makes no sense is refused, and the map is as it was") {
     PlainBackEnd back_end;
-    CHECK_THROWS_AS(back_end.add(keyframe_at(0, shift(nan, 0, 0))), std::invalid_argument);
+    CHECK_THROWS_AS(back_end.add(keyframe_at(0, test::shift(nan, 0, 0))), std::invalid_argument);
     CHECK(back_end.map().sessions.empty());
-    for (int i = 0; i < 3; ++i) back_end.add(keyframe_at(i, shift(i, 0, 0)));
+    for (int i = 0; i < 3; ++i) back_end.add(keyframe_at(i, test::shift(i, 0, 0)));
     const SE3d T_map_odom = *back_end.T_map_odom();
     const SE3d turned_nowhere(SO3d::exp({nan, 0, 0}), {3, 0, 0});
-    for (const Keyframe& bad :
-         {keyframe_at(2, shift(3, 0, 0)), keyframe_at(1, shift(3, 0, 0)), keyframe_at(3, shift(0, nan, 0)),
-          keyframe_at(3, turned_nowhere), keyframe_at(3, shift(std::numeric_limits<double>::infinity(), 0, 0)),
-          keyframe_at(3, shift(1e200, 0, 0))}) {
+    for (const Keyframe& bad : {keyframe_at(2, test::shift(3, 0, 0)), keyframe_at(1, test::shift(3, 0, 0)),
+                                keyframe_at(3, test::shift(0, nan, 0)), keyframe_at(3, turned_nowhere),
+                                keyframe_at(3, test::shift(std::numeric_limits<double>::infinity(), 0, 0)),
+                                keyframe_at(3, test::shift(1e200, 0, 0))}) {
       CHECK_THROWS_AS(back_end.add(bad), std::invalid_argument);
       CHECK(back_end.map().keyframes.size() == 3);
       CHECK(back_end.map().sessions[0].keyframes == 3);
@@ -214,9 +210,9 @@ TEST_SUITE("slam/back_end") {
       CHECK(back_end.smoother().factor_count() == 3);
       CHECK(*back_end.T_map_odom() == T_map_odom);
     }
-    CHECK(back_end.add(keyframe_at(3, shift(3, 0, 0))) == KeyframeId{3});  // life goes on
+    CHECK(back_end.add(keyframe_at(3, test::shift(3, 0, 0))) == KeyframeId{3});  // life goes on
     back_end.begin_session("on another day");
-    CHECK(back_end.add(keyframe_at(0, shift(0, 0, 0))) == KeyframeId{4});  // its clock may be behind
+    CHECK(back_end.add(keyframe_at(0, test::shift(0, 0, 0))) == KeyframeId{4});  // its clock may be behind
   }
 
   TEST_CASE("keyframes between two fixes get a position, those in an outage none, and no session that of another") {
@@ -225,13 +221,13 @@ TEST_SUITE("slam/back_end") {
     };
     PlainBackEnd back_end;
     const auto drive = [&] {
-      back_end.add(keyframe_at(0.5, shift(0, 0, 0)));
+      back_end.add(keyframe_at(0.5, test::shift(0, 0, 0)));
       back_end.add(fix_at(1, 10));
-      back_end.add(keyframe_at(1.5, shift(1, 0, 0)));
+      back_end.add(keyframe_at(1.5, test::shift(1, 0, 0)));
       back_end.add(fix_at(2, 20));
-      back_end.add(keyframe_at(4, shift(2, 0, 0)));
+      back_end.add(keyframe_at(4, test::shift(2, 0, 0)));
       back_end.add(fix_at(9, 90));
-      back_end.add(keyframe_at(9.5, shift(3, 0, 0)));
+      back_end.add(keyframe_at(9.5, test::shift(3, 0, 0)));
     };
     drive();
     back_end.begin_session("the same clock again");
@@ -257,7 +253,7 @@ TEST_SUITE("slam/back_end") {
 
   TEST_CASE("keyframes without a scan, or with an empty one, are mapped and close no loop") {
     const Round round;
-    SingleSession back_end({}, LoopCloser<>(small_submaps));
+    SingleSession back_end({}, LoopCloser<>(test::small_submaps));
     for (std::size_t i = 0; i < round.truth.size(); ++i) {
       Keyframe keyframe = round.keyframe(i);
       if (i % 2 == 0) keyframe.cloud = std::make_shared<const PointCloud<float>>();

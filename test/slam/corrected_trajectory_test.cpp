@@ -16,11 +16,11 @@ using test::random_motion;
 double difference(const SE3d& a, const SE3d& b) { return a.local(b).norm(); }
 
 /// A random walk of odometry at 10 Hz from t = 0 s, with keyframes every second from t = 1 s to t = 4 s.
-struct Drive {
+struct BentDrive {
   Trajectory odometry;
   std::vector<Keyframe> keyframes;
 
-  explicit Drive(bool optimised = true) {
+  explicit BentDrive(bool optimised = true) {
     Rng rng(3);
     SE3d pose = random_motion(rng, 5, 1);
     for (int i = 0; i <= 60; ++i) {
@@ -38,7 +38,7 @@ struct Drive {
 
 TEST_SUITE("slam/corrected_trajectory") {
   TEST_CASE("keyframes have their optimised poses") {
-    const Drive drive;
+    const BentDrive drive;
     const Trajectory corrected = corrected_trajectory(drive.odometry, drive.keyframes);
     REQUIRE(corrected.times == drive.odometry.times);
     for (std::size_t k = 0; k < drive.keyframes.size(); ++k)
@@ -46,7 +46,7 @@ TEST_SUITE("slam/corrected_trajectory") {
   }
 
   TEST_CASE("the path is continuous: a correction is spread evenly from keyframe to keyframe") {
-    const Drive drive;
+    const BentDrive drive;
     const Trajectory corrected = corrected_trajectory(drive.odometry, drive.keyframes);
     for (std::size_t i = 10; i < 40; ++i) {
       const Keyframe& a = drive.keyframes[i / 10 - 1];
@@ -67,7 +67,7 @@ TEST_SUITE("slam/corrected_trajectory") {
   }
 
   TEST_CASE("before the first and after the last keyframe the path moves rigidly with it") {
-    const Drive drive;
+    const BentDrive drive;
     const Trajectory corrected = corrected_trajectory(drive.odometry, drive.keyframes);
     const auto rigid = [&](std::size_t i, const Keyframe& with) {
       return with.T_map_body * with.T_odom_body.inverse() * drive.odometry.poses[i];
@@ -77,7 +77,7 @@ TEST_SUITE("slam/corrected_trajectory") {
   }
 
   TEST_CASE("where nothing was optimised, odometry stays as it is") {
-    const Drive drive(false);
+    const BentDrive drive(false);
     const Trajectory corrected = corrected_trajectory(drive.odometry, drive.keyframes);
     for (std::size_t i = 0; i < corrected.size(); ++i)
       CHECK(difference(corrected.poses[i], drive.odometry.poses[i]) < 1e-12);  // rounding
@@ -86,7 +86,7 @@ TEST_SUITE("slam/corrected_trajectory") {
   }
 
   TEST_CASE("one motion of the whole map moves the whole path by it") {
-    Drive drive(false);
+    BentDrive drive(false);
     const SE3d motion(SO3d::exp({0.1, -0.2, 1.5}), {3, -1, 0.5});
     for (Keyframe& keyframe : drive.keyframes) keyframe.T_map_body = motion * keyframe.T_odom_body;
     const Trajectory corrected = corrected_trajectory(drive.odometry, drive.keyframes);
@@ -95,7 +95,7 @@ TEST_SUITE("slam/corrected_trajectory") {
   }
 
   TEST_CASE("poses without times are refused, no poses are no trouble") {
-    Drive drive;
+    BentDrive drive;
     drive.odometry.times.clear();
     CHECK_THROWS_AS(static_cast<void>(corrected_trajectory(drive.odometry, drive.keyframes)), std::invalid_argument);
     CHECK(corrected_trajectory({}, drive.keyframes).empty());

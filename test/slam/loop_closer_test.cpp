@@ -21,10 +21,6 @@ using test::Street;
 using test::translation_error;
 using test::way_round;
 
-const LoopCloserOptions small_submaps{.submap = {.radius = 6}};
-
-SE3d shift(double x, double y, double z) { return SE3d(SO3d(), {x, y, z}); }
-
 /// The first corner of the block, seen once along the way and, a minute later, from beside it: the true pose of that
 /// last scan differs from every other one in all six directions, and the graph has it wrong by 0.5 m and 2 degrees.
 struct Corner {
@@ -51,7 +47,7 @@ struct Corner {
   [[nodiscard]] SE3d guess() const { return keyframes[8].T_map_body.inverse() * keyframes.back().T_map_body; }
 
   [[nodiscard]] LoopClosure align(const ClosureGate& gate) const {
-    LoopCloser<> closer({.gate = gate, .submap = small_submaps.submap});
+    LoopCloser<> closer({.gate = gate, .submap = test::small_submaps.submap});
     return closer.align(keyframes, KeyframeId{8}, query(), guess());
   }
 };
@@ -81,7 +77,7 @@ std::vector<Index> searches(const std::vector<Keyframe>& keyframes, double min_t
 TEST_SUITE("slam/loop_closer") {
   TEST_CASE("aligning scan i to the submap of j measures T_j_i, the pose of i seen from j") {
     const Corner corner;
-    LoopCloser<> closer(small_submaps);
+    LoopCloser<> closer(test::small_submaps);
     PositionIndex index;
     index.rebuild(corner.keyframes);
     const std::vector<LoopClosure> tried = closer.close(corner.keyframes, index);
@@ -106,7 +102,7 @@ TEST_SUITE("slam/loop_closer") {
     auto elsewhere = std::make_shared<PointCloud<float>>(*corner.keyframes.back().cloud);
     for (Eigen::Vector3f& p : elsewhere->positions) p.z() += 40;
     corner.keyframes.back().cloud = elsewhere;
-    LoopCloser<> closer(small_submaps, {.min_separation = 4, .max_count = 2});
+    LoopCloser<> closer(test::small_submaps, {.min_separation = 4, .max_count = 2});
     PositionIndex index;
     index.rebuild(corner.keyframes);
     const std::vector<LoopClosure> tried = closer.close(corner.keyframes, index);
@@ -145,19 +141,20 @@ TEST_SUITE("slam/loop_closer") {
     CHECK(verdict([](AlignResult& r) { r.inlier_ratio = nan; }) == ClosureVerdict::too_few_inliers);
     CHECK(verdict([](AlignResult& r) { r.mean_squared_error = nan; }) == ClosureVerdict::high_residual);
     CHECK(verdict([](AlignResult& r) { r.mean_squared_residual = nan; }) == ClosureVerdict::high_residual);
-    CHECK(verdict([](AlignResult& r) { r.T_target_source = shift(nan, 0, 0); }) == ClosureVerdict::implausible);
+    CHECK(verdict([](AlignResult& r) { r.T_target_source = test::shift(nan, 0, 0); }) == ClosureVerdict::implausible);
   }
 
   TEST_CASE("candidates are looked for once in the least travel, counted along the path") {
     std::vector<SE3d> poses;
-    for (int i = 0; i < 10; ++i) poses.push_back(shift(i % 2, 0, 0));  // to and fro: a metre of path each
+    for (int i = 0; i < 10; ++i) poses.push_back(test::shift(i % 2, 0, 0));  // to and fro: a metre of path each
     const std::vector<Keyframe> keyframes = test::keyframes_at(poses);
     CHECK(searches(keyframes, 4) == std::vector<Index>{0, 4, 8});
     CHECK(searches(keyframes, 0) == std::vector<Index>{0, 1, 2, 3, 4, 5, 6, 7, 8, 9});
   }
 
   TEST_CASE("the leap from one session to the next is no travel") {
-    std::vector<Keyframe> keyframes = test::keyframes_at({shift(0, 0, 0), shift(1, 0, 0), shift(99, 0, 0)});
+    std::vector<Keyframe> keyframes =
+        test::keyframes_at({test::shift(0, 0, 0), test::shift(1, 0, 0), test::shift(99, 0, 0)});
     CHECK(searches(keyframes, 4) == std::vector<Index>{0, 2});
     keyframes[2].session = SessionId{1};
     CHECK(searches(keyframes, 4) == std::vector<Index>{0});

@@ -90,7 +90,7 @@ struct Outcome {
 };
 
 using Verdicts = std::vector<ClosureVerdict>;
-constexpr MergeOptions paper{.min_travel = 0, .confirmations = 1};
+constexpr MergeOptions merge_as_in_paper{.min_travel = 0, .confirmations = 1};
 constexpr MergeOptions unrefined{.min_travel = 0, .refine = false};
 const SE3d far_off(SO3d(), {5, 0, 0});
 
@@ -100,7 +100,7 @@ TEST_SUITE("slam/map_merger") {
   TEST_CASE("with one confirmation the first accepted place joins the frames, as in the paper") {
     Sessions sessions(2);
     sessions.place(45, 6, SE3d(SO3d::exp({0, 0, 0.05}), {0.5, 0.2, 0}));
-    Merger merger = sessions.merger(paper);
+    Merger merger = sessions.merger(merge_as_in_paper);
     const Outcome outcome(sessions.attempts(merger));
     REQUIRE(outcome.accepted.size() == 1);
     CHECK(outcome.joined_at == 5);
@@ -248,7 +248,7 @@ TEST_SUITE("slam/map_merger") {
     Sessions sessions(2);
     sessions.closer.reach = 0.1;
     sessions.place(45, 6);
-    Merger merger = sessions.merger(paper);
+    Merger merger = sessions.merger(merge_as_in_paper);
     CHECK(Outcome(sessions.attempts(merger)).verdicts == Verdicts{ClosureVerdict::too_few_inliers});
   }
 
@@ -264,13 +264,13 @@ TEST_SUITE("slam/map_merger") {
       Merger merger = sessions.merger(options);
       return Outcome(sessions.attempts(merger)).verdicts;
     };
-    MergeOptions released = paper;
+    MergeOptions released = merge_as_in_paper;
     released.min_translation = 1;
     released.min_rotation = 0.035;
     CHECK(verdicts(0.9, 0.03, released) == Verdicts{ClosureVerdict::implausible});
     CHECK(verdicts(1.1, 0.03, released) == Verdicts{ClosureVerdict::accepted});
     CHECK(verdicts(0.9, 0.04, released) == Verdicts{ClosureVerdict::accepted});
-    CHECK(verdicts(0, 0, paper) == Verdicts{ClosureVerdict::accepted});
+    CHECK(verdicts(0, 0, merge_as_in_paper) == Verdicts{ClosureVerdict::accepted});
   }
 
   TEST_CASE("attempts keep their distance along the path; keyframes without a proposal are no attempts") {

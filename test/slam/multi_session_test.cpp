@@ -24,24 +24,24 @@ using test::ScriptedRegistration;
 using test::translation_error;
 using test::TruthCloser;
 
-constexpr Index each = 50;  ///< keyframes of a session: 100 m of the 160 m round the block
+constexpr Index per_session = 50;  ///< keyframes of a session: 100 m of the 160 m round the block
 
 /// Drives round the same block, side by side, each starting somewhere else and in a frame of its own, with odometry
 /// that drifts by half a metre. What registration measures is exact.
-struct Drives {
+struct DrivesRoundTheBlock {
   std::vector<SE3d> truth;  ///< T_world_body of all keyframes
   std::vector<SE3d> odometry;
   std::vector<SE3d> T_world_odom;
   std::shared_ptr<Script> script = std::make_shared<Script>();
 
-  explicit Drives(int sessions) {
+  explicit DrivesRoundTheBlock(int sessions) {
     const std::vector<SE3d> round = test::way_round(2.0, -2.0);
     Rng rng(7);
     Vector6d drift;
     drift << 0.005, 0.002, 0.001, 0.0001, 0, 0.0002;
     for (int session = 0; session < sessions; ++session) {
       std::vector<SE3d> way;
-      for (Index i = 0; i < each; ++i)
+      for (Index i = 0; i < per_session; ++i)
         way.push_back(round[static_cast<std::size_t>(12 * session + i) % round.size()] *
                       SE3d(SO3d(), {0, 0.7 * session, 0}));
       T_world_odom.push_back(way.front() * random_motion(rng, 3, 0.2));
@@ -60,8 +60,8 @@ struct Drives {
   template <class Target>
   void drive(Target& back_end, Index session, bool gnss = true) const {
     back_end.begin_session(std::string(1, static_cast<char>('a' + session)));
-    for (Index i = 0; i < each; ++i) {
-      const auto at = static_cast<std::size_t>(session * each + i);
+    for (Index i = 0; i < per_session; ++i) {
+      const auto at = static_cast<std::size_t>(session * per_session + i);
       back_end.add(keyframe_at(i, odometry[at]));
       if (gnss) back_end.add(test::fix_at(Timestamp::from_seconds(i), truth[at].translation()));
     }
@@ -77,7 +77,7 @@ struct Drives {
 
 /// Place recognition by GNSS; registration then finds the true pose, but for half a metre.
 struct GnssPlaces {
-  const Drives* drives;
+  const DrivesRoundTheBlock* drives;
   GnssCandidates candidates{};
 
   [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
@@ -97,11 +97,11 @@ using GnssBackEnd = BackEnd<TruthCloser, ChainedCloser, MapMerger<GnssPlaces, Sc
 using UnmergedBackEnd = BackEnd<TruthCloser, ChainedCloser, NoMerging>;
 using ScriptedBackEnd = BackEnd<TruthCloser, ChainedCloser, MapMerger<ScriptedPlaces, ScriptedRegistration>>;
 
-GnssBackEnd gnss_back_end(const Drives& drives, const BackEndOptions& options = {}) {
+GnssBackEnd gnss_back_end(const DrivesRoundTheBlock& drives, const BackEndOptions& options = {}) {
   return GnssBackEnd(options, drives.closer(), ChainedCloser(),
                      MapMerger<GnssPlaces, ScriptedRegistration>({}, {&drives}, {drives.script}));
 }
-ScriptedBackEnd scripted_back_end(const Drives& drives, const MergeOptions& merging,
+ScriptedBackEnd scripted_back_end(const DrivesRoundTheBlock& drives, const MergeOptions& merging,
                                   const BackEndOptions& options = {}) {
   return ScriptedBackEnd(options, drives.closer(), ChainedCloser(),
                          MapMerger<ScriptedPlaces, ScriptedRegistration>(merging, {drives.script}, {drives.script}));
@@ -112,10 +112,10 @@ Index count(const SlamMap& map, ClosureKind kind) {
 }
 
 /// Between keyframes of two sessions that are within 10 m of each other: how far off the map has their relative pose.
-double inter_session_error(const Drives& drives, const SlamMap& map, Index a, Index b) {
+double inter_session_error(const DrivesRoundTheBlock& drives, const SlamMap& map, Index a, Index b) {
   double most = 0;
-  for (Index i = a * each; i < (a + 1) * each; ++i)
-    for (Index j = b * each; j < (b + 1) * each; ++j) {
+  for (Index i = a * per_session; i < (a + 1) * per_session; ++i)
+    for (Index j = b * per_session; j < (b + 1) * per_session; ++j) {
       const SE3d truth = drives.between(i, j);
       if (truth.translation().norm() > 10) continue;
       const SE3d ours = map.keyframes[static_cast<std::size_t>(i)].T_map_body.inverse() *
@@ -135,7 +135,7 @@ std::vector<Index> frames(const SlamMap& map) {
 
 TEST_SUITE("slam: several sessions") {
   TEST_CASE("a second session is found by GNSS, moved as a whole, and closed again along its way") {
-    const Drives drives(2);
+    const DrivesRoundTheBlock drives(2);
     auto back_end = gnss_back_end(drives);
     drives.drive(back_end, 0);
     CHECK(back_end.counts().merges == 0);
@@ -175,7 +175,7 @@ TEST_SUITE("slam: several sessions") {
   }
 
   TEST_CASE("no pair of keyframes is measured twice") {
-    const Drives drives(3);
+    const DrivesRoundTheBlock drives(3);
     auto back_end = gnss_back_end(drives);
     for (Index session = 0; session < 3; ++session) drives.drive(back_end, session);
     const auto map = back_end.finish();
@@ -186,7 +186,7 @@ TEST_SUITE("slam: several sessions") {
   }
 
   TEST_CASE("a third session is chained to those that its partners are connected with") {
-    const Drives drives(3);
+    const DrivesRoundTheBlock drives(3);
     auto back_end = gnss_back_end(drives);
     for (Index session = 0; session < 3; ++session) drives.drive(back_end, session);
     const auto map = back_end.finish();
@@ -194,7 +194,7 @@ TEST_SUITE("slam: several sessions") {
     CHECK(count(*map, ClosureKind::chained) > 0);
     for (const LoopClosure& closure : map->closures)
       if (closure.kind == ClosureKind::chained) {
-        CHECK(closure.from.value < 2 * each);  // never within the current session
+        CHECK(closure.from.value < 2 * per_session);  // never within the current session
         CHECK(closure.cause >= 0);
       }
     for (Index a = 0; a < 3; ++a)
@@ -202,7 +202,7 @@ TEST_SUITE("slam: several sessions") {
   }
 
   TEST_CASE("chaining in the recheck can be left out, as the released code does") {
-    const Drives drives(3);
+    const DrivesRoundTheBlock drives(3);
     auto back_end = gnss_back_end(drives, {.chain_in_recheck = false});
     for (Index session = 0; session < 3; ++session) drives.drive(back_end, session);
     for (const LoopClosure& closure : back_end.map().closures) {
@@ -213,7 +213,7 @@ TEST_SUITE("slam: several sessions") {
   }
 
   TEST_CASE("a saved map and a new session give what all sessions in one run give") {
-    const Drives drives(3);
+    const DrivesRoundTheBlock drives(3);
     auto one_run = gnss_back_end(drives);
     drives.drive(one_run, 0);
     drives.drive(one_run, 1);
@@ -239,12 +239,12 @@ TEST_SUITE("slam: several sessions") {
 
   TEST_CASE("two maps that were made apart are joined by a session that knows both") {
     for (const bool earlier_first : {false, true}) {
-      Drives drives(3);
+      DrivesRoundTheBlock drives(3);
       UnmergedBackEnd a({}, drives.closer()), b({}, drives.closer());
       drives.drive(a, 0);
       drives.drive(b, 1);
-      drives.place(2 * each + 10, (earlier_first ? 34 : each + 22));
-      drives.place(2 * each + 20, (earlier_first ? each + 32 : 44));
+      drives.place(2 * per_session + 10, (earlier_first ? 34 : per_session + 22));
+      drives.place(2 * per_session + 20, (earlier_first ? per_session + 32 : 44));
       auto back_end = scripted_back_end(drives, {.min_travel = 0, .confirmations = 1});
       back_end.load(*a.finish());
       back_end.load(*b.finish());
@@ -261,8 +261,8 @@ TEST_SUITE("slam: several sessions") {
   }
 
   TEST_CASE("a place that nothing confirms leaves the frames apart, and is on record at the end") {
-    Drives drives(2);
-    drives.place(each + 5, 17, SE3d(SO3d(), {1, 0, 0}));
+    DrivesRoundTheBlock drives(2);
+    drives.place(per_session + 5, 17, SE3d(SO3d(), {1, 0, 0}));
     auto back_end = scripted_back_end(drives, {.min_travel = 0});
     drives.drive(back_end, 0);
     drives.drive(back_end, 1);
@@ -278,8 +278,8 @@ TEST_SUITE("slam: several sessions") {
 
   TEST_CASE("a merge whose measurement is of unknown certainty holds by the anchor, or by what the recheck closes") {
     for (const bool anchored : {true, false}) {
-      Drives drives(2);
-      drives.place(each + 10, 22, SE3d(SO3d::exp({0, 0, 0.03}), {0.8, -0.3, 0}));
+      DrivesRoundTheBlock drives(2);
+      drives.place(per_session + 10, 22, SE3d(SO3d::exp({0, 0, 0.03}), {0.8, -0.3, 0}));
       auto back_end = scripted_back_end(drives, {.min_travel = 0, .refine = false, .confirmations = 1},
                                         {.graph = {.anchor_joined_sessions = anchored}});
       drives.drive(back_end, 0);
@@ -294,7 +294,7 @@ TEST_SUITE("slam: several sessions") {
   }
 
   TEST_CASE("without merging, sessions stay in frames of their own and close no loops with each other") {
-    const Drives drives(2);
+    const DrivesRoundTheBlock drives(2);
     UnmergedBackEnd back_end({}, drives.closer());
     drives.drive(back_end, 0);
     drives.drive(back_end, 1);
@@ -306,7 +306,7 @@ TEST_SUITE("slam: several sessions") {
   }
 
   TEST_CASE("a session without GNSS stays apart, and the others find each other past it") {
-    const Drives drives(3);
+    const DrivesRoundTheBlock drives(3);
     auto back_end = gnss_back_end(drives);
     drives.drive(back_end, 0);
     drives.drive(back_end, 1, false);
@@ -315,15 +315,15 @@ TEST_SUITE("slam: several sessions") {
     CHECK(frames(*map) == std::vector<Index>{0, 1, 0});
     CHECK(inter_session_error(drives, *map, 0, 2) < 0.1);
     for (const LoopClosure& closure : map->closures)
-      CHECK((closure.from.value < each || closure.from.value >= 2 * each));
+      CHECK((closure.from.value < per_session || closure.from.value >= 2 * per_session));
   }
 
   TEST_CASE("by way of a pipeline the map is the same to the bit") {
-    const Drives drives(3);
+    const DrivesRoundTheBlock drives(3);
     auto by_hand = gnss_back_end(drives);
     for (Index session = 0; session < 3; ++session) drives.drive(by_hand, session);
     const auto expected = by_hand.finish();
-    const Drives again(3);
+    const DrivesRoundTheBlock again(3);
     auto back_end = gnss_back_end(again);
     const Serial serial;
     Pipeline pipeline(back_end, serial, IgnoreSteps{}, 2);

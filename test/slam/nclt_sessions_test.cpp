@@ -25,7 +25,7 @@ namespace chainslam {
 namespace {
 
 /// One drive at the keyframes' places.
-struct Drive {
+struct RealDrive {
   std::vector<Timestamp> times;
   std::vector<SE3d> odometry;
   std::vector<SE3d> truth;  ///< all drives in one frame, of the odometry's body
@@ -57,12 +57,12 @@ SO3d mounting(const std::vector<SE3d>& odometry, const std::vector<SE3d>& truth)
   return umeyama(from, to, false).value().rotation();
 }
 
-Drive read_drive(const std::filesystem::path& folder, double keyframe_distance) {
+RealDrive read_drive(const std::filesystem::path& folder, double keyframe_distance) {
   const Trajectory odometry = read_tum(folder / "odometry.tum");
   std::vector<SE3d> truth = read_truth(folder / "groundtruth.csv");
   REQUIRE(truth.size() == odometry.size());
   const SE3d T_body_odom_body(mounting(odometry.poses, truth), Eigen::Vector3d::Zero());
-  Drive drive;
+  RealDrive drive;
   for (std::size_t i = 0; i < truth.size(); ++i) {
     const SE3d& pose = odometry.poses[i];
     if (i > 0 && (drive.odometry.back().inverse() * pose).translation().norm() < keyframe_distance) continue;
@@ -73,8 +73,8 @@ Drive read_drive(const std::filesystem::path& folder, double keyframe_distance) 
   return drive;
 }
 
-std::vector<Drive> read_drives(const std::filesystem::path& folder) {
-  std::vector<Drive> drives;
+std::vector<RealDrive> read_drives(const std::filesystem::path& folder) {
+  std::vector<RealDrive> drives;
   for (const char* day : {"2012-01-08", "2012-04-29", "2012-08-04"}) drives.push_back(read_drive(folder / day, 6.0));
   return drives;
 }
@@ -164,10 +164,10 @@ GnssFix fix_at(const SE3d& truth, const Eigen::Vector3d& bias, Rng& rng) {
 constexpr Cauchy every_closure_is_right{.width = 20.0};
 
 template <class Chainer>
-std::shared_ptr<const SlamMap> mapped(const std::vector<Drive>& drives,
+std::shared_ptr<const SlamMap> mapped(const std::vector<RealDrive>& drives,
                                       Chainer chainer) {  // by value: parts belong to one back end
   std::vector<SE3d> truth;
-  for (const Drive& drive : drives) truth.insert(truth.end(), drive.truth.begin(), drive.truth.end());
+  for (const RealDrive& drive : drives) truth.insert(truth.end(), drive.truth.begin(), drive.truth.end());
   BackEndOptions options;
   options.recheck_travel = 16.0;
   options.graph.odometry_noise = {
@@ -175,7 +175,7 @@ std::shared_ptr<const SlamMap> mapped(const std::vector<Drive>& drives,
   BackEnd<SampledRegistration, Chainer, SampledMerger> back_end(
       options, SampledRegistration(truth, 12.0, 16.0), std::move(chainer), SampledMerger(), every_closure_is_right);
   Rng rng(1);
-  for (const Drive& drive : drives) {
+  for (const RealDrive& drive : drives) {
     const Eigen::Vector3d bias(rng.normal(0, 1), rng.normal(0, 1), rng.normal(0, 2));
     back_end.begin_session("drive");
     for (std::size_t i = 0; i < drive.times.size(); ++i)
@@ -185,7 +185,7 @@ std::shared_ptr<const SlamMap> mapped(const std::vector<Drive>& drives,
   return back_end.finish();
 }
 
-std::vector<MatchedTrajectories> matched(const std::vector<Drive>& drives, const SlamMap& map) {
+std::vector<MatchedTrajectories> matched(const std::vector<RealDrive>& drives, const SlamMap& map) {
   std::vector<MatchedTrajectories> sessions(drives.size());
   for (std::size_t i = 0; i < drives.size(); ++i) sessions[i].reference.poses = drives[i].truth;
   for (const Keyframe& keyframe : map.keyframes)
@@ -197,7 +197,7 @@ struct Errors {
   double ape = 0, between = 0;
 };
 
-Errors errors(const char* name, const std::vector<Drive>& drives, const SlamMap& map) {
+Errors errors(const char* name, const std::vector<RealDrive>& drives, const SlamMap& map) {
   const std::vector<MatchedTrajectories> sessions = matched(drives, map);
   const Errors result{ape(sessions).translation.rmse, inter_session_errors(sessions).translation.rmse};
   const auto chained = std::ranges::count(map.closures, ClosureKind::chained, &LoopClosure::kind);
@@ -213,9 +213,9 @@ TEST_SUITE("slam/nclt_sessions") {
             doctest::skip(test::quick())) {
     const auto folder = test::real_data("trajectories/nclt");
     if (!folder) return;
-    const std::vector<Drive> drives = read_drives(*folder);
+    const std::vector<RealDrive> drives = read_drives(*folder);
     double squares = 0, poses = 0;
-    for (const Drive& drive : drives) {
+    for (const RealDrive& drive : drives) {
       const double rmse =
           ape(Trajectory{.times = {}, .poses = drive.truth}, Trajectory{.times = {}, .poses = drive.odometry})
               .translation.rmse;

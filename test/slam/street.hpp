@@ -10,6 +10,7 @@
 #include "chainslam/core/random.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/map/keyframe.hpp"
+#include "chainslam/slam/loop_closer.hpp"
 
 namespace chainslam::test {
 
@@ -130,6 +131,8 @@ struct Street {
   return keyframes;
 }
 
+inline SE3d shift(double x, double y, double z) { return SE3d(SO3d(), {x, y, z}); }
+
 inline double translation_error(const SE3d& truth, const SE3d& estimate) {
   return (truth.inverse() * estimate).translation().norm();
 }
@@ -137,6 +140,8 @@ inline double translation_error(const SE3d& truth, const SE3d& estimate) {
 inline double rotation_error(const SE3d& truth, const SE3d& estimate) {
   return (truth.inverse() * estimate).rotation().log().norm();
 }
+
+inline const LoopCloserOptions small_submaps{.submap = {.radius = 6}};
 
 /// A motion by up to `metres` and `radians` along each axis.
 inline SE3d random_motion(Rng& rng, double metres, double radians) {
