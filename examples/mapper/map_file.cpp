@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::string counted(std::uint64_t count, const char* what) {
+std::string how_many(std::uint64_t count, const char* what) {
   return std::to_string(count) + ' ' + what + (count == 1 ? "" : "s");
 }
 
@@ -57,7 +57,7 @@ std::vector<std::string> losses(const LoadedMap& loaded) {
   const std::uint64_t keyframes = loaded.map.keyframes.size();
   if (report.keyframes_lost > 0)
     lines.push_back(std::to_string(keyframes) + " of " +
-                    counted(keyframes + static_cast<std::uint64_t>(report.keyframes_lost), "keyframe") + " are there");
+                    how_many(keyframes + static_cast<std::uint64_t>(report.keyframes_lost), "keyframe") + " are there");
   if (!report.scans_lost.empty()) {
     std::string line = "scans lost: keyframes";
     const std::size_t shown = std::min<std::size_t>(report.scans_lost.size(), 20);
@@ -66,10 +66,10 @@ std::vector<std::string> losses(const LoadedMap& loaded) {
     lines.push_back(line);
   }
   if (report.poses_by_odometry > 0)
-    lines.push_back(counted(static_cast<std::uint64_t>(report.poses_by_odometry), "pose") +
+    lines.push_back(how_many(static_cast<std::uint64_t>(report.poses_by_odometry), "pose") +
                     " after the last optimised ones, placed by odometry");
   if (report.ignored_bytes > 0)
-    lines.push_back(counted(report.ignored_bytes, "byte") + " after byte " +
+    lines.push_back(how_many(report.ignored_bytes, "byte") + " after byte " +
                     std::to_string(report.file_bytes - report.ignored_bytes) + " ignored");
   return lines;
 }
@@ -81,8 +81,8 @@ std::string short_account(const SlamMap& map) {
       ++scans;
       points += keyframe.cloud->size();
     }
-  return counted(map.sessions.size(), "session") + ", " + counted(map.keyframes.size(), "keyframe") + ", " +
-         counted(scans, "scan") + " of " + counted(points, "point") + ", " + counted(map.closures.size(), "closure");
+  return how_many(map.sessions.size(), "session") + ", " + how_many(map.keyframes.size(), "keyframe") + ", " +
+         how_many(scans, "scan") + " of " + how_many(points, "point") + ", " + how_many(map.closures.size(), "closure");
 }
 
 std::string printable(const std::string& text) {

@@ -7,11 +7,11 @@
 #include <limits>
 #include <numbers>
 
+#include "simulator/angle.hpp"
+
 namespace chainslam::simulator {
 
 namespace {
-
-constexpr double degree = std::numbers::pi / 180.0;
 
 const GeographicLib::LocalCartesian& origin() {
   static const GeographicLib::LocalCartesian frame(42.293227, -83.709657, 270.0);

@@ -5,11 +5,11 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <numbers>
 #include <string_view>
 
 #include "chainslam/io/bytes.hpp"
 #include "chainslam/io/file_system.hpp"
+#include "simulator/angle.hpp"
 #include "simulator/rig.hpp"
 
 namespace chainslam::simulator {
@@ -81,7 +81,6 @@ std::string imu_record(const ImuSample& imu, const GnssReading* fix, const Motio
   Row row;
   row.raw("utime", micros(imu.time));
   if (fix != nullptr) {
-    constexpr double degree = std::numbers::pi / 180.0;
     row.raw("lat", number(fix->latitude / degree)).raw("lon", number(fix->longitude / degree));
     if (std::isfinite(fix->altitude)) row.raw("elev", number(fix->altitude));
   }

@@ -9,13 +9,12 @@
 #include <string>
 #include <utility>
 
+#include "simulator/angle.hpp"
 #include "simulator/day.hpp"
 
 namespace chainslam::simulator {
 
 namespace {
-
-constexpr double degree = std::numbers::pi / 180.0;
 
 /// Part of the light that comes back diffusely, by `Material`.
 constexpr std::array<double, 10> reflectivity{0.15, 0.25, 0.3, 0.4, 0.06, 0.35, 0.3, 0.35, 0.45, 0.4};
@@ -59,8 +58,8 @@ std::optional<double> measure(const LidarOptions& options, const RayHit& hit, do
 double spread_over_edge(const LidarOptions& options, double range, double before, double expected, Rng& rng) {
   constexpr double pulse = 1.0;  // metres
   constexpr double least = 0.1;  // metres: less is no edge
-  const double step = std::abs(before - expected);
-  if (!(step > least && step < pulse)) return range;
+  const double jump = std::abs(before - expected);
+  if (!(jump > least && jump < pulse)) return range;
   const double spot = options.beam_width_deg * options.firings_per_revolution / 360.0;
   return rng.uniform() < spot ? range + rng.uniform() * (before - expected) : range;
 }

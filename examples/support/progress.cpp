@@ -23,7 +23,7 @@ std::string fixed(double value, int decimals) {
   return buffer;
 }
 
-std::string duration_text(double total_seconds) {
+std::string time_left(double total_seconds) {
   const auto whole = static_cast<long long>(std::llround(total_seconds));
   if (whole < 60) return std::to_string(whole) + " s";
   if (whole < 3600) return std::to_string(whole / 60) + " min " + std::to_string(whole % 60) + " s";
@@ -50,7 +50,7 @@ std::string progress_line(const ProgressState& state, double elapsed_seconds, st
   if (state.data_seconds > 0 && elapsed_seconds > 0)
     line += " | " + fixed(state.data_seconds / elapsed_seconds, 1) + "x real time";
   if (state.done > 0 && state.total > state.done && elapsed_seconds > 1)
-    line += " | " + duration_text(elapsed_seconds * (state.total - state.done) / state.done) + " left";
+    line += " | " + time_left(elapsed_seconds * (state.total - state.done) / state.done) + " left";
   if (state.keyframes > 0) {
     line += " | " + std::to_string(state.keyframes) + " keyframes";
     line += " | closures " + std::to_string(state.direct_closures) + " direct + " +

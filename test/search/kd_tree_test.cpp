@@ -15,7 +15,7 @@
 namespace chainslam {
 namespace {
 
-std::vector<Eigen::Vector3f> random_points(Rng& rng, int count) {
+std::vector<Eigen::Vector3f> flat_points(Rng& rng, int count) {
   std::vector<Eigen::Vector3f> points;
   for (int i = 0; i < count; ++i)
     points.push_back(Eigen::Vector3d(rng.uniform(-9, 9), rng.uniform(-9, 9), rng.uniform(-1, 1)).cast<float>());
@@ -25,7 +25,7 @@ std::vector<Eigen::Vector3f> random_points(Rng& rng, int count) {
 TEST_SUITE("search/kd_tree") {
   TEST_CASE("position gives back every point, whatever the number of points") {
     test::for_all(120, [](Rng& rng, int size) {
-      const auto points = random_points(rng, size);  // 1 to 100: leaves of every filling
+      const auto points = flat_points(rng, size);  // 1 to 100: leaves of every filling
       const KdTree<> tree(points);
       for (std::size_t i = 0; i < points.size(); ++i) CHECK(tree.position(static_cast<Index>(i)) == points[i]);
     });
@@ -33,11 +33,11 @@ TEST_SUITE("search/kd_tree") {
 
   TEST_CASE("a large tree is exact too") {
     Rng rng(3);
-    const auto points = random_points(rng, 50'000);
+    const auto points = flat_points(rng, 50'000);
     const KdTree<> tree(points);
     const BruteForce<> reference(points);
     for (int i = 0; i < 100; ++i) {
-      const Eigen::Vector3f query = random_points(rng, 1)[0];
+      const Eigen::Vector3f query = flat_points(rng, 1)[0];
       std::array<Neighbor<float>, 8> ours, theirs;
       REQUIRE(tree.knn(query, ours) == 8);
       reference.knn(query, theirs);

@@ -1,5 +1,0 @@
-#pragma once
-
-#include "../precompiled.hpp"
-
-#include "chainslam/slam/back_end.hpp"
