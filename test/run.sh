@@ -101,7 +101,7 @@ slowest() {
   local log="$build/$1/.ninja_log"
   [ -f "$log" ] || return 0
   awk -F'\t' 'NR > 1 && $4 ~ /\.o$/ { t[$4] = ($2 - $1) / 1000 } END { for (o in t) printf "%.0f %s\n", t[o], o }' "$log" |
-    sort -rn | sed -n 1,5p | while read -r time object; do say "" "compiled in $time s: ${object##*.dir/}"; done
+    sort -rn | sed -n 1,5p | while read -r time object; do say "" "compiled in $time s: ${object#*CMakeFiles/}"; done
 }
 
 all_rooms() {
