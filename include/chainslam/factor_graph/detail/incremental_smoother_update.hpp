@@ -1,6 +1,7 @@
 #pragma once
 
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
+#include "chainslam/factor_graph/detail/open_directions.hpp"
 
 // How `IncrementalSmoother` updates.
 
