@@ -37,7 +37,7 @@ run_step() {
   local name="$1" start=$SECONDS log
   shift
   log="$build/logs/${name//[^a-zA-Z0-9_]/_}.log"
-  if "$@" >"$log" 2>&1; then
+  if ("$@") >"$log" 2>&1; then  # what ends itself must not end this script
     passed=$((passed + 1))
     say "passed" "$name ($((SECONDS - start)) s)"
   else
