@@ -126,7 +126,7 @@ done
 [ "$mode" = quick ] && export CHAINSLAM_QUICK=1
 [ "$mode" = full ] && export CHAINSLAM_FULL=1
 
-# All files of a room are one compilation: what they instantiate alike is compiled once, in half the time.
+# All files of a room are one compilation: what they instantiate alike is compiled once.
 unity=(-DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=0)
 common=("${unity[@]}" -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_FLAGS_RELEASE=-O2 -DCHAINSLAM_BUILD_BENCH=OFF)
 configure_and_build gcc "g++, -O2" "$programs" "${common[@]}" -DCMAKE_CXX_COMPILER=g++
