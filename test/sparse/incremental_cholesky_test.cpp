@@ -4,6 +4,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 #include <vector>
@@ -153,7 +154,9 @@ Solver::Options exact(int seed) {
   Solver::Options options;
   options.relative_excess = 0.0;
   options.late_variables = seed % 3 * 4;
+  options.near_variables = seed % 5 * 6;
   options.reorder_work = seed % 2 == 0 ? 1e9 : 10.0;
+  options.forgotten_share = std::array{0.0, 0.2, 3.0, 1e9}[static_cast<std::size_t>(seed % 4)];
   return options;
 }
 
@@ -246,6 +249,28 @@ TEST_SUITE("sparse/incremental_cholesky") {
         other.system = system;
         other_rng = state;
       }
+    });
+  }
+
+  TEST_CASE("what fronts leave to their parents may be kept or computed again: to the same bits") {
+    for_all(40, [](Rng& rng, int size) {
+      Solver::Options options = exact(size);
+      options.relative_excess = 1e-3;
+      options.forgotten_share = 0.0;
+      Rng other_rng = rng;
+      History keeping(rng, options);
+      options.forgotten_share = 1e9;
+      History forgetting(other_rng, options);
+      double kept_work = 0.0, work = 0.0;
+      for (int k = 0; k < 5 + size / 4; ++k) {
+        keeping.step();
+        forgetting.step();
+        CHECK(solution(keeping.solver) == solution(forgetting.solver));
+        kept_work = keeping.solver.work().multiplications;
+        work = forgetting.solver.work().multiplications;
+      }
+      CHECK(work >= kept_work);
+      if (size > 20) CHECK(forgetting.solver.tree().used_bytes() < keeping.solver.tree().used_bytes());
     });
   }
 

@@ -38,32 +38,34 @@ class Arena {
       add_free(block + words * word, rest, words);
     }
     write(block, head);
+    used_words_ += static_cast<Offset>(head.size);
     return reinterpret_cast<T*>(block + word);
   }
 
   /// @param count  as it was taken.
   void give_back(T* array, Offset count) {
-    std::byte* block = reinterpret_cast<std::byte*>(array) - word;
-    const Header head = read<Header>(block);
-    assert(head.free == 0 && head.size >= words_for(count));
+    std::byte* const block = reinterpret_cast<std::byte*>(array) - word;
+    assert(read<Header>(block).free == 0 && read<Header>(block).size >= words_for(count));
     static_cast<void>(count);
-    std::size_t size = head.size, before = head.before;
-    std::byte* const next = block + size * word;
-    if (read<Header>(next).free != 0) {
-      remove(next);
-      size += read<Header>(next).size;
-    }
-    if (before != 0 && read<Header>(block - before * word).free != 0) {
-      block -= before * word;
-      remove(block);
-      size += before;
-      before = read<Header>(block).before;
-    }
-    add_free(block, size, before);
+    set_free(block);
+  }
+
+  /// Gives all back but the first `count` elements, which stay where they are.
+  void shrink(T* array, Offset count) {
+    std::byte* const block = reinterpret_cast<std::byte*>(array) - word;
+    Header head = read<Header>(block);
+    const std::size_t words = words_for(count), rest = head.size - words;
+    if (rest < smallest_block) return;
+    head.size = static_cast<std::uint32_t>(words);
+    write(block, head);
+    write(block + words * word, Header{static_cast<std::uint32_t>(rest), head.size & 0x7fffffffU, 0});
+    set_free(block + words * word);
   }
 
   /// Elements that fit into what was taken from the system.
   [[nodiscard]] Offset capacity() const { return words_ * static_cast<Offset>(word / sizeof(T)); }
+  /// Elements of the arrays that are taken, and what goes with them.
+  [[nodiscard]] Offset used() const { return used_words_ * static_cast<Offset>(word / sizeof(T)); }
 
  private:
   static constexpr std::size_t word = 8;
@@ -134,6 +136,25 @@ class Arena {
     return block;
   }
 
+  /// Joins a block with its free neighbours.
+  void set_free(std::byte* block) {
+    const Header head = read<Header>(block);
+    std::size_t size = head.size, before = head.before;
+    used_words_ -= static_cast<Offset>(head.size);
+    std::byte* const next = block + size * word;
+    if (read<Header>(next).free != 0) {
+      remove(next);
+      size += read<Header>(next).size;
+    }
+    if (before != 0 && read<Header>(block - before * word).free != 0) {
+      block -= before * word;
+      remove(block);
+      size += before;
+      before = read<Header>(block).before;
+    }
+    add_free(block, size, before);
+  }
+
   void add_free(std::byte* block, std::size_t size, std::size_t before) {
     write(block, Header{static_cast<std::uint32_t>(size), static_cast<std::uint32_t>(before) & 0x7fffffffU, 1});
     std::byte* const after = block + size * word;
@@ -164,6 +185,7 @@ class Arena {
   std::array<std::byte*, 256> heads_{};
   std::array<std::uint64_t, 4> used_{};  ///< a bit for each bin that is not empty
   Offset words_ = 0;
+  Offset used_words_ = 0;
 };
 
 }  // namespace chainslam::detail

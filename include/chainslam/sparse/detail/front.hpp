@@ -20,7 +20,11 @@ class Front {
   Front(double* data, Index columns, Index rows) : data_(data), columns_(columns), rows_(rows) {}
 
   [[nodiscard]] static Offset size(Index columns, Index rows) {
-    return panel_start(columns, rows) + panel_size(columns, rows) + Offset{rows} * (Offset{rows} + 1) / 2 * B * B;
+    return size_without_update(columns, rows) + Offset{rows} * (Offset{rows} + 1) / 2 * B * B;
+  }
+  /// All but the update, which comes last.
+  [[nodiscard]] static Offset size_without_update(Index columns, Index rows) {
+    return panel_start(columns, rows) + panel_size(columns, rows);
   }
   /// Multiplications of a factorisation.
   [[nodiscard]] static double work(Index columns, Index rows) {

@@ -30,10 +30,12 @@ class FrontTree {
     Index rows = 0;
     Index waits_for = 0;  ///< children that are not ready
     Stale stale = Stale::none;
+    bool has_update = false;     ///< whether its numbers include what it leaves to its parent
     Index* variables = nullptr;  ///< own columns, then rows
     double* data = nullptr;
     double lowered = 0.0;  ///< what its elimination lowers the squared error by
     double excess = 0.0;   ///< what keeping an old solution of its columns raises it by
+    double work = 0.0;     ///< multiplications of its factorisation and all below
   };
 
   void add_variable() { node_of_.push_back(-1); }
@@ -60,7 +62,6 @@ class FrontTree {
     created.columns = columns;
     created.rows = rows;
     created.variables = lists_.take(columns + rows);
-    take_numbers(node);
     return node;
   }
 
@@ -73,11 +74,21 @@ class FrontTree {
 
   /// The numbers alone: not initialised when they are taken again.
   void release_numbers(Index node) {
-    numbers_.give_back(nodes_[node].data, Front<B>::size(nodes_[node].columns, nodes_[node].rows));
+    numbers_.give_back(nodes_[node].data, size(node));
     nodes_[node].data = nullptr;
   }
   void take_numbers(Index node) {
-    nodes_[node].data = numbers_.take(Front<B>::size(nodes_[node].columns, nodes_[node].rows));
+    nodes_[node].has_update = true;
+    nodes_[node].data = numbers_.take(size(node));
+  }
+  /// Gives the memory of its update alone back; all numbers are lost when they are taken again.
+  void release_update(Index node) {
+    nodes_[node].has_update = false;
+    numbers_.shrink(nodes_[node].data, size(node));
+  }
+  [[nodiscard]] Offset size(Index node) const {
+    const Node& of = nodes_[node];
+    return of.has_update ? Front<B>::size(of.columns, of.rows) : Front<B>::size_without_update(of.columns, of.rows);
   }
   [[nodiscard]] bool has_numbers(Index node) const { return nodes_[node].data != nullptr; }
 
@@ -123,13 +134,17 @@ class FrontTree {
       for (const Index variable : variables(node)) out.put(variable);
       out.put(saved.lowered);
       out.put(saved.excess);
+      out.put(saved.work);
+      out.put(static_cast<std::uint8_t>(saved.has_update));
     }
     std::vector<Index> unused = free_.vector();
     unused.insert(unused.end(), released.begin(), released.end());
     out.put_list(unused);
   }
-  /// What `save` wrote, into an empty tree. The fronts' numbers are not initialised.
-  void load(ByteSource& in) {
+  /// What `save` wrote, into an empty tree. The fronts' numbers are not initialised, and their updates all there.
+  /// @returns the nodes whose update was not kept.
+  [[nodiscard]] std::vector<Index> load(ByteSource& in) {
+    std::vector<Index> without_update;
     in.take_list(node_of_);
     nodes_.resize(static_cast<Offset>(in.take<std::uint64_t>()));
     for (Index node = 0; node < size(); ++node) {
@@ -143,15 +158,22 @@ class FrontTree {
       for (Index k = 0; k < loaded.columns + loaded.rows; ++k) loaded.variables[k] = in.take<Index>();
       loaded.lowered = in.take<double>();
       loaded.excess = in.take<double>();
+      loaded.work = in.take<double>();
+      if (in.take<std::uint8_t>() == 0) without_update.push_back(node);
       take_numbers(node);
     }
     in.take_list(free_);
+    return without_update;
   }
 
   /// Bytes taken from the system for numbers and lists.
   [[nodiscard]] Offset bytes() const {
     return numbers_.capacity() * static_cast<Offset>(sizeof(double)) +
            lists_.capacity() * static_cast<Offset>(sizeof(Index));
+  }
+  /// Of those, what holds numbers and lists.
+  [[nodiscard]] Offset used_bytes() const {
+    return numbers_.used() * static_cast<Offset>(sizeof(double)) + lists_.used() * static_cast<Offset>(sizeof(Index));
   }
 
  private:

@@ -21,6 +21,8 @@ void IncrementalCholesky<BlockSize>::save(ByteSink& out) const {
   out.put(totals_.squared_residuals);
   out.put(totals_.lowered);
   out.put(totals_.excess);
+  out.put(totals_.multiplications);
+  out.put(totals_.factorizations);
   out.put(totals_.nodes);
   terms_.save(out, removed_terms);
   tree_.save(out, removed_nodes);
@@ -37,9 +39,11 @@ void IncrementalCholesky<BlockSize>::load(ByteSource& in) {
   totals.squared_residuals = in.take<double>();
   totals.lowered = in.take<double>();
   totals.excess = in.take<double>();
+  totals.multiplications = in.take<double>();
+  totals.factorizations = in.take<Index>();
   totals.nodes = in.take<Index>();
   terms_.load(in);
-  tree_.load(in);
+  const std::vector<Index> without_update = tree_.load(in);
   for (Index variable = 0; variable < size(); ++variable) {
     local_.push_back(-1);
     assembly_.add_variable();
@@ -48,6 +52,7 @@ void IncrementalCholesky<BlockSize>::load(ByteSource& in) {
     if (tree_.has_numbers(node)) restored_.push_back(node);
   }
   compute_restored();
+  for (const Index node : without_update) tree_.release_update(node);
   work_ = {};
   totals_ = totals_before_ = totals;
 }

@@ -52,8 +52,14 @@ class IncrementalCholesky {
     double least_error = 1e-3;
     /// Newest variables that are eliminated last, since the next terms are likely to touch them.
     Index late_variables = 10;
+    /// Variables nearest to the newest in the graph that are eliminated late, where many are ordered: what comes next
+    /// will touch these, and then not what lies beyond.
+    Index near_variables = 100;
     /// Fronts of more multiplications a variable are ordered anew whenever they are factorised anew.
     double reorder_work = 20000.0;
+    /// In subtrees whose factorisation takes less than this share of a mean update's multiplications, what a front
+    /// leaves to its parent is not kept, but computed again when the parent is.
+    double forgotten_share = 0.2;
   };
 
   IncrementalCholesky() = default;
@@ -194,6 +200,8 @@ class IncrementalCholesky {
     double squared_residuals = 0.0;
     double lowered = 0.0;
     double excess = 0.0;
+    double multiplications = 0.0;
+    Index factorizations = 0;
     Index nodes = 0;
   };
 
@@ -230,12 +238,24 @@ class IncrementalCholesky {
   /// Removes the nodes that are to be ordered anew; lists their variables and the subtrees that they leave.
   void collect_affected();
 
+  /// Sorts the affected variables: those that are to be eliminated late behind the others.
+  void sort_affected();
+  /// Lists the variables nearest to the newest in the graph.
+  void list_near();
+
   void affect(Index variable) {
     if (is_fixed(variable)) tree_.set_node_of(variable, -1);
     if (is_fixed(variable) || local_[variable] != -1) return;
     local_[variable] = 0;
     affected_.push_back(variable);
   }
+
+  /// Computes again what nodes leave to their parents, where the parents are due and it was not kept.
+  /// @param due  visits the parents.
+  template <class ForEachNode>
+  void recall_updates(ForEachNode&& due);
+  /// Gives up what the children of a node in a small subtree have left, once it is taken.
+  void forget_updates(Index node);
 
   /// Computes the nodes that stay in the tree and are stale, children first.
   [[nodiscard]] FactorizationResult refresh_nodes();
@@ -244,7 +264,11 @@ class IncrementalCholesky {
   [[nodiscard]] FactorizationResult eliminate_affected();
 
   void create_nodes();
+  void sort_fresh();
 
+  /// Assembles a node's front and factorises it.
+  [[nodiscard]] FactorizationResult eliminate(Index node);
+  /// And counts what that lowers the squared error by.
   [[nodiscard]] FactorizationResult compute(Index node);
 
   /// Solves for a node's columns, given all above; keeps their old solution if it is nearly as good.
@@ -270,11 +294,15 @@ class IncrementalCholesky {
   detail::Table<Index> stale_;
   detail::Table<Index> fresh_;
   detail::Table<Index> affected_;
+  Index late_ = 0;  ///< the first of them that is eliminated late
+  detail::Table<Index> near_;
+  detail::Table<char> is_near_;
   detail::Table<Index> orphans_;
   detail::Table<Index> ready_;
   detail::Table<Index> stack_;
   detail::Table<Index> changed_;
   detail::Table<Index> written_;
+  detail::Table<Index> recalled_;
   detail::Table<Index> recomputed_;  ///< nodes whose numbers a rollback has to compute again, last first,
   detail::Table<Index> restored_;    ///< and those that it brings back
   detail::Table<double> gathered_;

@@ -15,11 +15,18 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize() {
   }
   written_.clear();
   for (const Index variable : reordered_) mark(tree_.node_of(variable), detail::Stale::order);
+  const double multiplications_before = work_.multiplications;
   promote_heavy();
+  recall_updates([&](auto&& visit) {
+    for (const Index node : stale_) visit(node);
+  });
+  for (const Index node : recalled_) forget_updates(node);
   collect_affected();
   FactorizationResult result = refresh_nodes();
   if (result.ok() && affected_.size() > 0) result = eliminate_affected();
   for (const Index variable : affected_) local_[variable] = -1;
+  totals_.multiplications += work_.multiplications - multiplications_before;
+  ++totals_.factorizations;
   return result;
 }
 
@@ -82,8 +89,69 @@ void IncrementalCholesky<BlockSize>::collect_affected() {
     for (const Index variable : tree_.columns(node)) affect(variable);
     tree_.release_numbers(node);
   }
-  std::sort(affected_.begin(), affected_.end());
+  sort_affected();
   for (Index k = 0; k < to_index(affected_.size()); ++k) local_[affected_[k]] = k;
+}
+
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::sort_affected() {
+  std::sort(affected_.begin(), affected_.end());
+  const Index newest = size() - options_.late_variables;
+  if (to_index(affected_.size()) <= options_.near_variables / 4) {
+    late_ = static_cast<Index>(std::lower_bound(affected_.begin(), affected_.end(), newest) - affected_.begin());
+    return;
+  }
+  list_near();
+  const auto late = std::stable_partition(affected_.begin(), affected_.end(),
+                                          [&](Index variable) { return variable < newest && is_near_[variable] == 0; });
+  late_ = static_cast<Index>(late - affected_.begin());
+  for (const Index variable : near_) is_near_[variable] = 0;
+}
+
+/// Breadth first.
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::list_near() {
+  is_near_.resize(size());
+  near_.clear();
+  const auto reach = [&](Index variable) {
+    if (is_near_[variable] != 0 || near_.size() >= options_.near_variables) return;
+    is_near_[variable] = 1;
+    near_.push_back(variable);
+  };
+  reach(size() - 1);
+  for (Offset k = 0; k < near_.size() && near_.size() < options_.near_variables; ++k) {
+    for (Index s = terms_.first(near_[k]); s != -1; s = terms_.slot(s).next) {
+      for (const auto& slot : terms_.slots(terms_.slot(s).term)) reach(slot.variable);
+    }
+  }
+}
+
+template <int BlockSize>
+template <class ForEachNode>
+void IncrementalCholesky<BlockSize>::recall_updates(ForEachNode&& due) {
+  recalled_.clear();
+  const auto list_children = [&](Index node) {
+    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
+      if (tree_[child].stale == Stale::none && !tree_[child].has_update) recalled_.push_back(child);
+    }
+  };
+  due(list_children);
+  for (Offset k = 0; k < recalled_.size(); ++k) list_children(recalled_[k]);
+  for (Offset k = recalled_.size() - 1; k >= 0; --k)
+    static_cast<void>(eliminate(recalled_[k]));  // to the same bits as before
+}
+
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::forget_updates(Index node) {
+  tree_[node].work = Front::work(tree_[node].columns, tree_[node].rows);
+  for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next)
+    tree_[node].work += tree_[child].work;
+  if (tree_[node].work * static_cast<double>(totals_.factorizations) >
+      options_.forgotten_share * totals_.multiplications)
+    return;
+  for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
+    if (tree_[child].has_update) tree_.release_update(child);
+  }
 }
 
 template <int BlockSize>
@@ -101,6 +169,7 @@ FactorizationResult IncrementalCholesky<BlockSize>::refresh_nodes() {
     if (result.ok()) {
       journal_.add(detail::Change::node_numbers, node);
       result = compute(node);
+      forget_updates(node);
     }
     const Index parent = tree_[node].parent;
     if (parent != -1 && --tree_[parent].waits_for == 0 && tree_[parent].stale != Stale::order) ready_.push_back(parent);
@@ -122,13 +191,13 @@ FactorizationResult IncrementalCholesky<BlockSize>::eliminate_affected() {
     for (const Index row : tree_.rows(orphan)) plan_.add_to_element(local_[row]);
     plan_.end_element();
   }
-  const auto late = std::lower_bound(affected_.begin(), affected_.end(), size() - options_.late_variables);
-  plan_.plan(static_cast<Index>(late - affected_.begin()), BlockSize);
+  plan_.plan(late_, BlockSize);
   work_.reordered += to_index(affected_.size());
   create_nodes();
   for (const Index node : fresh_) {
     const FactorizationResult result = compute(node);
     if (!result.ok()) return result;
+    forget_updates(node);
   }
   return {};
 }
@@ -154,10 +223,33 @@ void IncrementalCholesky<BlockSize>::create_nodes() {
   }
   for (Index e = 0; e < to_index(orphans_.size()); ++e)
     tree_.append_child(fresh_[plan_.front_of_element(e)], orphans_[e]);
+  sort_fresh();
+}
+
+/// Each node right after those below it, so that what they leave to it waits no longer than it must.
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::sort_fresh() {
+  ready_.clear();
+  for (const Index node : fresh_) {
+    if (tree_[node].parent == -1) stack_.push_back(node);
+  }
+  while (stack_.size() > 0) {
+    const Index node = stack_.back();
+    stack_.pop_back();
+    ready_.push_back(node);
+    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
+      if (!tree_.has_numbers(child)) stack_.push_back(child);  // the others are not new
+    }
+  }
+  std::reverse_copy(ready_.begin(), ready_.end(), fresh_.begin());
 }
 
 template <int BlockSize>
-FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node) {
+FactorizationResult IncrementalCholesky<BlockSize>::eliminate(Index node) {
+  if (!tree_[node].has_update) {
+    if (tree_.has_numbers(node)) tree_.release_numbers(node);
+    tree_.take_numbers(node);
+  }
   assembly_.assemble(tree_, terms_, fixed_, node);
   const Front front = tree_.front(node);
   work_.refactorized += front.columns();
@@ -166,6 +258,14 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node) {
   if (bad != -1)
     return {FactorizationStatus::not_positive_definite, tree_.columns(node)[static_cast<std::size_t>(bad)]};
   front.substitute_forward(front.right());
+  return {};
+}
+
+template <int BlockSize>
+FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node) {
+  const FactorizationResult result = eliminate(node);
+  if (!result.ok()) return result;
+  const Front front = tree_.front(node);
   totals_.lowered -= tree_[node].lowered;
   tree_[node].lowered = 0.0;
   for (Offset k = 0; k < Offset{front.columns()} * BlockSize; ++k)
@@ -202,96 +302,6 @@ void IncrementalCholesky<BlockSize>::substitute(Index node) {
     std::copy_n(x + static_cast<Offset>(k) * BlockSize, BlockSize, solution_.data() + Offset{variable} * BlockSize);
     changed_.push_back(variable);
     local_[variable] = 0;
-  }
-}
-
-/// What was computed in place, or given up, is computed again from what it came from, in the same order: to the same
-/// bits.
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::rollback() {
-  clear_changes();
-  recomputed_.clear();
-  restored_.clear();
-  for (Offset k = journal_.entries().size() - 1; k >= 0; --k) undo(journal_.entries()[k]);
-  journal_.clear();
-  for (Offset k = recomputed_.size() - 1; k >= 0; --k) {
-    if (tree_.has_numbers(recomputed_[k])) static_cast<void>(compute(recomputed_[k]));
-  }
-  compute_restored();
-  totals_ = totals_before_;
-}
-
-/// Children before parents; all above a restored node is restored, too.
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::compute_restored() {
-  ready_.clear();
-  for (const Index node : restored_) {
-    if (tree_.has_numbers(node) && tree_[node].parent != -1) ++tree_[tree_[node].parent].waits_for;
-  }
-  for (const Index node : restored_) {
-    if (tree_.has_numbers(node) && tree_[node].waits_for == 0) ready_.push_back(node);
-  }
-  for (Offset k = 0; k < ready_.size(); ++k) {
-    static_cast<void>(compute(ready_[k]));
-    const Index parent = tree_[ready_[k]].parent;
-    if (parent != -1 && --tree_[parent].waits_for == 0) ready_.push_back(parent);
-  }
-}
-
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::undo(const Journal::Entry& entry) {
-  const std::span<const double> numbers = journal_.numbers(entry);
-  switch (entry.change) {
-    case detail::Change::variable_added:
-      fixed_.pop_back();
-      local_.pop_back();
-      assembly_.drop_last_variable();
-      solution_.resize(solution_.size() - BlockSize);
-      terms_.drop_last_variable();
-      tree_.drop_last_variable();
-      break;
-    case detail::Change::variable_fixed:
-      fixed_[entry.id] = fixed_[entry.id] == 0 ? 1 : 0;
-      break;
-    case detail::Change::term_added:
-      terms_.unlink(entry.id);
-      terms_.release(entry.id);
-      break;
-    case detail::Change::term_removed:
-      terms_.relink(entry.id);
-      terms_.set_counted(entry.id, true);
-      break;
-    case detail::Change::term_numbers:
-      std::ranges::copy(numbers, terms_.jacobian(entry.id));
-      terms_.set_counted(entry.id, true);
-      break;
-    case detail::Change::node_removed:
-      tree_.take_numbers(entry.id);
-      restored_.push_back(entry.id);
-      tree_.drop_children(entry.id);
-      for (const Index child : journal_.indices(entry)) tree_.append_child(entry.id, child);
-      for (const Index variable : tree_.columns(entry.id)) tree_.set_node_of(variable, entry.id);
-      break;
-    case detail::Change::node_created:
-      for (const Index variable : tree_.columns(entry.id)) tree_.set_node_of(variable, -1);
-      tree_.release(entry.id);
-      break;
-    case detail::Change::node_numbers:
-      recomputed_.push_back(entry.id);
-      break;
-    case detail::Change::node_solution: {
-      tree_[entry.id].excess = numbers[0];
-      if (numbers.size() == 1) break;
-      const double* from = numbers.data() + 1;
-      for (const Index variable : tree_.columns(entry.id)) {
-        std::copy_n(from, BlockSize, solution_.data() + Offset{variable} * BlockSize);
-        from += BlockSize;
-      }
-      break;
-    }
-    case detail::Change::solution:
-      std::ranges::copy(numbers, solution_.data() + Offset{entry.id} * BlockSize);
-      break;
   }
 }
 
