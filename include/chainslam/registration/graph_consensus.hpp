@@ -15,6 +15,7 @@
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/consistency_graph.hpp"
 #include "chainslam/registration/detail/consensus.hpp"
+#include "chainslam/registration/detail/refit.hpp"
 #include "chainslam/registration/gnc.hpp"
 #include "chainslam/registration/matched_points.hpp"
 #include "chainslam/registration/max_clique.hpp"
@@ -130,16 +131,8 @@ struct GraphConsensus {
     }
     const std::optional<GncResult> solved = gnc.solve(source, target);
     if (!solved) return std::nullopt;
-    Hypothesis best = detail::judge(points, solved->T_target_source, max_distance);
-    for (Index i = 0; i < refits && best.consensus >= Rotation::least_points; ++i) {
-      const std::vector<double> agree = detail::agreeing(points, best.T_target_source, max_distance);
-      const std::optional<SE3d> T = fit_motion(points.source, points.target, agree, gnc.rotation);
-      if (!T) break;
-      const Hypothesis next = detail::judge(points, *T, max_distance);
-      if (!(next.gain > best.gain)) break;
-      best = next;
-    }
-    return best;
+    const Hypothesis judged = detail::judge(points, solved->T_target_source, max_distance);
+    return detail::RefitTable(points).refit(judged, max_distance, refits, gnc.rotation);
   }
 };
 

@@ -1,15 +1,11 @@
 #pragma once
 
-#include <algorithm>
 #include <cmath>
 #include <concepts>
-#include <cstddef>
-#include <optional>
-#include <stdexcept>
-#include <vector>
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/registration/detail/consensus.hpp"
+#include "chainslam/registration/detail/refit.hpp"
 #include "chainslam/registration/matched_points.hpp"
 
 namespace chainslam {
@@ -37,16 +33,7 @@ struct Refit {
 
   [[nodiscard]] Hypothesis improve(const MatchedPoints& points, const Hypothesis& hypothesis,
                                    double max_distance) const {
-    Hypothesis best = hypothesis;
-    for (Index round = 0; round < rounds && best.consensus >= AnyRotation::least_points; ++round) {
-      const std::vector<double> weights = detail::agreeing(points, best.T_target_source, max_distance);
-      const std::optional<SE3d> fit = fit_motion<AnyRotation>(points.source, points.target, weights);
-      if (!fit) break;
-      const Hypothesis next = detail::judge(points, *fit, max_distance);
-      if (!(next.gain > best.gain)) break;
-      best = next;
-    }
-    return best;
+    return detail::RefitTable(points).refit(hypothesis, max_distance, rounds, AnyRotation{});
   }
 };
 static_assert(LocalOptimization<NoLocalOptimization> && LocalOptimization<Refit>);
