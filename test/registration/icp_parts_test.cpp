@@ -65,16 +65,6 @@ double mean_squared_normalised_error(int trials, Align&& align_noisy) {
 
 }  // namespace
 
-/// Points of twenty metres of the corridor, far from its ends.
-PointCloud<float> middle_of_corridor(Rng& rng) {
-  std::vector<Patch> inner = corridor();
-  for (Patch& patch : inner) {
-    patch.corner.x() = -10;
-    patch.u.x() = 20;
-  }
-  return sample(rng, inner, 2000, 0.01);
-}
-
 TEST_SUITE("registration/icp parts") {
   TEST_CASE("plane to plane finds T_target_source, and swapping the clouds finds its inverse") {
     for_all(10, [](Rng& rng, int) {
@@ -129,7 +119,7 @@ TEST_SUITE("registration/icp parts") {
   TEST_CASE("localizability names the axis along which a corridor tells nothing, and its covariance is wide there") {
     Rng rng(33);
     const IndexedCloud<> target(sample(rng, corridor(), 20000));
-    const PointCloud<float> source = middle_of_corridor(rng);
+    const PointCloud<float> source = middle_of_corridor(rng, 2000);
     const AlignResult result = PointToPlaneIcp{}.align(source, target, SE3d());
     CHECK(result.status == AlignStatus::degenerate);
     CHECK(result.localizability[0] == doctest::Approx(0.0005).epsilon(0.01));
@@ -164,7 +154,7 @@ TEST_SUITE("registration/icp parts") {
   TEST_CASE("a prior decides where the points are silent, and gives way where they speak") {
     Rng rng(34);
     const IndexedCloud<> target(sample(rng, corridor(), 20000));
-    const PointCloud<float> source = middle_of_corridor(rng);
+    const PointCloud<float> source = middle_of_corridor(rng, 2000);
     Vector6d off;
     off << 0.5, 0.1, 0, 0, 0, 0.01;
     using WithPrior = Icp<PointToPlane, Trivial, KeepPairs, GaussNewtonStep, PosePrior>;

@@ -51,6 +51,16 @@ inline PointCloud<float> sample(Rng& rng, const std::vector<Patch>& patches, Ind
   return cloud;
 }
 
+/// Points of twenty metres of the corridor, far from its ends, with a centimetre of noise.
+inline PointCloud<float> middle_of_corridor(Rng& rng, Index count) {
+  std::vector<Patch> inner = corridor();
+  for (Patch& patch : inner) {
+    patch.corner.x() = -10;
+    patch.u.x() = 20;
+  }
+  return sample(rng, inner, count, 0.01);
+}
+
 /// The points seen from the source's frame: p_source = T_target_source^-1 p_target.
 inline PointCloud<float> seen_from(const PointCloud<float>& cloud, const SE3d& T_target_source) {
   PointCloud<float> result;
