@@ -9,6 +9,7 @@
 
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/thread_pool.hpp"
+#include "chainslam/features/oriented_on_demand.hpp"
 #include "chainslam/registration/gaussian_voxel_map.hpp"
 #include "registration_pairs.hpp"
 #include "versus.hpp"
@@ -203,10 +204,9 @@ void clouds_to_pose(benchmark::State& state, const bench::RealPair& pair) {
   const auto gicp = configured<Gicp>(pair);
   AlignResult result;
   const auto run = [&] {
-    PointCloud<float> scan = voxel_downsample(pair.source, voxel), submap = voxel_downsample(pair.target, voxel);
+    PointCloud<float> scan = voxel_downsample(pair.source, voxel);
     estimate_normals(scan, {.neighbors = 10});
-    estimate_normals(submap, {.neighbors = 10});
-    result = gicp.align(scan, IndexedCloud<>(std::move(submap)), pair.guess);
+    result = gicp.align(scan, OrientedOnDemand(voxel_downsample(pair.target, voxel)), pair.guess);
     return result.T_target_source.translation()[0];
   };
   const bench::PclCloud source(pair.source.positions), target(pair.target.positions);

@@ -61,6 +61,7 @@
 #include "chainslam/features/matching.hpp"
 #include "chainslam/features/neighborhoods.hpp"
 #include "chainslam/features/normals.hpp"
+#include "chainslam/features/oriented_on_demand.hpp"
 #include "chainslam/filter/concepts.hpp"
 #include "chainslam/filter/ieskf.hpp"
 #include "chainslam/graph/adjacency_graph.hpp"

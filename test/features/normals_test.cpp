@@ -3,13 +3,16 @@
 #include <doctest/doctest.h>
 
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <vector>
 
 #include "chainslam/cloud/plane_fit.hpp"
 #include "chainslam/cloud/symmetric_eigen.hpp"
 #include "chainslam/core/thread_pool.hpp"
+#include "chainslam/features/oriented_on_demand.hpp"
 #include "chainslam/search/brute_force.hpp"
 #include "chainslam/search/voxel_map.hpp"
 #include "support/property.hpp"
@@ -189,6 +192,34 @@ TEST_SUITE("features/normals") {
       CHECK(estimates.planarity == expected.planarity);
       CHECK(estimates.curvature == expected.curvature);
     }
+  }
+
+  TEST_CASE("normals made on demand are the same bits, whoever asks and in whatever order") {
+    test::for_all(10, [](Rng& rng, int size) {
+      const PointCloud<float> bare = uneven(rng, size);
+      PointCloud<float> at_once = bare;
+      const NormalOptions options{.neighbors = 10, .radius = rng.uniform(0.5, 50)};
+      const Eigen::Vector3d viewpoint(rng.normal(), rng.normal(), rng.normal());
+      const NormalEstimates all = estimate_normals(at_once, options, viewpoint);
+      const OrientedOnDemand on_demand(bare, options, viewpoint);
+      CHECK(on_demand.size() == bare.size() - 2);              // two are not finite
+      const Index count = to_index(bare.size()), step = 7919;  // a prime, so that all get their turn
+      std::atomic<Index> without = 2, differ = 0;
+      ThreadPool(3).for_chunks(count, 16, [&](Index begin, Index end) {
+        for (Index k = begin; k < end; ++k) {
+          const auto i = static_cast<Index>(std::int64_t{k} * step % count);
+          if (!on_demand.search().contains(i)) continue;
+          const auto at = static_cast<std::size_t>(i);
+          const bool same = on_demand.normal(i) == at_once.normals[at] && on_demand.position(i) == bare.positions[at];
+          differ += same ? 0 : 1;
+          without += on_demand.normal(i).isZero(0) ? 1 : 0;
+        }
+      });
+      CHECK(differ == 0);
+      CHECK(without == all.without_normal);
+    });
+    CHECK_THROWS_AS(OrientedOnDemand({}, {.radius = 0}), std::invalid_argument);
+    CHECK(OrientedOnDemand({}).size() == 0);
   }
 
   TEST_CASE("eight eigenproblems at a time agree with one at a time") {

@@ -275,12 +275,7 @@ TEST_SUITE("registration/icp") {
       n = (SO3d::exp(0.03 * Eigen::Vector3d(rng.normal(), rng.normal(), rng.normal())) * n.cast<double>().eval())
               .cast<float>();
     const IndexedCloud<> target(cloud);
-    std::vector<Patch> inner = corridor();
-    for (Patch& patch : inner) {
-      patch.corner.x() = -10;
-      patch.u.x() = 20;
-    }
-    const PointCloud<float> source = sample(rng, inner, 4000, 0.01);
+    const PointCloud<float> source = middle_of_corridor(rng, 4000);
     Vector6d off;
     off << 0.7, 0.2, -0.2, 0.02, 0.02, -0.02;
     const AlignResult result = PointToPlaneIcp{}.align(source, target, SE3d::exp(off));
@@ -330,9 +325,14 @@ TEST_SUITE("registration/icp") {
     Rng rng(14);
     const SE3d truth = asymmetric_pose();
     const PointCloud<float> source = seen_from(sample(rng, yard(), 2000, 0.01), truth);
-    const AlignResult result = align(source, yard_target().cloud().positions, truth * random_motion(rng, 0.2, 0.02));
+    const SE3d guess = truth * random_motion(rng, 0.2, 0.02);
+    const AlignResult result = align(source, yard_target().cloud().positions, guess);
     CHECK(result.status == AlignStatus::converged);
     CHECK(translation_error(truth, result.T_target_source) < 0.01);
+    // Normals made where they are needed are the same as all at once.
+    PointCloud<float> target = yard_target().cloud();
+    estimate_normals(target, {.neighbors = 10});
+    CHECK(result.hessian == align(source, IndexedCloud<>(target), guess).hessian);
     CHECK(align(source, std::vector<Eigen::Vector3f>{}).status == AlignStatus::too_few_points);
   }
 

@@ -40,7 +40,12 @@ struct NormalEstimates {
 
 namespace detail {
 
-/// Where normals and what goes with them are written.
+inline void check(const NormalOptions& options) {
+  if (options.neighbors < 0 || !(options.radius > 0) || (options.neighbors == 0 && !is_finite(options.radius)))
+    throw std::invalid_argument("estimate_normals: set neighbors > 0, or a finite radius > 0");
+}
+
+/// Where normals and what goes with them are written; of the estimates, those that have room.
 struct NormalWriter {
   PointCloud<float>& cloud;
   NormalEstimates& estimates;
@@ -66,6 +71,7 @@ struct NormalWriter {
       const Eigen::Vector3d n(eigen.vector[0][lane], eigen.vector[1][lane], eigen.vector[2][lane]);
       const bool away = n.dot(viewpoint - position(cloud, i)) < 0;
       cloud.normals[i] = (away ? Eigen::Vector3d(-n) : n).cast<float>();
+      if (estimates.planarity.empty()) continue;
       estimates.planarity[i] = static_cast<float>((l1 - l0) / l2);
       estimates.curvature[i] = static_cast<float>(l0 / (l0 + l1 + l2));
       if (!options.covariances) continue;
@@ -92,25 +98,31 @@ template <class Scalar>
   return &indexed.search();
 }
 
+/// Leaves whose points get their normals together.
+inline constexpr Index leaves_at_once = 8;
+
+/// Normals of the points in leaves [begin, end), of which there are `leaves_at_once` or, at the end of the tree, fewer.
+/// Returns how many of them got none.
+template <class Scalar>
+Index estimate_in_leaves(const KdTree<Scalar>& tree, const NormalWriter& writer, Index begin, Index end) {
+  LeafNeighbors<KdTree<Scalar>> neighbors(tree, static_cast<std::size_t>(writer.options.neighbors),
+                                          static_cast<Scalar>(writer.options.radius));
+  PlaneLanes<Scalar> lanes;
+  Index without = 0;
+  for (Index leaf = begin; leaf < end; ++leaf)
+    neighbors.search(leaf, [&](Index i, std::size_t count, auto&& offset) {
+      lanes.add(i, count, offset);
+      if (lanes.full()) without += writer.write(lanes);
+    });
+  return without + writer.write(lanes);
+}
+
 /// Normals of a tree's own points, which ask leaf by leaf. Returns how many of them got none.
 template <class Scalar, Executor Exec>
 Index estimate_in_leaves(const KdTree<Scalar>& tree, const NormalWriter& writer, const Exec& exec) {
-  constexpr Index grain = 32;
-  const NormalOptions& options = writer.options;
   return reduce_chunks(
-      exec, LeafNeighbors<KdTree<Scalar>>(tree, 1, 1).leaves(), grain, Index{0},
-      [&](Index begin, Index end) {
-        LeafNeighbors<KdTree<Scalar>> neighbors(tree, static_cast<std::size_t>(options.neighbors),
-                                                static_cast<Scalar>(options.radius));
-        PlaneLanes<Scalar> lanes;
-        Index without = 0;
-        for (Index leaf = begin; leaf < end; ++leaf)
-          neighbors.search(leaf, [&](Index i, std::size_t count, auto&& offset) {
-            lanes.add(i, count, offset);
-            if (lanes.full()) without += writer.write(lanes);
-          });
-        return without + writer.write(lanes);
-      },
+      exec, TreeLeaves(tree).count(), leaves_at_once, Index{0},
+      [&](Index begin, Index end) { return estimate_in_leaves(tree, writer, begin, end); },
       [](Index left, Index right) { return left + right; });
 }
 
@@ -161,8 +173,7 @@ Index estimate_one_by_one(const Search& search, const NormalWriter& writer, cons
 template <NearestNeighborSearch Search, Executor Exec = Serial>
 NormalEstimates estimate_normals(PointCloud<float>& cloud, const Search& search, const NormalOptions& options = {},
                                  const Eigen::Vector3d& viewpoint = Eigen::Vector3d::Zero(), const Exec& exec = {}) {
-  if (options.neighbors < 0 || !(options.radius > 0) || (options.neighbors == 0 && !is_finite(options.radius)))
-    throw std::invalid_argument("estimate_normals: set neighbors > 0, or a finite radius > 0");
+  detail::check(options);
   NormalEstimates estimates;
   cloud.normals.assign(cloud.size(), Eigen::Vector3f::Zero());
   estimates.planarity.assign(cloud.size(), 0.0f);

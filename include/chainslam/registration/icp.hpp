@@ -10,7 +10,7 @@
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
-#include "chainslam/features/normals.hpp"
+#include "chainslam/features/oriented_on_demand.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/icp_run.hpp"
 #include "chainslam/registration/detail/source_columns.hpp"
@@ -217,6 +217,10 @@ using Gicp = Icp<PlaneToPlane, Trivial>;
 /// Voxelized GICP (Koide et al. 2021): to a `GaussianVoxelMap`, from a cloud with normals or covariances.
 using Vgicp = Icp<DistributionToDistribution, Trivial>;
 
+namespace detail {
+inline constexpr Icp<PointToPlane, Huber> robust_to_planes{.kernel = {.width = 0.1}};
+}
+
 /// Aligns `source` to `target` with good defaults: to planes, robustly, where the target has normals; else to points.
 /// See `Icp::align`.
 template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
@@ -225,23 +229,21 @@ template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
   if constexpr (OrientedSearch<Target>) {
     bool oriented = true;
     if constexpr (requires { target.has_normals(); }) oriented = target.has_normals();
-    const Icp<PointToPlane, Huber> icp{.kernel = {.width = 0.1}};
-    if (oriented) return icp.align(source, target, guess, executor);
+    if (oriented) return detail::robust_to_planes.align(source, target, guess, executor);
   }
   return PointToPointIcp{}.align(source, target, guess, executor);
 }
 
-/// The same for two clouds, in one go: indexes the target and estimates its normals first. Keep an `IndexedCloud` where
-/// several sources meet one target, and make large clouds smaller with `voxel_downsample`.
+/// The same for two clouds, in one go: indexes the target and estimates its normals where they are needed. Keep an
+/// `IndexedCloud` where several sources meet one target, and make large clouds smaller with `voxel_downsample`.
 template <Cloud Source, Cloud Target, Executor Exec = Serial>
   requires(!NearestNeighborSearch<Target>)
 [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess = {},
                                 const Exec& executor = {}) {
-  PointCloud<float> oriented;
-  oriented.positions.reserve(cloud_size(target));
-  for (std::size_t i = 0; i < cloud_size(target); ++i) oriented.positions.push_back(position_f(target, i));
-  estimate_normals(oriented, {.neighbors = 10}, Eigen::Vector3d::Zero(), executor);
-  return align(source, IndexedCloud<>(std::move(oriented)), guess, executor);
+  PointCloud<float> points;
+  points.positions.reserve(cloud_size(target));
+  for (std::size_t i = 0; i < cloud_size(target); ++i) points.positions.push_back(position_f(target, i));
+  return detail::robust_to_planes.align(source, OrientedOnDemand(std::move(points)), guess, executor);
 }
 
 }  // namespace chainslam

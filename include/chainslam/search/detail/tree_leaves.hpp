@@ -26,6 +26,10 @@ class TreeLeaves {
   [[nodiscard]] Index count() const { return static_cast<Index>(tree_->leaves_.size()); }
   /// Lanes that hold no point are infinite.
   [[nodiscard]] const Points& points(Index leaf) const { return tree_->leaves_[static_cast<std::size_t>(leaf)].points; }
+  /// The leaf of point i, which is in the tree.
+  [[nodiscard]] Index leaf_of(Index i) const {
+    return tree_->slot_of_point_[static_cast<std::size_t>(i)] / static_cast<Index>(leaf_size);
+  }
   /// The points of a leaf: the first lanes are those in use.
   [[nodiscard]] std::span<const Index> indices(Index leaf) const {
     const auto& columns = points(leaf).columns;
