@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "chainslam/io/bytes.hpp"
+#include "chainslam/io/detail/point_records.hpp"
 #include "datasets/nclt.hpp"
 
 namespace chainslam::datasets {
@@ -125,24 +126,11 @@ std::optional<LidarScan> NcltSweeps::next() {
 }
 
 PointCloud<float> read_nclt_sync(const std::filesystem::path& path) {
-  InputFile file(path);
-  file.require(0, "points");
-  const std::uint64_t size = file.size().value_or(0);
-  if (size % hit_bytes != 0)
-    file.fail("byte " + std::to_string(size - size % hit_bytes),
-              std::to_string(size % hit_bytes) + " bytes after the last point",
-              "velodyne_sync holds 8 bytes a point: the file was cut short or is of another kind");
-  PointCloud<float> cloud;
-  const auto count = static_cast<std::size_t>(to_index(size / hit_bytes, "points of a scan"));
-  cloud.positions.reserve(count);
-  cloud.intensities.reserve(count);
-  std::array<std::byte, hit_bytes> hit{};
-  for (std::size_t i = 0; i < count; ++i) {
-    file.read(hit, "a point");
-    cloud.positions.push_back(position_of(hit.data()));
-    cloud.intensities.push_back(intensity_of(hit.data()));
-  }
-  return cloud;
+  return detail::read_point_records(path, hit_bytes, "velodyne_sync holds 8 bytes a point",
+                                    [](const std::byte* hit, PointCloud<float>& cloud) {
+                                      cloud.positions.push_back(position_of(hit));
+                                      cloud.intensities.push_back(intensity_of(hit));
+                                    });
 }
 
 SE3d nclt_T_body_velodyne() { return from_roll_pitch_yaw_deg(0.807, 0.166, -90.703, {0.002, -0.004, -0.957}); }

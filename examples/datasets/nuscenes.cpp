@@ -1,7 +1,6 @@
 #include "datasets/nuscenes.hpp"
 
 #include <algorithm>
-#include <array>
 #include <map>
 #include <optional>
 #include <set>
@@ -10,7 +9,7 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/bytes.hpp"
-#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/detail/point_records.hpp"
 #include "datasets/azimuth_times.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
@@ -61,23 +60,11 @@ Timestamp time_of(const JsonRow& row, const fs::path& table) {
 
 /// x, y, z, intensity, ring as floats.
 PointCloud<float> read_nuscenes_cloud(const fs::path& path) {
-  constexpr std::size_t stride = 20;
-  InputFile file(path);
-  file.require(0, "points");
-  const std::uint64_t size = file.size().value_or(0);
-  if (size % stride != 0)
-    file.fail("byte " + std::to_string(size - size % stride),
-              std::to_string(size % stride) + " bytes after the last point",
-              "nuScenes' clouds hold 20 bytes a point: the file was cut short or is of another kind");
-  PointCloud<float> cloud;
-  std::array<std::byte, stride> point{};
-  for (Index i = to_index(size / stride, "points of a scan"); i > 0; --i) {
-    file.read(point, "a point");
-    const auto value = [&](std::size_t k) { return load_as<float>(point.data() + 4 * k); };
-    cloud.positions.emplace_back(value(0), value(1), value(2));
-    cloud.intensities.push_back(value(3));
-  }
-  return cloud;
+  return detail::read_point_records(
+      path, 20, "nuScenes' clouds hold 20 bytes a point", [](const std::byte* record, PointCloud<float>& cloud) {
+        cloud.positions.emplace_back(load_as<float>(record), load_as<float>(record + 4), load_as<float>(record + 8));
+        cloud.intensities.push_back(load_as<float>(record + 12));
+      });
 }
 
 class NuscenesScene final : public Dataset {

@@ -1,13 +1,12 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <filesystem>
 #include <string>
 
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/core/types.hpp"
 #include "chainslam/io/bytes.hpp"
+#include "chainslam/io/detail/point_records.hpp"
 #include "chainslam/io/detail/pose_fields.hpp"
 #include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
@@ -21,26 +20,12 @@ namespace chainslam {
 /// Format: Geiger et al. 2013, Vision meets Robotics: the KITTI data set.
 /// @throws IoError if the file's size is no multiple of 16 bytes or it cannot be read.
 [[nodiscard]] inline PointCloud<float> read_kitti_bin(const std::filesystem::path& path) {
-  constexpr std::size_t stride = 16;
-  InputFile file(path);
-  file.require(0, "points");
-  const std::uint64_t size = file.size().value_or(0);
-  if (size % stride != 0)
-    file.fail("byte " + std::to_string(size - size % stride),
-              std::to_string(size % stride) + " bytes after the last point",
-              "KITTI's scans hold 16 bytes a point (x y z reflectance): the file was cut short or is of another kind");
-  const auto count = static_cast<std::size_t>(to_index(size / stride, "read_kitti_bin: the number of points"));
-  PointCloud<float> cloud;
-  cloud.positions.reserve(count);
-  cloud.intensities.reserve(count);
-  std::array<std::byte, stride> record{};
-  for (std::size_t i = 0; i < count; ++i) {
-    file.read(record, "a point");
-    cloud.positions.emplace_back(load_as<float>(record.data()), load_as<float>(record.data() + 4),
-                                 load_as<float>(record.data() + 8));
-    cloud.intensities.push_back(load_as<float>(record.data() + 12));
-  }
-  return cloud;
+  return detail::read_point_records(path, 16, "KITTI's scans hold 16 bytes a point (x y z reflectance)",
+                                    [](const std::byte* record, PointCloud<float>& cloud) {
+                                      cloud.positions.emplace_back(load_as<float>(record), load_as<float>(record + 4),
+                                                                   load_as<float>(record + 8));
+                                      cloud.intensities.push_back(load_as<float>(record + 12));
+                                    });
 }
 
 /// Reads KITTI's poses: rows of 12 numbers, the row-major 3x4 matrix [R | t]. The trajectory has no times.
