@@ -4,18 +4,21 @@
 #include <string>
 #include <utility>
 
+#include "chainslam/core/error.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
 #include "chainslam/io/tum.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
+#include "datasets/imu_table.hpp"
+#include "datasets/scan_files.hpp"
 #include "datasets/statistics.hpp"
 
 // A folder of clouds: .pcd, .ply or KITTI's .bin (all of one kind), in the order of the numbers in their names. Times
 // come from times.txt or timestamps.txt beside them, else from the names, else from a given rate. Truth:
-// poses/<name>.txt or poses.txt (3x4 rows), or a .tum file. KITTI's sequences, nuScenes' converted scenes and Newer
-// College's clouds are such.
+// poses/<name>.txt or poses.txt (3x4 rows), or a trajectory as TUM's, groundtruth.txt or the only .tum file. An
+// inertial unit's table beside them is read, too (see `find_imu_table`).
 
 namespace chainslam::datasets {
 namespace {
@@ -67,116 +70,72 @@ CloudTimes find_times(const std::filesystem::path& path, const std::filesystem::
   return made;
 }
 
-class CloudFolder final : public Dataset {
- public:
-  CloudFolder(const std::filesystem::path& path, const DatasetOptions& options)
-      : folder_(folder_of_clouds(path)), files_(files_in(folder_, cloud_extensions)), hints_(options.point_time) {
-    if (files_.empty())
-      throw_input_error(path.string(), "", contents_of(path), "a folder of .pcd, .ply or .bin clouds is needed");
-    const std::string first = extension_of(files_.front());
-    std::erase_if(files_, [&](const auto& file) { return extension_of(file) != first; });
-    CloudTimes times = find_times(path, folder_, files_, options.scan_rate);
-    times_ = std::move(times.times);
-    if (times_.size() < files_.size())
-      throw_input_error(times.source, "",
-                        std::to_string(times_.size()) + " times for " + std::to_string(files_.size()) + " clouds",
-                        "give one line for each cloud");
-    info_.kind = DatasetKind::clouds;
-    info_.path = path;
-    info_.name = folder_name(path);
-    info_.T_body_lidar = options.T_body_lidar.value_or(SE3d());
-    info_.start = times_.front();
-    info_.end = times_[files_.size() - 1];
-    info_.sensors.push_back(
-        {folder_.filename().string(), SensorKind::lidar, files_.size(), first.substr(1) + " files"});
-    if (times.source.empty())
-      info_.oddities.push_back("nothing states when the clouds were taken: " + text_of(options.scan_rate) +
-                               " Hz assumed; add times.txt or set the rate");
-    else
-      info_.notes.push_back("times from " + times.source);
-    if (times_.size() > files_.size())
-      info_.oddities.push_back(std::to_string(times_.size() - files_.size()) + " times have no cloud");
-    find_truth(options);
-    infer_times(read_cloud(files_.front()));
-  }
-
-  std::optional<Packet> next() override {
-    if (cloud_ == files_.size()) return std::nullopt;
-    const std::size_t i = cloud_++;
-    PointFile points = read_cloud(files_[i]);
-    LidarScan scan{.time = times_[i], .end = times_[i], .cloud = std::move(points.cloud)};
-    if (rule_ && points.times.size() == scan.cloud.size() && !scan.cloud.empty()) {
-      PointTimes point_times = apply_point_time(*rule_, points.times, times_[i]);
-      scan.time = point_times.time;
-      scan.end = point_times.end;
-      scan.cloud.time_offsets = std::move(point_times.offsets);
-    }
-    return scan;
-  }
-
-  std::optional<Trajectory> truth() const override {
-    if (pose_files_.empty() && info_.truth.extension() == ".tum") return read_tum(info_.truth);
-    Trajectory trajectory;
-    if (!pose_files_.empty()) {
-      for (const auto& file : pose_files_) trajectory.poses.push_back(read_kitti_poses(file).poses.at(0));
-    } else if (!info_.truth.empty()) {
-      trajectory = read_kitti_poses(info_.truth);
-    } else {
-      return std::nullopt;
-    }
-    const std::size_t count = std::min(trajectory.poses.size(), files_.size());
-    trajectory.poses.resize(count);
-    trajectory.times.assign(times_.begin(), times_.begin() + static_cast<std::ptrdiff_t>(count));
-    return trajectory;
-  }
-
- private:
-  void infer_times(const PointFile& first) {
-    info_.motion_corrected = first.time_field.empty();
-    if (first.time_field.empty()) {
-      info_.notes.emplace_back("no time per point: clouds are taken as snapshots");
-      return;
-    }
-    const PointTimeInference inference = infer_point_time(first.times, times_.front(), hints_);
-    const std::string sentence = "field " + first.time_field + ": " + inference.sentence;
-    if (inference.status == PointTimeStatus::inferred) {
-      rule_ = inference.rule;
-      info_.notes.push_back(sentence);
-      return;
-    }
-    info_.motion_corrected = true;
-    (inference.status == PointTimeStatus::absent ? info_.notes : info_.oddities)
-        .push_back(sentence + "; clouds are taken as snapshots");
-  }
-
-  void find_truth(const DatasetOptions& options) {
-    info_.truth = options.truth;
-    if (!info_.truth.empty()) return;
-    for (const auto& place : {info_.path, folder_.parent_path()}) {
-      std::vector<std::filesystem::path> poses;
-      for (const auto& file : files_)
-        if (const auto pose = place / "poses" / (file.stem().string() + ".txt"); std::filesystem::is_regular_file(pose))
-          poses.push_back(pose);
-      if (poses.size() == files_.size()) {
-        pose_files_ = std::move(poses);
-        info_.truth = place / "poses";
-        return;
-      }
-      if (std::filesystem::is_regular_file(place / "poses.txt")) {
-        info_.truth = place / "poses.txt";
-        return;
-      }
-    }
-  }
-
-  std::filesystem::path folder_;
-  std::vector<std::filesystem::path> files_;
-  std::vector<Timestamp> times_;
-  std::vector<std::filesystem::path> pose_files_;
-  PointTimeHints hints_;
-  std::optional<PointTimeRule> rule_;
-  std::size_t cloud_ = 0;
+/// Poses of the clouds one by one: poses/<name>.txt for each, poses.txt, or a trajectory as TUM's.
+struct CloudTruth {
+  std::filesystem::path path;  ///< a file, or the folder of `of_clouds`; empty if there is none
+  std::vector<std::filesystem::path> of_clouds{};
 };
+
+CloudTruth find_truth(const std::filesystem::path& path, const std::filesystem::path& folder,
+                      const std::vector<std::filesystem::path>& files) {
+  for (const auto& place : {path, folder.parent_path()}) {
+    std::vector<std::filesystem::path> poses;
+    for (const auto& file : files)
+      if (auto pose = place / "poses" / (file.stem().string() + ".txt"); std::filesystem::is_regular_file(pose))
+        poses.push_back(std::move(pose));
+    if (poses.size() == files.size()) return {place / "poses", std::move(poses)};
+    for (const char* name : {"poses.txt", "groundtruth.txt"})
+      if (std::filesystem::is_regular_file(place / name)) return {place / name};
+    if (const auto trajectories = files_in(place, {".tum"}); trajectories.size() == 1) return {trajectories.front()};
+  }
+  return {};
+}
+
+Trajectory read_truth(const CloudTruth& truth, const std::vector<Timestamp>& times, std::size_t clouds) {
+  if (truth.path.extension() == ".tum" || truth.path.filename() == "groundtruth.txt") return read_tum(truth.path);
+  Trajectory trajectory;
+  for (const auto& file : truth.of_clouds) {
+    const Trajectory one = read_kitti_poses(file);
+    if (one.empty()) throw_input_error(file.string(), "", "no pose", "write a row-major 3x4 matrix into it");
+    trajectory.poses.push_back(one.poses.front());
+  }
+  if (truth.of_clouds.empty()) trajectory = read_kitti_poses(truth.path);
+  const std::size_t count = std::min(trajectory.poses.size(), clouds);
+  trajectory.poses.resize(count);
+  trajectory.times.assign(times.begin(), times.begin() + static_cast<std::ptrdiff_t>(count));
+  return trajectory;
+}
+
+/// What the clouds' time field means, by the first cloud; says so.
+std::optional<PointTimeRule> infer_times(const PointFile& first, Timestamp time, const PointTimeHints& hints,
+                                         DatasetInfo& info) {
+  info.motion_corrected = first.time_field.empty();
+  if (first.time_field.empty()) {
+    info.notes.emplace_back("no time per point: clouds are taken as snapshots");
+    return std::nullopt;
+  }
+  const PointTimeInference inference = infer_point_time(first.times, time, hints);
+  const std::string sentence = "field " + first.time_field + ": " + inference.sentence;
+  if (inference.status == PointTimeStatus::inferred) {
+    info.notes.push_back(sentence);
+    return inference.rule;
+  }
+  info.motion_corrected = true;
+  (inference.status == PointTimeStatus::absent ? info.notes : info.oddities)
+      .push_back(sentence + "; clouds are taken as snapshots");
+  return std::nullopt;
+}
+
+LidarScan read_scan(const std::filesystem::path& file, Timestamp time, const std::optional<PointTimeRule>& rule) {
+  PointFile points = read_cloud(file);
+  LidarScan scan{.time = time, .end = time, .cloud = std::move(points.cloud)};
+  if (!rule || points.times.size() != scan.cloud.size() || scan.cloud.empty()) return scan;
+  PointTimes point_times = apply_point_time(*rule, points.times, time);
+  scan.time = point_times.time;
+  scan.end = point_times.end;
+  scan.cloud.time_offsets = std::move(point_times.offsets);
+  return scan;
+}
 
 }  // namespace
 
@@ -188,7 +147,48 @@ std::filesystem::path folder_of_clouds(const std::filesystem::path& path) {
 }
 
 std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const DatasetOptions& options) {
-  return std::make_unique<CloudFolder>(path, options);
+  const std::filesystem::path folder = folder_of_clouds(path);
+  std::vector<std::filesystem::path> files = files_in(folder, cloud_extensions);
+  if (files.empty())
+    throw_input_error(path.string(), "", contents_of(path), "a folder of .pcd, .ply or .bin clouds is needed");
+  const std::string first = extension_of(files.front());
+  std::erase_if(files, [&](const auto& file) { return extension_of(file) != first; });
+  const CloudTimes found = find_times(path, folder, files, options.scan_rate);
+  const std::vector<Timestamp>& times = found.times;
+  if (times.size() < files.size())
+    throw_input_error(found.source, "",
+                      std::to_string(times.size()) + " times for " + std::to_string(files.size()) + " clouds",
+                      "give one line for each cloud");
+  ScanFiles parts;
+  DatasetInfo& info = parts.info;
+  info.kind = DatasetKind::clouds;
+  info.path = path;
+  info.name = folder_name(path);
+  info.T_body_lidar = options.T_body_lidar.value_or(SE3d());
+  info.start = times.front();
+  info.end = times[files.size() - 1];
+  info.sensors.push_back({folder.filename().string(), SensorKind::lidar, files.size(), first.substr(1) + " files"});
+  if (found.source.empty())
+    info.oddities.push_back("nothing states when the clouds were taken: " + text_of(options.scan_rate) +
+                            " Hz assumed; add times.txt or set the rate");
+  else
+    info.notes.push_back("times from " + found.source);
+  if (times.size() > files.size())
+    info.oddities.push_back(std::to_string(times.size() - files.size()) + " times have no cloud");
+  parts.scans = files.size();
+  parts.read = [files, times, rule = infer_times(read_cloud(files.front()), times.front(), options.point_time, info)](
+                   std::size_t i) { return read_scan(files[i], times[i], rule); };
+  for (const auto& place : {path, folder.parent_path()})
+    if (const auto table = find_imu_table(place); !table.empty() && parts.others.empty()) {
+      add_imu_table(parts, table, imu_columns(table));
+      if (!options.T_body_lidar)
+        info.oddities.push_back("nothing states where the LiDAR sits on the inertial unit: set T_body_lidar");
+    }
+  CloudTruth truth = options.truth.empty() ? find_truth(path, folder, files) : CloudTruth{options.truth};
+  info.truth = truth.path;
+  if (!truth.path.empty())
+    parts.truth = [truth, times, count = files.size()] { return read_truth(truth, times, count); };
+  return dataset_of(std::move(parts));
 }
 
 }  // namespace chainslam::datasets

@@ -18,7 +18,19 @@
 namespace chainslam::datasets {
 
 /// The layouts that `open_dataset` knows.
-enum class DatasetKind { nclt, range_images, keyframes, ros, nuscenes, clouds };
+enum class DatasetKind {
+  nclt,
+  range_images,
+  keyframes,
+  kitti,
+  kitti_raw,
+  mulran,
+  helipr,
+  newer_college,
+  nuscenes,
+  ros,
+  clouds
+};
 
 /// Short name of a kind, as options and messages write it.
 [[nodiscard]] std::string_view name_of(DatasetKind kind);
@@ -43,7 +55,8 @@ struct DatasetOptions {
   double scan_rate = 10;                ///< Hz, of folders of clouds whose times nothing states
   PointTimeHints point_time{};          ///< what is known of the time field of points in PCD, PLY and ROS messages
   bool times_from_azimuth = true;       ///< of nuScenes' and MARS's points, which have none
-  std::string lidar_topic{};            ///< of ROS recordings; the one with most points at the start if empty
+  double kitti_raise_deg = 0.205;       ///< KITTI odometry: points are turned up by this, 0 leaves them as they are
+  std::string lidar_topic{};            ///< of ROS recordings; the one with most points at the start if empty; HeLiPR's
   std::string imu_topic{};              ///< the same, with most messages
   std::string gnss_topic{};
 };
@@ -67,6 +80,7 @@ struct DatasetInfo {
   bool motion_corrected = false;                  ///< scans are snapshots already
   bool has_odometry = false;                      ///< `next_frame` yields the frames of a recorded odometry
   std::filesystem::path truth{};                  ///< file with the true trajectory; empty if there is none
+  std::string truth_frame{};                      ///< truths of sessions with the same are in one frame; empty: its own
   std::vector<std::string> notes;                 ///< how the data were read
   std::vector<std::string> oddities;              ///< what looks wrong, and what can be done
 };
@@ -110,6 +124,12 @@ class Dataset {
 [[nodiscard]] std::unique_ptr<Dataset> open_range_images(const std::filesystem::path& path,
                                                          const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_keyframes(const std::filesystem::path& path, const DatasetOptions& options);
+[[nodiscard]] std::unique_ptr<Dataset> open_kitti(const std::filesystem::path& path, const DatasetOptions& options);
+[[nodiscard]] std::unique_ptr<Dataset> open_kitti_raw(const std::filesystem::path& path, const DatasetOptions& options);
+[[nodiscard]] std::unique_ptr<Dataset> open_mulran(const std::filesystem::path& path, const DatasetOptions& options);
+[[nodiscard]] std::unique_ptr<Dataset> open_helipr(const std::filesystem::path& path, const DatasetOptions& options);
+[[nodiscard]] std::unique_ptr<Dataset> open_newer_college(const std::filesystem::path& path,
+                                                          const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_ros(const std::filesystem::path& path, const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_nuscenes(const std::filesystem::path& path, const DatasetOptions& options);
 [[nodiscard]] std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const DatasetOptions& options);

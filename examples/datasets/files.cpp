@@ -82,7 +82,7 @@ std::optional<Timestamp> parse_date_time(std::string_view text) {
                    std::chrono::minutes(minute) + Duration(*second));
 }
 
-std::vector<Timestamp> read_stamps(const std::filesystem::path& path) {
+std::vector<Timestamp> read_stamps(const std::filesystem::path& path, bool in_order) {
   InputFile file(path);
   std::vector<Timestamp> stamps;
   while (const auto line = file.read_line()) {
@@ -94,7 +94,7 @@ std::vector<Timestamp> read_stamps(const std::filesystem::path& path) {
     if (!stamp)
       file.fail(file.place_of_line(), detail::shown(text),
                 "write one time a line: seconds, or YYYY-MM-DD hh:mm:ss.nnn");
-    if (!stamps.empty() && *stamp < stamps.back())
+    if (in_order && !stamps.empty() && *stamp < stamps.back())
       file.fail(file.place_of_line(), "a time that is earlier than the one before it",
                 "scans come in the order of time");
     stamps.push_back(*stamp);

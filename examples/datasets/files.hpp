@@ -17,8 +17,9 @@ namespace chainslam::datasets {
                                                           const std::vector<std::string_view>& extensions);
 
 /// One stamp a line: decimal seconds, or `YYYY-MM-DD hh:mm:ss.nnnnnnnnn` (taken as UTC); blank lines are skipped.
-/// @throws IoError naming the line, also if a stamp is earlier than the one before it.
-[[nodiscard]] std::vector<Timestamp> read_stamps(const std::filesystem::path& path);
+/// @param in_order  whether stamps may not go back.
+/// @throws IoError naming the line, also of a stamp that is earlier than the one before it, if `in_order`.
+[[nodiscard]] std::vector<Timestamp> read_stamps(const std::filesystem::path& path, bool in_order = true);
 
 /// `YYYY-MM-DD hh:mm:ss.nnnnnnnnn` as time since 1970, exactly. Nothing if the text is none.
 [[nodiscard]] std::optional<Timestamp> parse_date_time(std::string_view text);

@@ -1,6 +1,7 @@
 #include "datasets/geodesy.hpp"
 
 #include <GeographicLib/Geocentric.hpp>
+#include <GeographicLib/LocalCartesian.hpp>
 #include <cmath>
 #include <vector>
 
@@ -23,6 +24,13 @@ GnssFix make_fix(Timestamp time, const GeodeticPosition& position, const GnssDev
                                  deviation.horizontal * deviation.horizontal, deviation.vertical * deviation.vertical);
   fix.covariance_ecef = R_ecef_enu * variance.asDiagonal() * R_ecef_enu.transpose();
   return fix;
+}
+
+Eigen::Vector3d east_north_up(const GeodeticPosition& origin, const GeodeticPosition& position) {
+  const GeographicLib::LocalCartesian local(origin.latitude_deg, origin.longitude_deg, origin.altitude);
+  Eigen::Vector3d enu;
+  local.Forward(position.latitude_deg, position.longitude_deg, position.altitude, enu.x(), enu.y(), enu.z());
+  return enu;
 }
 
 }  // namespace chainslam::datasets

@@ -24,4 +24,7 @@ struct GnssDeviation {
 [[nodiscard]] GnssFix make_fix(Timestamp time, const GeodeticPosition& position, const GnssDeviation& deviation,
                                GnssQuality quality);
 
+/// Where a position lies from another one, metres east, north and up of it.
+[[nodiscard]] Eigen::Vector3d east_north_up(const GeodeticPosition& origin, const GeodeticPosition& position);
+
 }  // namespace chainslam::datasets

@@ -7,13 +7,13 @@
 #include <utility>
 
 #include "chainslam/core/finite.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/tum.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
 #include "datasets/ground_check.hpp"
 #include "datasets/merged_streams.hpp"
+#include "datasets/number_rows.hpp"
 
 // NCLT (Carlevaris-Bianco, Ushani and Eustice 2016). A folder holds, side by side or in the release's own folders
 // velodyne_data/<date>, sensor_data/<date> and ground_truth:
@@ -25,38 +25,10 @@ namespace {
 
 constexpr double degrees_per_radian = 180 / std::numbers::pi;
 
-/// Rows of a CSV file whose first field is microseconds; rows that are not numbers throughout are counted and skipped.
-class CsvRows {
- public:
-  CsvRows(const std::filesystem::path& path, std::size_t fields) : file_(path), values_(fields) {}
-
-  /// The time and the fields after it, NaN among them.
-  std::optional<std::pair<Timestamp, std::span<const double>>> next() {
-    while (const auto line = file_.read_line()) {
-      LineFields fields(file_, *line, ',');
-      if (!fields.more() || detail::trimmed(*line).starts_with('#')) continue;
-      const std::int64_t microseconds = fields.integer("utime");
-      if (microseconds < 0 || microseconds > 9'000'000'000'000'000)
-        fields.fail("utime", std::to_string(microseconds), "write microseconds since 1970");
-      for (double& value : values_) value = fields.number_or_nan("value");
-      return std::pair(Timestamp::from_microseconds(microseconds), std::span<const double>(values_));
-    }
-    return std::nullopt;
-  }
-
- private:
-  InputFile file_;
-  std::vector<double> values_;
-};
-
-bool all_finite(std::span<const double> values) {
-  return std::ranges::all_of(values, [](double value) { return is_finite(value); });
-}
-
 /// utime, magnetometer x y z, accelerometer x y z, rates r p h.
 class ImuFile {
  public:
-  explicit ImuFile(const std::filesystem::path& path) : rows_(path, 9) {}
+  explicit ImuFile(const std::filesystem::path& path) : rows_(path, 9, TimeUnit::microseconds) {}
 
   std::optional<ImuSample> next() {
     while (const auto row = rows_.next()) {
@@ -74,14 +46,14 @@ class ImuFile {
   [[nodiscard]] std::size_t skipped() const { return skipped_; }
 
  private:
-  CsvRows rows_;
+  NumberRows rows_;
   std::size_t skipped_ = 0;
 };
 
 /// utime, mode, satellites, latitude, longitude (rad), altitude (m, may be NaN), track, speed.
 class GnssFile {
  public:
-  GnssFile(const std::filesystem::path& path, bool rtk) : rows_(path, 7), rtk_(rtk) {}
+  GnssFile(const std::filesystem::path& path, bool rtk) : rows_(path, 7, TimeUnit::microseconds), rtk_(rtk) {}
 
   std::optional<GnssFix> next() {
     while (const auto row = rows_.next()) {
@@ -107,7 +79,7 @@ class GnssFile {
     return {.horizontal = horizontal, .vertical = flat ? 50 : 2 * horizontal};
   }
 
-  CsvRows rows_;
+  NumberRows rows_;
   bool rtk_;
   std::optional<double> altitude_;
 };
@@ -171,6 +143,7 @@ class Nclt final : public Dataset {
     info_.path = path;
     info_.name = folder_name(path);
     info_.truth = options.truth.empty() ? layout_.truth : options.truth;
+    info_.truth_frame = "NCLT";
     if (!layout_.hits.empty() && !(options.prefer_sync && !layout_.sync.empty()))
       open_hits();
     else
@@ -333,7 +306,7 @@ class Nclt final : public Dataset {
 }  // namespace
 
 Trajectory read_nclt_ground_truth(const std::filesystem::path& path) {
-  CsvRows rows(path, 6);
+  NumberRows rows(path, 6, TimeUnit::microseconds);
   const SE3d flip = half_turn_about_x();
   Trajectory trajectory;
   while (const auto row = rows.next()) {

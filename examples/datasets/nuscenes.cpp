@@ -111,12 +111,20 @@ class NuscenesScene final : public Dataset {
   /// The token of the scene that the path names, or of the only one.
   std::string choose_scene(const fs::path& path) {
     std::map<std::string, std::string> scenes;
-    read_json_table(tables_ / "scene.json", [&](const JsonRow& row) { scenes[row.text("name")] = row.text("token"); });
+    std::map<std::string, std::string> logs;
+    read_json_table(tables_ / "scene.json", [&](const JsonRow& row) {
+      scenes[row.text("name")] = row.text("token");
+      logs[row.text("name")] = row.text("log_token");
+    });
     if (!fs::exists(path)) {
       info_.name = folder_name(path);
-      if (const auto scene = scenes.find(info_.name); scene != scenes.end()) return scene->second;
+      if (const auto scene = scenes.find(info_.name); scene != scenes.end()) {
+        log_ = logs[info_.name];
+        return scene->second;
+      }
     } else if (scenes.size() == 1) {
       info_.name = scenes.begin()->first;
+      log_ = logs[info_.name];
       return scenes.begin()->second;
     }
     std::string names;
@@ -173,7 +181,18 @@ class NuscenesScene final : public Dataset {
       info_.sensors.push_back({imu_channel_, SensorKind::imu, imu_.size(), "acceleration and rates"});
       info_.sensors.push_back({imu_channel_, SensorKind::gnss, std::nullopt, "its positions; 1 m and 2 m assumed"});
     }
+    info_.truth_frame = fs::absolute(root_).lexically_normal().string() + ", " + location();
     find_period();
+  }
+
+  /// Scenes of one object share a frame; nuScenes' own object holds several places, each with its frame.
+  std::string location() const {
+    std::string place;
+    if (fs::is_regular_file(tables_ / "log.json"))
+      read_json_table(tables_ / "log.json", [&](const JsonRow& row) {
+        if (row.text("token") == log_) place = row.text("location");
+      });
+    return place;
   }
 
   /// Whether the points' times can be found from their azimuth, by the first scan.
@@ -276,7 +295,7 @@ class NuscenesScene final : public Dataset {
 
   fs::path tables_, root_, ego_poses_;
   bool by_azimuth_;
-  std::string lidar_, imu_channel_;
+  std::string lidar_, imu_channel_, log_;
   std::vector<SampleData> scans_, imu_;
   SE3d T_ego_lidar_, T_ego_body_;
   std::optional<double> period_;  ///< seconds of a turn, where times are found by azimuth

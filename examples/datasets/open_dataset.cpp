@@ -7,6 +7,9 @@
 #include "datasets/cloud_folder.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
+#include "datasets/helipr.hpp"
+#include "datasets/mulran.hpp"
+#include "datasets/newer_college.hpp"
 #include "datasets/nuscenes.hpp"
 #include "datasets/ros_recording.hpp"
 
@@ -19,9 +22,14 @@ constexpr const char* known_trees =
     "    range_images  data/*.png velodyne_config.txt timestamps_start.txt timestamps_end.txt, or *.png img.cfg "
     "imu.cfg\n"
     "    keyframes     Scans/*.pcd times.txt odom_poses.txt\n"
+    "    kitti         velodyne/*.bin times.txt calib.txt [poses.txt or ../../poses/NN.txt]\n"
+    "    kitti_raw     velodyne_points/data velodyne_points/timestamps*.txt [oxts/ ../calib_imu_to_velo.txt]\n"
+    "    mulran        Ouster/<ns>.bin or sensor_data/Ouster/<ns>.bin [xsens_imu.csv gps.csv global_pose.csv]\n"
+    "    helipr        LiDAR/<sensor>/<ns>.bin [Inertial_data/ LiDAR_GT/]\n"
+    "    newer_college raw_format/ouster_scan/cloud_<sec>_<nsec>.pcd [ground_truth/registered_poses.csv imu.csv]\n"
     "    ros           a .bag, .mcap or .db3, or a folder of its parts\n"
     "    nuscenes      v1.0*/*.json sweeps/ [samples/], as nuScenes and MARS have them; DIR/SCENE names a scene\n"
-    "    clouds        *.pcd, *.ply or *.bin, also in velodyne/ or clouds/ [times.txt]";
+    "    clouds        *.pcd, *.ply or *.bin, also in velodyne/ or clouds/ [times.txt imu.csv poses.txt or a .tum]";
 
 bool is_file(const std::filesystem::path& path) { return std::filesystem::is_regular_file(path); }
 
@@ -29,6 +37,45 @@ bool holds_nclt(const std::filesystem::path& path) {
   return is_file(path / "velodyne_hits.bin") || std::filesystem::is_directory(path / "velodyne_sync") ||
          std::filesystem::is_directory(path / "velodyne_data");
 }
+
+/// A kind of data set: how it is known by the names at a path, and opened.
+struct Kind {
+  std::string_view name;
+  bool (*is_at)(const std::filesystem::path& path);
+  std::unique_ptr<Dataset> (*open)(const std::filesystem::path& path, const DatasetOptions& options);
+};
+
+using Path = std::filesystem::path;
+
+/// In the order of `DatasetKind`, which is also that in which they are tried: what is particular comes first.
+constexpr std::array<Kind, 11> kinds{{
+    {"nclt", holds_nclt, open_nclt},
+    {"range_images", [](const Path& p) { return is_file(p / "velodyne_config.txt") || is_file(p / "img.cfg"); },
+     open_range_images},
+    {"keyframes",
+     [](const Path& p) {
+       return is_file(p / "times.txt") && (is_file(p / "odom_poses.txt") || is_file(p / "optimized_poses.txt")) &&
+              !files_in(p / "Scans", {".pcd"}).empty();
+     },
+     open_keyframes},
+    {"kitti",
+     [](const Path& p) {
+       return is_file(p / "calib.txt") && is_file(p / "times.txt") && !files_in(p / "velodyne", {".bin"}).empty();
+     },
+     open_kitti},
+    {"kitti_raw",
+     [](const Path& p) {
+       const Path scans = p / "velodyne_points";
+       return is_file(scans / "timestamps.txt") || is_file(scans / "timestamps_start.txt");
+     },
+     open_kitti_raw},
+    {"mulran", [](const Path& p) { return !mulran_scans(p).empty(); }, open_mulran},
+    {"helipr", [](const Path& p) { return !helipr_scans(p).empty(); }, open_helipr},
+    {"newer_college", [](const Path& p) { return !newer_college_scans(p).empty(); }, open_newer_college},
+    {"nuscenes", [](const Path& p) { return !nuscenes_tables(p).empty(); }, open_nuscenes},
+    {"ros", [](const Path& p) { return !recording_files(p).empty(); }, open_ros},
+    {"clouds", [](const Path& p) { return !folder_of_clouds(p).empty(); }, open_clouds},
+}};
 
 /// The folders in a folder that are data sets of a known kind, as unpacked archives hold them.
 std::vector<std::filesystem::path> inner_folders(const std::filesystem::path& path) {
@@ -53,10 +100,7 @@ std::filesystem::path folder_of_dataset(const std::filesystem::path& path) {
 
 }  // namespace
 
-std::string_view name_of(DatasetKind kind) {
-  constexpr std::array<std::string_view, 6> names{"nclt", "range_images", "keyframes", "ros", "nuscenes", "clouds"};
-  return names[static_cast<std::size_t>(kind)];
-}
+std::string_view name_of(DatasetKind kind) { return kinds[static_cast<std::size_t>(kind)].name; }
 
 std::optional<Trajectory> Dataset::truth() const {
   if (info_.truth.empty()) return std::nullopt;
@@ -64,15 +108,8 @@ std::optional<Trajectory> Dataset::truth() const {
 }
 
 std::optional<DatasetKind> recognise(const std::filesystem::path& path) {
-  if (holds_nclt(path)) return DatasetKind::nclt;
-  if (is_file(path / "velodyne_config.txt") || is_file(path / "img.cfg")) return DatasetKind::range_images;
-  if (!files_in(path / "Scans", {".pcd"}).empty() && is_file(path / "times.txt") &&
-      (is_file(path / "odom_poses.txt") || is_file(path / "optimized_poses.txt")))
-    return DatasetKind::keyframes;
-  if (!nuscenes_tables(path).empty()) return DatasetKind::nuscenes;
-  if (!recording_files(path).empty()) return DatasetKind::ros;
-  if (!folder_of_clouds(path).empty()) return DatasetKind::clouds;
-  return std::nullopt;
+  const auto found = std::ranges::find_if(kinds, [&](const Kind& kind) { return kind.is_at(path); });
+  return found == kinds.end() ? std::nullopt : std::optional(static_cast<DatasetKind>(found - kinds.begin()));
 }
 
 std::unique_ptr<Dataset> open_dataset(const std::filesystem::path& path, const DatasetOptions& options) {
@@ -83,21 +120,7 @@ std::unique_ptr<Dataset> open_dataset(const std::filesystem::path& path, const D
                       "name the folder that holds the data set, or a recording (.bag, .mcap, .db3)");
   const std::filesystem::path folder = options.kind ? path : folder_of_dataset(path);
   const DatasetKind kind = options.kind ? *options.kind : *recognise(folder);
-  switch (kind) {
-    case DatasetKind::nclt:
-      return open_nclt(folder, options);
-    case DatasetKind::range_images:
-      return open_range_images(folder, options);
-    case DatasetKind::keyframes:
-      return open_keyframes(folder, options);
-    case DatasetKind::ros:
-      return open_ros(folder, options);
-    case DatasetKind::nuscenes:
-      return open_nuscenes(folder, options);
-    case DatasetKind::clouds:
-      break;
-  }
-  return open_clouds(folder, options);
+  return kinds[static_cast<std::size_t>(kind)].open(folder, options);
 }
 
 }  // namespace chainslam::datasets

@@ -172,7 +172,8 @@ int run(const MapArguments& arguments) {
     print_notes("warning:", datasets[i]->info().oddities);
     print_notes("note:", session.notes);
     for (const std::string& oddity : datasets[i]->info().oddities) session.notes.push_back(oddity);
-    mapping.truths_share_frame &= datasets[i]->info().kind == datasets::DatasetKind::nclt;
+    const std::string& frame = datasets[i]->info().truth_frame;
+    mapping.truths_share_frame &= !frame.empty() && frame == datasets[0]->info().truth_frame;
   }
   print_notes("warning:", mapping.notes);
   require_keyframes(mapping, arguments);

@@ -20,7 +20,7 @@ class SimulatedDataset final : public datasets::Dataset {
  public:
   SimulatedDataset(const simulator::Preset& preset, std::uint64_t seed, std::size_t session, std::string name)
       : drive_(preset, seed, session) {
-    info_.kind = datasets::DatasetKind::nclt;  // truths of one preset and seed share the map frame, as NCLT's do
+    info_.truth_frame = preset.name + ", seed " + std::to_string(seed);
     info_.name = std::move(name);
     info_.start = drive_.epoch();
     info_.end = drive_.end();

@@ -286,7 +286,7 @@ TEST_SUITE("datasets/nclt") {
     write_bytes(folder / "ms25.csv", "1326030975000000,0,0,0,0,0,-9.8,0,0\n");
     CHECK(says(io_error([&] { return open_dataset(folder.path())->info().name; }), "ms25.csv, line 1, field value"));
     write_bytes(folder / "ms25.csv", "soon,0,0,0,0,0,-9.8,0,0,0\n");
-    CHECK(says(io_error([&] { return open_dataset(folder.path())->info().name; }), "field utime\n  found: 'soon'"));
+    CHECK(says(io_error([&] { return open_dataset(folder.path())->info().name; }), "field time\n  found: 'soon'"));
   }
 
   TEST_CASE("KITTI in NCLT's layout is read with the axes that it has") {

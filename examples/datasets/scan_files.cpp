@@ -1,0 +1,90 @@
+#include "datasets/scan_files.hpp"
+
+#include <optional>
+#include <utility>
+
+#include "chainslam/core/error.hpp"
+#include "chainslam/sensor/imu_units.hpp"
+
+namespace chainslam::datasets {
+namespace {
+
+class ScanFileSet final : public Dataset {
+ public:
+  explicit ScanFileSet(ScanFiles parts) : parts_(std::move(parts)) {
+    info_ = parts_.info;
+    streams_.add([this] { return next_scan(); });
+    for (auto& stream : parts_.others) streams_.add(std::move(stream));
+  }
+
+  std::optional<Packet> next() override {
+    auto packet = streams_.next();
+    if (!packet) note_losses();
+    return packet;
+  }
+
+  std::optional<Trajectory> truth() const override { return parts_.truth ? parts_.truth() : Dataset::truth(); }
+
+ private:
+  std::optional<Packet> next_scan() {
+    while (scan_ < parts_.scans) try {
+        return parts_.read(scan_++);
+      } catch (const IoError& error) {
+        const IoError::Report& report = error.report();
+        if (lost_++ == 0)
+          first_loss_ = report.path + (report.place.empty() ? "" : ", " + report.place) + ": " + report.found;
+      }
+    return std::nullopt;
+  }
+
+  void note_losses() {
+    if (std::exchange(noted_, true)) return;
+    if (lost_ > 0)
+      info_.oddities.push_back(std::to_string(lost_) + " files cannot be read and are left out; the first, " +
+                               first_loss_);
+    for (const auto& ask : parts_.end)
+      if (std::string loss = ask(); !loss.empty()) info_.oddities.push_back(std::move(loss));
+    if (streams_.dropped() > 0)
+      info_.oddities.push_back(std::to_string(streams_.dropped()) + " packets dropped that went back in time");
+  }
+
+  ScanFiles parts_;
+  MergedStreams streams_;
+  std::size_t scan_ = 0, lost_ = 0;
+  std::string first_loss_;
+  bool noted_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<Dataset> dataset_of(ScanFiles parts) { return std::make_unique<ScanFileSet>(std::move(parts)); }
+
+void set_truth(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& file,
+               std::function<Trajectory()> read) {
+  parts.info.truth = options.truth.empty() ? file : options.truth;
+  if (options.truth.empty() && !file.empty()) parts.truth = std::move(read);
+}
+
+void add_imu(ScanFiles& parts, const std::string& name,
+             const std::function<std::function<std::optional<ImuSample>()>()>& open) {
+  constexpr std::size_t most = 200;  // samples that say what the units are
+  std::vector<ImuSample> beginning;
+  for (const auto read = open(); beginning.size() < most;) {
+    const auto sample = read();
+    if (!sample) break;
+    beginning.push_back(*sample);
+  }
+  const ImuUnits units = infer_imu_units(beginning);
+  if (units.accel == AccelUnit::g) parts.info.notes.emplace_back("acceleration in g: turned into m/s^2");
+  if (units.gyro == GyroUnit::degrees_per_second) parts.info.notes.emplace_back("rates in deg/s: turned into rad/s");
+  parts.info.sensors.push_back({name, SensorKind::imu, std::nullopt, ""});
+  parts.others.push_back([read = open(), units]() -> std::optional<Packet> {
+    auto sample = read();
+    if (!sample) return std::nullopt;
+    sample->accel *= units.accel_scale();
+    sample->gyro *= units.gyro_scale();
+    return *sample;
+  });
+}
+
+}  // namespace chainslam::datasets

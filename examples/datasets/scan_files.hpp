@@ -1,0 +1,38 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "datasets/dataset.hpp"
+#include "datasets/merged_streams.hpp"
+
+namespace chainslam::datasets {
+
+/// A data set that keeps a file for each scan and tables of its other sensors, taken apart.
+struct ScanFiles {
+  DatasetInfo info;
+  std::size_t scans = 0;
+  std::function<LidarScan(std::size_t)> read;       ///< a scan by its number; @throws IoError if its file is damaged
+  std::vector<MergedStreams::Stream> others{};      ///< of the other sensors
+  std::function<Trajectory()> truth{};              ///< T_map_body; if empty, `info.truth` is a TUM file or empty
+  std::vector<std::function<std::string()>> end{};  ///< asked at the end what was left out on the way; may be empty
+};
+
+/// Reads such a data set in time order. Scans whose files are damaged are left out, which is said at the end with the
+/// first one's place.
+[[nodiscard]] std::unique_ptr<Dataset> dataset_of(ScanFiles parts);
+
+/// Sets where the truth comes from: a file that the options name, or else `file`, unless empty, which `read` reads.
+void set_truth(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& file,
+               std::function<Trajectory()> read);
+
+/// Adds the samples of an inertial unit from a table, turned into m/s^2 and rad/s where they look like g or deg/s.
+///
+/// @param open  opens the table at its start: the returned function gives its samples in their order.
+void add_imu(ScanFiles& parts, const std::string& name,
+             const std::function<std::function<std::optional<ImuSample>()>()>& open);
+
+}  // namespace chainslam::datasets
