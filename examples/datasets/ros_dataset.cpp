@@ -14,6 +14,7 @@
 #include "datasets/geodesy.hpp"
 #include "datasets/ros_recording.hpp"
 #include "datasets/statistics.hpp"
+#include "datasets/transform_tree.hpp"
 
 // A recording of ROS messages, one file or a folder of its parts. One LiDAR, one inertial unit and one receiver are
 // read: those that the options name, else those that send most in the recording's first three seconds.
@@ -50,7 +51,7 @@ struct Topic {
   [[nodiscard]] SensorKind sensor() const {
     return kind == MessageKind::imu ? SensorKind::imu : kind == MessageKind::fix ? SensorKind::gnss : SensorKind::lidar;
   }
-  [[nodiscard]] bool readable() const { return kind != MessageKind::other && kind != MessageKind::raw_packets; }
+  [[nodiscard]] bool readable() const { return kind > MessageKind::transforms; }
 };
 
 using Topics = std::map<std::string, Topic>;
@@ -94,10 +95,10 @@ class RosDataset final : public Dataset {
     info_.path = path;
     info_.name = std::filesystem::is_directory(path) ? folder_name(path) : path.stem().string();
     info_.truth = options.truth;
-    info_.T_body_lidar = options.T_body_lidar.value_or(SE3d());
     Topics topics = look(path);
     for (const SensorKind kind : {SensorKind::imu, SensorKind::lidar, SensorKind::gnss}) choose(kind, topics);
     describe(topics);
+    find_mounting(topics, options.T_body_lidar);
     for (auto& [name, topic] : topics) topic.tally = {};  // counted again while reading
     topics_ = std::move(topics);
   }
@@ -164,6 +165,9 @@ class RosDataset final : public Dataset {
           return sample(decode_imu(reader), topic, message);
         case MessageKind::fix:
           return fix(decode_fix(reader), topic, message);
+        case MessageKind::transforms:
+          if (message.topic->name.ends_with("tf_static")) transforms_.add(reader);
+          break;
         case MessageKind::other:
         case MessageKind::raw_packets:
           break;
@@ -278,6 +282,7 @@ class RosDataset final : public Dataset {
         info_.oddities.push_back(name + " holds a sensor's raw packets (" + topic.type +
                                  "): let its driver make points of them first");
       if (!topic.readable()) {
+        if (topic.kind == MessageKind::transforms && name.ends_with("tf_static")) continue;
         others += (others.empty() ? "" : ", ") + name + " (" + topic.type + ")";
         continue;
       }
@@ -286,7 +291,23 @@ class RosDataset final : public Dataset {
       info_.sensors.push_back({name, topic.sensor(), std::nullopt, remark(topic, used)});
     }
     if (!others.empty()) info_.notes.push_back("topics that are not read: " + others);
-    info_.notes.emplace_back("T_body_lidar is taken as given: a recording of messages does not state it");
+  }
+
+  /// Where the LiDAR sits on the inertial unit: as given, or as /tf_static states it at the start.
+  void find_mounting(const Topics& topics, const std::optional<SE3d>& given) {
+    if (given) info_.T_body_lidar = *given;
+    const auto lidar = topics.find(chosen(SensorKind::lidar)), imu = topics.find(chosen(SensorKind::imu));
+    if (given || lidar == topics.end() || imu == topics.end()) return;  // alone, the LiDAR is the body
+    const std::string frames = imu->second.frame + " to " + lidar->second.frame;
+    if (const auto T = transforms_.between(imu->second.frame, lidar->second.frame)) {
+      info_.T_body_lidar = *T;
+      info_.notes.push_back("T_body_lidar from " + frames + ", as /tf_static states it");
+      if (const auto gnss = topics.find(chosen(SensorKind::gnss)); gnss != topics.end())
+        if (const auto T_body_antenna = transforms_.between(imu->second.frame, gnss->second.frame))
+          info_.p_body_antenna = T_body_antenna->translation();
+    } else {
+      info_.notes.push_back("T_body_lidar is taken as given: no /tf_static leads from " + frames);
+    }
   }
 
   std::string remark(const Topic& topic, bool used) {
@@ -343,6 +364,7 @@ class RosDataset final : public Dataset {
   PointTimeHints hints_;
   std::array<std::string, 3> chosen_;  ///< topics to read, by `SensorKind`
   RecordingParts parts_;
+  TransformTree transforms_;
   Topics topics_;
   TimeOrder order_{TimeOrderOptions{.delay = std::chrono::seconds(1)}};
   bool ended_ = false;

@@ -19,14 +19,6 @@ struct PointField {
   ScalarType type = ScalarType::float32;
 };
 
-RosHeader read_header(MessageReader& message) {
-  if (message.encoding() == MessageEncoding::ros1) static_cast<void>(message.number<std::uint32_t>("header.seq"));
-  const auto seconds = static_cast<std::int64_t>(message.number<std::uint32_t>("header.stamp"));
-  const auto nanoseconds = static_cast<std::int64_t>(message.number<std::uint32_t>("header.stamp"));
-  if (nanoseconds >= 1'000'000'000) throw MessageError("a stamp of " + std::to_string(nanoseconds) + " ns in a second");
-  return {Timestamp::from_nanoseconds(seconds * 1'000'000'000 + nanoseconds), message.text("header.frame_id")};
-}
-
 std::optional<ScalarType> type_of(std::uint8_t datatype) {
   constexpr std::array<ScalarType, 8> types{ScalarType::int8,    ScalarType::uint8,  ScalarType::int16,
                                             ScalarType::uint16,  ScalarType::int32,  ScalarType::uint32,
@@ -102,6 +94,14 @@ MessageReader::MessageReader(std::span<const std::byte> bytes, MessageEncoding e
   at_ = 0;
 }
 
+RosHeader read_header(MessageReader& message) {
+  if (message.encoding() == MessageEncoding::ros1) static_cast<void>(message.number<std::uint32_t>("header.seq"));
+  const auto seconds = static_cast<std::int64_t>(message.number<std::uint32_t>("header.stamp"));
+  const auto nanoseconds = static_cast<std::int64_t>(message.number<std::uint32_t>("header.stamp"));
+  if (nanoseconds >= 1'000'000'000) throw MessageError("a stamp of " + std::to_string(nanoseconds) + " ns in a second");
+  return {Timestamp::from_nanoseconds(seconds * 1'000'000'000 + nanoseconds), message.text("header.frame_id")};
+}
+
 std::span<const std::byte> MessageReader::take(std::size_t size, const char* field) {
   if (size > left())
     throw MessageError("the message ends after " + std::to_string(left()) + " of " + std::to_string(size) +
@@ -134,6 +134,8 @@ MessageKind kind_of_message(std::string_view type) {
     if (name == "Imu") return MessageKind::imu;
     if (name == "NavSatFix") return MessageKind::fix;
   }
+  if ((package == "tf2_msgs" && name == "TFMessage") || (package == "tf" && name == "tfMessage"))
+    return MessageKind::transforms;
   if (name == "CustomMsg" && package.starts_with("livox")) return MessageKind::livox;
   for (const char* raw : {"VelodyneScan", "PacketMsg", "RslidarScan", "rslidarScan", "RslidarPacket", "HesaiScan",
                           "PandarScan", "UdpFrame"})

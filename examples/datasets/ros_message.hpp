@@ -67,6 +67,9 @@ struct RosHeader {
   std::string frame;
 };
 
+/// Reads a header, with which most messages begin. @throws MessageError if it is cut short or its stamp is none.
+[[nodiscard]] RosHeader read_header(MessageReader& message);
+
 /// A scan as its driver sent it.
 struct RosCloud {
   RosHeader header;
@@ -90,7 +93,7 @@ struct RosFix {
 };
 
 /// What we can do with messages of a type.
-enum class MessageKind { other, raw_packets, cloud, livox, imu, fix };
+enum class MessageKind { other, raw_packets, transforms, cloud, livox, imu, fix };
 
 /// By the type's name, as ROS 1 or ROS 2 writes it: `sensor_msgs/Imu` or `sensor_msgs/msg/Imu`.
 [[nodiscard]] MessageKind kind_of_message(std::string_view type);

@@ -7,6 +7,7 @@
 #include "datasets/inspect.hpp"
 #include "datasets/ros_bytes.hpp"
 #include "datasets/ros_message.hpp"
+#include "datasets/transform_tree.hpp"
 #include "support/files.hpp"
 
 namespace chainslam::test {
@@ -391,6 +392,50 @@ TEST_SUITE("datasets/ros1_bag") {
     const auto none = open_dataset(folder / "a.bag", options);
     CHECK(counts_of(packets_of(*none))[1] == 0);
     CHECK(any_says(none->info().oddities, "no messages on /none"));
+  }
+
+  TEST_CASE("where the LiDAR and the antenna sit is read from /tf_static, over frames between them") {
+    const TemporaryFolder folder;
+    const std::string transforms =
+        transform_message(ros1, {{"/base", "imu", {1, 0, 0.5}, true}, {"base", "mast", {0, 0, 1}}});
+    const auto info_of = [&](const std::string& more, const DatasetOptions& options = {}) {
+      std::string records = connection_record(7, "/tf_static", "tf2_msgs/TFMessage");
+      for (const std::string& message : {transforms, more}) records += message_record(7, t0, 0, message);
+      write_bytes(folder / "a.bag", bag_of(records + drive(t0)));
+      return open_dataset(folder / "a.bag", options)->info();
+    };
+    const std::string mast = transform_message(ros1, {{"mast", "/lidar", {0.5, 0, 0}}, {"base", "gps", {1, 2, 0.5}}});
+    const DatasetInfo info = info_of(mast);
+    CHECK(info.T_body_lidar.translation().isApprox(Eigen::Vector3d(0.5, 0, 0.5)));
+    CHECK((info.T_body_lidar.rotation() * Eigen::Vector3d::UnitX()).isApprox(-Eigen::Vector3d::UnitX()));
+    REQUIRE(info.p_body_antenna);
+    CHECK(info.p_body_antenna->isApprox(Eigen::Vector3d(0, -2, 0)));
+    CHECK(any_says(info.notes, "T_body_lidar from imu to lidar, as /tf_static states it"));
+    const SE3d given(SO3d(), {7, 8, 9});
+    CHECK(info_of(mast, {.T_body_lidar = given}).T_body_lidar.translation() == given.translation());
+    // A circle, nothing at all, and a message that is cut short: what leads nowhere is said.
+    for (const std::string& other :
+         {transform_message(ros1, {{"lidar", "mast", {1, 0, 0}}, {"mast", "lidar", {1, 0, 0}}}),
+          transform_message(ros1, {}), mast.substr(0, mast.size() - 90)}) {
+      const DatasetInfo loose = info_of(other);
+      CHECK(loose.T_body_lidar.translation().norm() == 0);
+      CHECK(any_says(loose.notes, "no /tf_static leads from imu to lidar"));
+    }
+    for (const auto layout : {MessageBytes::ros1, MessageBytes::cdr_little, MessageBytes::cdr_big}) {
+      const std::string whole = transform_message(layout, {{"base", "imu", {1, 0, 0.5}}});
+      const auto encoding = layout == ros1 ? MessageEncoding::ros1 : MessageEncoding::cdr;
+      for (std::size_t n = 0; n <= whole.size(); ++n) {
+        TransformTree tree;
+        bool refused = false;
+        try {
+          tree.add(MessageReader(bytes_of(whole).first(n), encoding));
+        } catch (const MessageError&) {
+          refused = true;
+        }
+        CHECK(refused == (n < whole.size()));
+        CHECK(tree.between("imu", "base").has_value() == !refused);
+      }
+    }
   }
 
   TEST_CASE("inspect knows a bag and a folder of a bag's parts") {

@@ -119,6 +119,26 @@ inline std::string livox_message(MessageBytes::Layout layout, std::uint32_t seco
   return message.str();
 }
 
+/// Where one frame sits in another, not turned but by half a turn about z if `turned`.
+struct TransformOf {
+  const char* parent;
+  const char* child;
+  std::array<double, 3> translation;
+  bool turned = false;
+};
+
+/// tf2_msgs/TFMessage.
+inline std::string transform_message(MessageBytes::Layout layout, const std::vector<TransformOf>& transforms) {
+  MessageBytes message(layout);
+  message << static_cast<std::uint32_t>(transforms.size());
+  for (const TransformOf& one : transforms) {
+    message.header(5, 6, one.parent) << one.child;
+    for (const double value : one.translation) message << value;
+    for (const double value : {0.0, 0.0, one.turned ? 1.0 : 0.0, one.turned ? 0.0 : 1.0}) message << value;
+  }
+  return message.str();
+}
+
 /// An LZ4 frame of one stored block (LZ4 frame format 1.6.2): 0x82 is its descriptor's checksum.
 inline std::string lz4_frame(const std::string& bytes) {
   return std::string("\x04\x22\x4D\x18\x60\x40\x82", 7) +
