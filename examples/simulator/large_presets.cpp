@@ -82,23 +82,11 @@ void drive_a_car(DriveOptions& drive) {
   drive.body_height = nominal_T_ego_imu().translation().z();
 }
 
-Preset empty(std::string name, std::string summary) {
-  return {.name = std::move(name),
-          .summary = std::move(summary),
-          .town = {},
-          .drive = {},
-          .lidar = {},
-          .imu = {},
-          .gnss = {},
-          .traffic = {},
-          .sessions = {}};
-}
-
 }  // namespace
 
 Preset nclt_like(PresetSize size) {
   Preset preset =
-      empty("nclt-like", "a segway on a campus in five sessions over a year, outdoors and through a corridor");
+      preset_named("nclt-like", "a segway on a campus in five sessions over a year, outdoors and through a corridor");
   add_errors(preset);
   ride_a_segway(preset.drive);
   preset.drive.between_stops = 120.0;
@@ -157,7 +145,7 @@ Preset nclt_like(PresetSize size) {
 }
 
 Preset mars_like(PresetSize size) {
-  Preset preset = empty("mars-like", "a car in a town of avenues in five sessions over a year, in traffic");
+  Preset preset = preset_named("mars-like", "a car in a town of avenues in five sessions over a year, in traffic");
   add_errors(preset);
   drive_a_car(preset.drive);
   preset.drive.between_stops = 500.0;

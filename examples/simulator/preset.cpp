@@ -1,6 +1,7 @@
 #include "simulator/preset.hpp"
 
 #include <array>
+#include <utility>
 
 #include "simulator/large_presets.hpp"
 
@@ -9,15 +10,8 @@ namespace chainslam::simulator {
 namespace {
 
 Preset town() {
-  Preset preset{.name = "town",
-                .summary = "a drive through a hilly town, several loops in the same and in opposite directions",
-                .town = {},
-                .drive = {},
-                .lidar = {},
-                .imu = {},
-                .gnss = {},
-                .traffic = {},
-                .sessions = {}};
+  Preset preset =
+      preset_named("town", "a drive through a hilly town, several loops in the same and in opposite directions");
   // Once around, then a smaller loop that shares streets with the first, in the same and in the opposite direction.
   const Route route = {{1, 1}, {2, 1}, {3, 1}, {4, 1}, {4, 2}, {4, 3}, {3, 3}, {2, 3}, {1, 3},
                        {1, 2}, {1, 1}, {2, 1}, {2, 2}, {3, 2}, {3, 1}, {2, 1}, {1, 1}};
@@ -57,6 +51,18 @@ Preset town_sessions() {
 }
 
 }  // namespace
+
+Preset preset_named(std::string name, std::string summary) {
+  return {.name = std::move(name),
+          .summary = std::move(summary),
+          .town = {},
+          .drive = {},
+          .lidar = {},
+          .imu = {},
+          .gnss = {},
+          .traffic = {},
+          .sessions = {}};
+}
 
 std::span<const std::string_view> preset_names() {
   static constexpr std::array<std::string_view, 5> names{"town", "town-small", "town-sessions", "nclt-like",

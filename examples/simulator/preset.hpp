@@ -39,6 +39,9 @@ struct Preset {
   bool labelled = false;  ///< NCLT: writes for every hit whether it lasts, changes or moves
 };
 
+/// A preset of which all else is what the options are by themselves, without sessions.
+[[nodiscard]] Preset preset_named(std::string name, std::string summary);
+
 /// The names that `preset` knows.
 [[nodiscard]] std::span<const std::string_view> preset_names();
 

@@ -16,78 +16,107 @@ Index floor_index(float value) { return static_cast<Index>(std::floor(value)); }
 }  // namespace
 
 /// A walk through the cells of a uniform grid along a ray, in units of the ray's length.
+///
+/// Both axes are moved at every step, one of them by nothing: which one is hard to foresee, and a branch taken wrongly
+/// costs more than the step.
 struct RayCaster::Walk {
-  std::array<Index, 2> cell{};
-  float enter;  ///< where the ray enters `cell`
+  Index x = 0;  ///< the cell
+  Index y = 0;
+  float enter;  ///< where the ray enters it
   float leave;  ///< where it leaves it
 
   /// @param low, high  the cells that may be visited, both included.
   Walk(const Ray& ray, const Eigen::Vector2f& origin, float size, std::array<Index, 2> low, std::array<Index, 2> high,
        float start, float end)
-      : enter(start), leave(end), origin_(origin), size_(size), end_(end), low_(low), high_(high) {
-    for (int axis = 0; axis < 2; ++axis) {
-      const auto i = static_cast<std::size_t>(axis);
+      : enter(start), end_(end), low_x_(low[0]), low_y_(low[1]), high_x_(high[0]), high_y_(high[1]) {
+    const auto first = [&](Eigen::Index axis, Index lowest, Index highest) {
       const float at = (ray.origin[axis] + start * ray.direction[axis] - origin[axis]) / size;
-      cell[i] = std::clamp(floor_index(at), low[i], high[i]);
-      from_[i] = ray.origin[axis];
-      inverse_[i] = ray.direction[axis] != 0.0F ? 1.0F / ray.direction[axis] : 0.0F;
-      find_boundary(i);
-    }
-    leave = std::min({next_[0], next_[1], end_});
+      return std::clamp(floor_index(at), lowest, highest);
+    };
+    x = first(0, low_x_, high_x_);
+    y = first(1, low_y_, high_y_);
+    along_x_ = Axis(ray.origin.x(), ray.direction.x(), origin.x(), size, x);
+    along_y_ = Axis(ray.origin.y(), ray.direction.y(), origin.y(), size, y);
+    leave = std::min({along_x_.next, along_y_.next, end_});
   }
 
   /// Moves on to the next cell; false at the end of the ray or of the grid.
   bool advance() {
     if (leave >= end_) return false;
-    const std::size_t axis = next_[0] < next_[1] ? 0 : 1;
-    cell[axis] += inverse_[axis] > 0.0F ? 1 : -1;
-    if (cell[axis] < low_[axis] || cell[axis] > high_[axis]) return false;
+    const bool is_x = along_x_.next < along_y_.next;
+    x += is_x ? along_x_.step : 0;
+    y += is_x ? 0 : along_y_.step;
+    if (x < low_x_ || x > high_x_ || y < low_y_ || y > high_y_) return false;
+    along_x_.advance(is_x);
+    along_y_.advance(!is_x);
     enter = leave;
-    find_boundary(axis);
-    leave = std::max(enter, std::min({next_[0], next_[1], end_}));
+    leave = std::max(enter, std::min({along_x_.next, along_y_.next, end_}));
     return true;
   }
 
  private:
-  /// From the cell's index, not from the boundary before: rounding does not add up.
-  void find_boundary(std::size_t axis) {
-    if (inverse_[axis] == 0.0F) {
-      next_[axis] = infinite_distance;
-      return;
-    }
-    const Index line = cell[axis] + (inverse_[axis] > 0.0F ? 1 : 0);
-    const float boundary = origin_[static_cast<Eigen::Index>(axis)] + static_cast<float>(line) * size_;
-    next_[axis] = (boundary - from_[axis]) * inverse_[axis];
-  }
+  /// Where the ray crosses the grid's lines across one axis.
+  struct Axis {
+    float next = 0.0F;   ///< the crossing that ends the cell, ...
+    float after = 0.0F;  ///< ... and the one behind
+    Index step = 0;
 
-  Eigen::Vector2f origin_;
-  float size_;
+    Axis() = default;
+    Axis(float ray_origin, float direction, float grid_origin, float cell_size, Index cell)
+        : step(direction > 0.0F ? 1 : -1),
+          from(ray_origin),
+          inverse(direction != 0.0F ? 1.0F / direction : 0.0F),
+          never(direction != 0.0F ? 0.0F : infinite_distance),
+          origin(grid_origin),
+          size(cell_size),
+          line(static_cast<float>(cell + (direction > 0.0F ? 1 : 0))),
+          line_step(static_cast<float>(step)) {
+      next = crossing(line);
+      after = crossing(line + line_step);
+    }
+
+    void advance(bool moves) {
+      next = moves ? after : next;
+      line = moves ? line + line_step : line;
+      after = crossing(line + line_step);
+    }
+
+    /// From the line's number, not from the crossing before: rounding does not add up.
+    [[nodiscard]] float crossing(float number) const { return (origin + number * size - from) * inverse + never; }
+
+    float from = 0.0F, inverse = 0.0F, never = 0.0F, origin = 0.0F, size = 0.0F;
+    float line = 0.0F;  ///< number of the line at `next`, a whole one
+    float line_step = 0.0F;
+  };
+
   float end_;
-  std::array<Index, 2> low_;
-  std::array<Index, 2> high_;
-  std::array<float, 2> from_{};
-  std::array<float, 2> inverse_{};
-  std::array<float, 2> next_{};
+  Index low_x_, low_y_, high_x_, high_y_;
+  Axis along_x_, along_y_;
 };
 
-/// A ray's direction, made ready for slab tests (Williams et al. 2005).
-struct RayCaster::Reciprocal {
-  Eigen::Vector3f of_direction;
+/// A ray, made ready for slab tests (Williams et al. 2005) of four shapes at a time.
+struct RayCaster::Slabs {
+  Eigen::Vector3f origin;
+  Eigen::Vector3f inverse;  ///< of the direction
 
-  explicit Reciprocal(const Ray& ray) {
+  explicit Slabs(const Ray& ray) : origin(ray.origin) {
     constexpr float parallel = 1e30F;  // in place of an infinity, whose product with zero is no number
     for (int axis = 0; axis < 3; ++axis)
-      of_direction[axis] = std::abs(ray.direction[axis]) > 1.0F / parallel ? 1.0F / ray.direction[axis] : parallel;
+      inverse[axis] = std::abs(ray.direction[axis]) > 1.0F / parallel ? 1.0F / ray.direction[axis] : parallel;
   }
 
-  /// Whether the ray can meet what lies in the bounds before `limit`.
-  [[nodiscard]] bool reaches(const Ray& ray, const Bounds& bounds, float limit) const {
-    const Eigen::Array3f a = (bounds.low - ray.origin).array() * of_direction.array();
-    const Eigen::Array3f b = (bounds.high - ray.origin).array() * of_direction.array();
-    const Eigen::Array3f enter = a.min(b);
-    const Eigen::Array3f leave = a.max(b);
-    const float first = std::max({enter.x(), enter.y(), enter.z(), 0.0F});
-    return first <= std::min({leave.x(), leave.y(), leave.z(), limit});
+  /// Where the ray enters the bounds, not before 0. @param leave  where it leaves them.
+  [[nodiscard]] Eigen::Array4f enter(const Quad& quad, Eigen::Array4f& leave) const {
+    Eigen::Array4f first = Eigen::Array4f::Zero();
+    leave.setConstant(infinite_distance);
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto i = static_cast<std::size_t>(axis);
+      const Eigen::Array4f a = (quad.low[i] - origin[axis]) * inverse[axis];
+      const Eigen::Array4f b = (quad.high[i] - origin[axis]) * inverse[axis];
+      first = first.max(a.min(b));
+      leave = leave.min(a.max(b));
+    }
+    return first;
   }
 };
 
@@ -158,17 +187,28 @@ void RayCaster::list_shapes() {
   std::size_t total = 0;
   for (Cell& cell : cells_) {
     const auto count = static_cast<std::size_t>(cell.end);
-    cell.begin = cell.end = to_index(total, "the number of shapes in all cells");
-    total += count;
+    cell.begin = to_index(total, "the number of shapes in all cells");
+    cell.end = 0;  // shapes listed so far
+    total += (count + 3) / 4;
   }
-  entries_.resize(total);
+  const Eigen::Array4f nowhere = Eigen::Array4f::Constant(1e30F);
+  const Eigen::Array4f zero = Eigen::Array4f::Zero();
+  quads_.assign(total, Quad{.low = {zero, zero, nowhere}, .high = {zero, zero, -nowhere}});
   for_each_shape([&](Kind kind, std::size_t shape, const Bounds& b) {
     for_each_cell(b, [&](Cell& cell) {
-      entries_[static_cast<std::size_t>(cell.end++)] = {
-          {b.low.array() - margin, b.high.array() + margin}, to_index(shape), kind};
+      Quad& quad = quads_[static_cast<std::size_t>(cell.begin + cell.end / 4)];
+      const auto place = static_cast<std::size_t>(cell.end++ % 4);
+      for (int axis = 0; axis < 3; ++axis) {
+        const auto i = static_cast<std::size_t>(axis);
+        quad.low[i][static_cast<Index>(place)] = b.low[axis] - margin;
+        quad.high[i][static_cast<Index>(place)] = b.high[axis] + margin;
+      }
+      quad.shape[place] = to_index(shape);
+      quad.kind[place] = kind;
       cell.shapes_top = std::max(cell.shapes_top, b.high.z() + margin);
     });
   });
+  for (Cell& cell : cells_) cell.end = cell.begin + (cell.end + 3) / 4;
 }
 
 void RayCaster::find_ground_tops() {
@@ -193,35 +233,42 @@ std::optional<RayHit> RayCaster::cast(const Ray& ray) const {
     inside.clip_to_slab(ray.origin[axis] - origin_[axis] - half[axis], ray.direction[axis], half[axis]);
   if (inside.enter > inside.leave) return std::nullopt;
 
-  const Reciprocal reciprocal(ray);
+  const Slabs slabs(ray);
   Nearest nearest{.distance = ray.max_distance};
   Walk walk(ray, origin_, cell_size_, {0, 0}, {columns_ - 1, rows_ - 1}, inside.enter, inside.leave);
   do {
-    const Cell& cell = cells_[static_cast<std::size_t>(walk.cell[1]) * static_cast<std::size_t>(columns_) +
-                              static_cast<std::size_t>(walk.cell[0])];
+    const Cell& cell = cells_[static_cast<std::size_t>(walk.y) * static_cast<std::size_t>(columns_) +
+                              static_cast<std::size_t>(walk.x)];
     const float z_enter = ray.origin.z() + walk.enter * ray.direction.z();
     const float z_leave = ray.origin.z() + walk.leave * ray.direction.z();
     const float lowest = std::min(z_enter, z_leave);
-    if (lowest <= cell.shapes_top) meet_shapes(ray, reciprocal, cell, z_enter, z_leave, nearest);
-    if (lowest <= cell.ground_top) meet_ground(ray, walk.cell[0], walk.cell[1], walk.enter, walk.leave, nearest);
+    if (lowest <= cell.shapes_top) meet_shapes(ray, slabs, cell, z_enter, z_leave, nearest);
+    if (lowest <= cell.ground_top) meet_ground(ray, walk.x, walk.y, walk.enter, walk.leave, nearest);
   } while (nearest.distance > walk.leave && walk.advance());
   if (nearest.kind == Kind::none) return std::nullopt;
   return describe(ray, nearest);
 }
 
-void RayCaster::meet_shapes(const Ray& ray, const Reciprocal& reciprocal, const Cell& cell, float z_enter,
-                            float z_leave, Nearest& nearest) const {
+void RayCaster::meet_shapes(const Ray& ray, const Slabs& slabs, const Cell& cell, float z_enter, float z_leave,
+                            Nearest& nearest) const {
   const float low = std::min(z_enter, z_leave);
   const float high = std::max(z_enter, z_leave);
   for (Index i = cell.begin; i < cell.end; ++i) {
-    const Entry& entry = entries_[static_cast<std::size_t>(i)];
-    if (entry.bounds.low.z() > high || entry.bounds.high.z() < low) continue;
-    if (!reciprocal.reaches(ray, entry.bounds, nearest.distance)) continue;
-    const auto shape = static_cast<std::size_t>(entry.shape);
-    const float distance = entry.kind == Kind::box        ? distance_to(world_.boxes[shape], ray)
-                           : entry.kind == Kind::cylinder ? distance_to(world_.cylinders[shape], ray)
-                                                          : distance_to(world_.ellipsoids[shape], ray);
-    if (distance < nearest.distance) nearest = {distance, entry.shape, entry.kind};
+    const Quad& quad = quads_[static_cast<std::size_t>(i)];
+    Eigen::Array4f leave;
+    const Eigen::Array4f enter = slabs.enter(quad, leave);
+    // Not below zero where the ray passes through the bounds, and they are as high as it is in this cell.
+    const Eigen::Array4f room = (leave - enter).min((quad.high[2] - low).min(high - quad.low[2]));
+    if (room.maxCoeff() < 0.0F) continue;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const auto lane = static_cast<Eigen::Index>(k);
+      if (!(room[lane] >= 0.0F) || enter[lane] > nearest.distance) continue;
+      const auto shape = static_cast<std::size_t>(quad.shape[k]);
+      const float distance = quad.kind[k] == Kind::box        ? distance_to(world_.boxes[shape], ray)
+                             : quad.kind[k] == Kind::cylinder ? distance_to(world_.cylinders[shape], ray)
+                                                              : distance_to(world_.ellipsoids[shape], ray);
+      if (distance < nearest.distance) nearest = {distance, quad.shape[k], quad.kind[k]};
+    }
   }
 }
 
@@ -243,7 +290,7 @@ void RayCaster::meet_ground(const Ray& ray, Index column, Index row, float enter
   if (over_ground.enter > over_ground.leave) return;
   Walk walk(ray, ground.origin, ground.spacing, low, high, over_ground.enter, over_ground.leave);
   do {
-    meet_ground_cell(ray, walk.cell[0], walk.cell[1], walk.enter, walk.leave, nearest);
+    meet_ground_cell(ray, walk.x, walk.y, walk.enter, walk.leave, nearest);
   } while (nearest.distance > walk.leave && walk.advance());
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -20,9 +21,9 @@ struct RayHit {
 /// Finds what rays meet first.
 ///
 /// A uniform grid over x and y, walked cell by cell (Amanatides and Woo 1987). A cell lists the shapes above it with
-/// their bounds, so that most are passed over by comparisons alone; inside a cell the ground is walked
-/// sample by sample, and only where the ray dips below the cell's highest sample. The answer is that of testing every
-/// shape and every triangle. Reading from several threads at once is safe.
+/// their bounds, four side by side, so that most are passed over by comparisons alone; inside a cell the ground is
+/// walked sample by sample, and only where the ray dips below the cell's highest sample. The answer is that of testing
+/// every shape and every triangle. Reading from several threads at once is safe.
 class RayCaster {
  public:
   /// @param cell_size  metres; rounded up to whole samples of the ground.
@@ -38,14 +39,16 @@ class RayCaster {
  private:
   enum class Kind : std::uint8_t { none, box, cylinder, ellipsoid, ground };
 
-  struct Entry {
-    Bounds bounds;  ///< of the shape, a little too wide
-    Index shape;
-    Kind kind;
+  /// Four shapes with their bounds, a little too wide, side by side: they are tested together.
+  struct Quad {
+    std::array<Eigen::Array4f, 3> low;  ///< along x, y, z; where a place is free, high z lies below low z
+    std::array<Eigen::Array4f, 3> high;
+    std::array<Index, 4> shape{};
+    std::array<Kind, 4> kind{};
   };
-  struct Reciprocal;
+  struct Slabs;
   struct Cell {
-    Index begin = 0;  ///< in `entries_`
+    Index begin = 0;  ///< in `quads_`
     Index end = 0;
     float shapes_top = -infinite_distance;
     float ground_top = -infinite_distance;
@@ -65,7 +68,7 @@ class RayCaster {
   template <class Visit>
   void for_each_cell(const Bounds& bounds, const Visit& visit);
 
-  void meet_shapes(const Ray& ray, const Reciprocal& reciprocal, const Cell& cell, float z_enter, float z_leave,
+  void meet_shapes(const Ray& ray, const Slabs& slabs, const Cell& cell, float z_enter, float z_leave,
                    Nearest& nearest) const;
   void meet_ground(const Ray& ray, Index column, Index row, float enter, float leave, Nearest& nearest) const;
   void meet_ground_cell(const Ray& ray, Index column, Index row, float enter, float leave, Nearest& nearest) const;
@@ -80,7 +83,7 @@ class RayCaster {
   Index columns_ = 0;
   Index rows_ = 0;
   std::vector<Cell> cells_;
-  std::vector<Entry> entries_;
+  std::vector<Quad> quads_;
 };
 
 }  // namespace chainslam::simulator

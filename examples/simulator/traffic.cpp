@@ -37,18 +37,36 @@ World vehicle(Rng rng) {
   return world;
 }
 
-/// Marks all as moving. @returns how far it reaches from the z axis, metres.
-float set_in_motion(World& world) {
+/// How far something reaches from the z axis, and up, metres.
+struct Reach {
   float radius = 0.0F;
+  float height = 0.0F;
+};
+
+/// Marks all as moving.
+Reach set_in_motion(World& world) {
+  Reach reach;
   for (Box& box : world.boxes) {
     box.presence = Presence::moving;
-    radius = std::max(radius, box.center.head<2>().norm() + box.half_extents.head<2>().norm());
+    reach.radius = std::max(reach.radius, box.center.head<2>().norm() + box.half_extents.head<2>().norm());
+    reach.height = std::max(reach.height, bounds(box).high.z());
   }
   for (Cylinder& cylinder : world.cylinders) {
     cylinder.presence = Presence::moving;
-    radius = std::max(radius, cylinder.base.head<2>().norm() + cylinder.radius);
+    reach.radius = std::max(reach.radius, cylinder.base.head<2>().norm() + cylinder.radius);
+    reach.height = std::max(reach.height, bounds(cylinder).high.z());
   }
-  return radius;
+  return reach;
+}
+
+/// Whether a ray may meet somebody before `limit`: whether it passes through the ball around them.
+bool comes_near(const Passing& passing, const Eigen::Vector3f& foot, const Ray& ray, float limit) {
+  constexpr float room = 0.05F;  // metres: what stands a little below the foot, and rounding
+  const float half = 0.5F * passing.height;
+  const float radius = std::sqrt(passing.radius * passing.radius + half * half) + room;
+  const Eigen::Vector3f middle = foot + half * Eigen::Vector3f::UnitZ() - ray.origin;
+  const float along = middle.dot(ray.direction);
+  return middle.squaredNorm() - along * along < radius * radius && along > -radius && along - radius < limit;
 }
 
 }  // namespace
@@ -57,8 +75,10 @@ std::optional<RayHit> meet(std::span<const Passing* const> near, const Ray& ray,
   std::optional<RayHit> found;
   float nearest = ray.max_distance;
   for (const Passing* passing : near) {
+    const Eigen::Vector3f foot = passing->at(part);
+    if (!comes_near(*passing, foot, ray, nearest)) continue;
     const Eigen::Matrix3f R_own_map = passing->R_map_own.transpose();
-    const Ray own{R_own_map * (ray.origin - passing->at(part)), R_own_map * ray.direction, nearest};
+    const Ray own{R_own_map * (ray.origin - foot), R_own_map * ray.direction, nearest};
     const auto try_all = [&](const auto& shapes) {
       for (const auto& shape : shapes) {
         const float distance = distance_to(shape, own);
@@ -77,7 +97,11 @@ Traffic::Traffic(const TrafficOptions& options, const Drive& drive, const Rng& r
   add_companions(rng.fork(0));
   if (options.between_oncoming > 0.0) add_oncoming(drive, rng.fork(1));
   if (options.between_people > 0.0) add_people(drive, rng.fork(2));
-  for (Mover& mover : movers_) mover.radius = set_in_motion(mover.shape);
+  for (Mover& mover : movers_) {
+    const Reach reach = set_in_motion(mover.shape);
+    mover.radius = reach.radius;
+    mover.height = reach.height;
+  }
 }
 
 void Traffic::add_companions(const Rng& rng) {
@@ -140,6 +164,7 @@ std::vector<Passing> Traffic::during(const Drive& drive, const Terrain& terrain,
     const double heading = PathPoint(path, distance).of(path.headings) + (mover.speed < 0.0 ? std::numbers::pi : 0.0);
     near.push_back({.shape = &mover.shape,
                     .radius = mover.radius,
+                    .height = mover.height,
                     .start = position(distance).cast<float>(),
                     .stop = position(mover.distance(drive, to)).cast<float>(),
                     .R_map_own = yawed(heading).cast<float>()});

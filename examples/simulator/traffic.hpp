@@ -30,6 +30,7 @@ struct TrafficOptions {
 struct Passing {
   const World* shape;         ///< boxes and cylinders in a frame of its own: x ahead, z up, standing on the origin
   float radius;               ///< of all of it about the frame's z axis, metres
+  float height;               ///< of all of it, metres
   Eigen::Vector3f start;      ///< where that frame is when the turn begins, ...
   Eigen::Vector3f stop;       ///< ... and when it ends; map frame, metres
   Eigen::Matrix3f R_map_own;  ///< halfway
@@ -56,6 +57,7 @@ class Traffic {
   struct Mover {
     World shape;
     float radius = 0.0F;
+    float height = 0.0F;
     double along = 0.0;   ///< metres: of the vehicle's place on the path for companions, else of the path at `met`
     double speed = 0.0;   ///< along the path, m/s; companions have the vehicle's
     double met = 0.0;     ///< seconds

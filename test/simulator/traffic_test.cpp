@@ -31,6 +31,7 @@ TEST_SUITE("simulator/traffic") {
     const RayCaster caster(std::move(standing));
     const Passing passing{.shape = &car,
                           .radius = 3.0F,
+                          .height = 2.0F,
                           .start = (place.origin - Eigen::Vector3d(1.0, 0.0, 0.0)).cast<float>(),
                           .stop = (place.origin + Eigen::Vector3d(3.0, 0.0, 0.0)).cast<float>(),
                           .R_map_own = place.rotation.cast<float>()};
