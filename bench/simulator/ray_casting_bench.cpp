@@ -37,6 +37,11 @@ std::vector<Ray> rays_at(const TownDrive& drive, double time) {
   return rays;
 }
 
+void count_rays(benchmark::State& state, Index rays) {
+  state.counters["rays_per_s"] =
+      benchmark::Counter(static_cast<double>(state.iterations() * rays), benchmark::Counter::kIsRate);
+}
+
 /// Rays alone.
 void cast(benchmark::State& state, const char* name) {
   const TownDrive& drive = session(name);
@@ -45,13 +50,13 @@ void cast(benchmark::State& state, const char* name) {
     for (const Ray& ray : rays_at(drive, time)) rays.push_back(ray);
   for (auto _ : state)
     for (const Ray& ray : rays) benchmark::DoNotOptimize(drive.caster().cast(ray));
-  state.SetItemsProcessed(state.iterations() * std::ssize(rays));
+  count_rays(state, to_index(rays.size()));
 }
 BENCHMARK_CAPTURE(cast, town, "town")->Name("simulator/ray_caster/town")->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(cast, nclt_like, "nclt-like")->Name("simulator/ray_caster/nclt-like")->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(cast, mars_like, "mars-like")->Name("simulator/ray_caster/mars-like")->Unit(benchmark::kMillisecond);
 
-/// Rays with all that makes a scan of them: poses, traffic, noise, lost returns. Items are rays.
+/// Rays with all that makes a scan of them: poses, traffic, noise, lost returns.
 void turn(benchmark::State& state, const char* name) {
   const TownDrive& drive = session(name);
   Index index = 0;
@@ -59,7 +64,7 @@ void turn(benchmark::State& state, const char* name) {
     benchmark::DoNotOptimize(drive.revolution(index));
     index = (index + 37) % drive.scan_count();
   }
-  state.SetItemsProcessed(state.iterations() * drive.lidar().options().firings_per_revolution * drive.lidar().lasers());
+  count_rays(state, drive.lidar().options().firings_per_revolution * drive.lidar().lasers());
 }
 BENCHMARK_CAPTURE(turn, town, "town")->Name("simulator/spinning_lidar/town")->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(turn, nclt_like, "nclt-like")

@@ -28,13 +28,14 @@ struct RayCaster::Walk {
   /// @param low, high  the cells that may be visited, both included.
   Walk(const Ray& ray, const Eigen::Vector2f& origin, float size, std::array<Index, 2> low, std::array<Index, 2> high,
        float start, float end)
-      : enter(start), end_(end), low_x_(low[0]), low_y_(low[1]), high_x_(high[0]), high_y_(high[1]) {
-    const auto first = [&](Eigen::Index axis, Index lowest, Index highest) {
+      : enter(start), end_(end), low_(low), span_{of_steps(high[0] - low[0]), of_steps(high[1] - low[1])} {
+    const auto first = [&](std::size_t i) {
+      const auto axis = static_cast<Eigen::Index>(i);
       const float at = (ray.origin[axis] + start * ray.direction[axis] - origin[axis]) / size;
-      return std::clamp(floor_index(at), lowest, highest);
+      return std::clamp(floor_index(at), low[i], high[i]);
     };
-    x = first(0, low_x_, high_x_);
-    y = first(1, low_y_, high_y_);
+    x = first(0);
+    y = first(1);
     along_x_ = Axis(ray.origin.x(), ray.direction.x(), origin.x(), size, x);
     along_y_ = Axis(ray.origin.y(), ray.direction.y(), origin.y(), size, y);
     leave = std::min({along_x_.next, along_y_.next, end_});
@@ -46,7 +47,7 @@ struct RayCaster::Walk {
     const bool is_x = along_x_.next < along_y_.next;
     x += is_x ? along_x_.step : 0;
     y += is_x ? 0 : along_y_.step;
-    if (x < low_x_ || x > high_x_ || y < low_y_ || y > high_y_) return false;
+    if ((of_steps(x - low_[0]) > span_[0]) | (of_steps(y - low_[1]) > span_[1])) return false;
     along_x_.advance(is_x);
     along_y_.advance(!is_x);
     enter = leave;
@@ -89,8 +90,12 @@ struct RayCaster::Walk {
     float line_step = 0.0F;
   };
 
+  /// A number of cells; below none is beyond all.
+  static std::uint32_t of_steps(Index steps) { return static_cast<std::uint32_t>(steps); }
+
   float end_;
-  Index low_x_, low_y_, high_x_, high_y_;
+  std::array<Index, 2> low_;
+  std::array<std::uint32_t, 2> span_;
   Axis along_x_, along_y_;
 };
 
@@ -242,6 +247,7 @@ std::optional<RayHit> RayCaster::cast(const Ray& ray) const {
     const float z_enter = ray.origin.z() + walk.enter * ray.direction.z();
     const float z_leave = ray.origin.z() + walk.leave * ray.direction.z();
     const float lowest = std::min(z_enter, z_leave);
+    if (lowest > std::max(cell.shapes_top, cell.ground_top)) continue;
     if (lowest <= cell.shapes_top) meet_shapes(ray, slabs, cell, z_enter, z_leave, nearest);
     if (lowest <= cell.ground_top) meet_ground(ray, walk.x, walk.y, walk.enter, walk.leave, nearest);
   } while (nearest.distance > walk.leave && walk.advance());

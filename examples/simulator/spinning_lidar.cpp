@@ -24,6 +24,7 @@ constexpr std::array<double, 10> reflectivity{0.15, 0.25, 0.3, 0.4, 0.06, 0.35, 
 /// targets).
 double chance_of_return(double albedo, double cosine, double range, double range_of_tenth) {
   const double power = albedo * cosine / 0.1 * (range_of_tenth / range) * (range_of_tenth / range);
+  if (power > 60.0) return 1.0;  // to the last bit
   return 1.0 - std::exp(-std::numbers::ln2 * power);
 }
 
@@ -38,11 +39,10 @@ Eigen::Vector3d turned(double cosine, double sine, const Eigen::Vector3d& v) {
 }
 
 /// A range as measured, or nothing if the return was lost.
-std::optional<double> measure(const LidarOptions& options, const RayHit& hit, double range, double cosine, double bias,
-                              Rng& rng) {
+std::optional<double> measure(const LidarOptions& options, double range_of_tenth, const RayHit& hit, double range,
+                              double cosine, double bias, Rng& rng) {
   const double albedo = reflectivity[static_cast<std::size_t>(hit.material)];
   if (rng.uniform() < options.lost_returns) return std::nullopt;
-  const double range_of_tenth = lidar_model(options.kind).range_of_tenth;
   if (rng.uniform() > chance_of_return(albedo, cosine, range, range_of_tenth)) return std::nullopt;
   double measured = range + bias + options.range_noise * rng.normal();
   measured += options.incidence_bias * std::min(10.0, 1.0 / cosine - 1.0);
@@ -64,15 +64,16 @@ double spread_over_edge(const LidarOptions& options, double range, double before
   return rng.uniform() < spot ? range + rng.uniform() * (before - expected) : range;
 }
 
-/// Those whom a firing's rays may meet.
-std::vector<const Passing*> ahead_of(const Eigen::Vector3f& origin, const Eigen::Vector3f& ahead, float half_spread,
-                                     std::span<const Passing> passing, float part) {
-  std::vector<const Passing*> found;
+/// Those whom a firing's rays may meet, where they are then.
+std::vector<Halted> ahead_of(const Eigen::Vector3f& origin, const Eigen::Vector3f& ahead, float half_spread,
+                             std::span<const Passing> passing, float part) {
+  std::vector<Halted> found;
   const Eigen::Vector2f direction = ahead.head<2>().normalized();
   for (const Passing& one : passing) {
     const Eigen::Vector2f offset = (one.at(part) - origin).head<2>();
     const float off = std::abs(direction.x() * offset.y() - direction.y() * offset.x());
-    if (offset.dot(direction) > -one.radius && off < half_spread * offset.norm() + one.radius) found.push_back(&one);
+    if (offset.dot(direction) > -one.radius && off < half_spread * offset.norm() + one.radius)
+      found.emplace_back(one, part);
   }
   return found;
 }
@@ -151,7 +152,7 @@ void SpinningLidar::fire(Surroundings& around, Shot shot, std::vector<LidarRetur
     auto hit = around.world.cast(ray);
     if (!in_the_way.empty()) {
       if (hit) ray.max_distance = hit->distance;
-      if (const auto moving = meet(in_the_way, ray, turned_part)) hit = moving;
+      if (const auto moving = meet(in_the_way, ray)) hit = moving;
     }
     const float before =
         std::exchange(around.previous[static_cast<std::size_t>(i)], hit ? hit->distance : infinite_distance);
@@ -164,7 +165,7 @@ void SpinningLidar::fire(Surroundings& around, Shot shot, std::vector<LidarRetur
           spread_over_edge(options_, distance, static_cast<double>(before), static_cast<double>(expected), shot.rng);
     }
     const double incidence = std::max(1e-3, static_cast<double>(std::abs(hit->normal.dot(direction))));
-    const auto range = measure(options_, *hit, distance, incidence, laser.range_bias, shot.rng);
+    const auto range = measure(options_, model_->range_of_tenth, *hit, distance, incidence, laser.range_bias, shot.rng);
     if (!range) continue;
     const double albedo = reflectivity[static_cast<std::size_t>(hit->material)];
     returns.push_back({.position = (*range * turned(cosine, sine, laser.nominal)).cast<float>(),

@@ -59,36 +59,42 @@ Reach set_in_motion(World& world) {
   return reach;
 }
 
-/// Whether a ray may meet somebody before `limit`: whether it passes through the ball around them.
-bool comes_near(const Passing& passing, const Eigen::Vector3f& foot, const Ray& ray, float limit) {
-  constexpr float room = 0.05F;  // metres: what stands a little below the foot, and rounding
-  const float half = 0.5F * passing.height;
-  const float radius = std::sqrt(passing.radius * passing.radius + half * half) + room;
-  const Eigen::Vector3f middle = foot + half * Eigen::Vector3f::UnitZ() - ray.origin;
-  const float along = middle.dot(ray.direction);
-  return middle.squaredNorm() - along * along < radius * radius && along > -radius && along - radius < limit;
+/// Whether a ray passes through the ball around somebody before `limit`.
+bool comes_near(const Halted& one, const Ray& ray, float limit) {
+  const Eigen::Vector3f offset = one.middle - ray.origin;
+  const float along = offset.dot(ray.direction);
+  return offset.squaredNorm() - along * along < one.radius * one.radius && along > -one.radius &&
+         along - one.radius < limit;
 }
 
 }  // namespace
 
-std::optional<RayHit> meet(std::span<const Passing* const> near, const Ray& ray, float part) {
+Halted::Halted(const Passing& passing, float part)
+    : shape(passing.shape),
+      foot(passing.at(part)),
+      R_own_map(passing.R_map_own.transpose()),
+      middle(foot + 0.5F * passing.height * Eigen::Vector3f::UnitZ()) {
+  constexpr float room = 0.05F;  // metres: what stands a little below the foot, and rounding
+  radius = std::hypot(passing.radius, 0.5F * passing.height) + room;
+}
+
+std::optional<RayHit> meet(std::span<const Halted> near, const Ray& ray) {
   std::optional<RayHit> found;
   float nearest = ray.max_distance;
-  for (const Passing* passing : near) {
-    const Eigen::Vector3f foot = passing->at(part);
-    if (!comes_near(*passing, foot, ray, nearest)) continue;
-    const Eigen::Matrix3f R_own_map = passing->R_map_own.transpose();
-    const Ray own{R_own_map * (ray.origin - foot), R_own_map * ray.direction, nearest};
+  for (const Halted& one : near) {
+    if (!comes_near(one, ray, nearest)) continue;
+    const Ray own{one.R_own_map * (ray.origin - one.foot), one.R_own_map * ray.direction, nearest};
     const auto try_all = [&](const auto& shapes) {
       for (const auto& shape : shapes) {
         const float distance = distance_to(shape, own);
         if (distance >= nearest) continue;
         nearest = distance;
-        found = RayHit{distance, passing->R_map_own * normal_at(shape, own, distance), shape.material, shape.presence};
+        found = RayHit{distance, one.R_own_map.transpose() * normal_at(shape, own, distance), shape.material,
+                       shape.presence};
       }
     };
-    try_all(passing->shape->boxes);
-    try_all(passing->shape->cylinders);
+    try_all(one.shape->boxes);
+    try_all(one.shape->cylinders);
   }
   return found;
 }

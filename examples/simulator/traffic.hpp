@@ -38,10 +38,20 @@ struct Passing {
   [[nodiscard]] Eigen::Vector3f at(float part) const { return start + part * (stop - start); }
 };
 
+/// Somebody who moves, held still for one firing.
+struct Halted {
+  const World* shape;
+  Eigen::Vector3f foot;  ///< the shape's origin; map frame, metres
+  Eigen::Matrix3f R_own_map;
+  Eigen::Vector3f middle;  ///< of a ball around all of it
+  float radius;            ///< of that ball, metres
+
+  /// @param part  of the turn that has passed, 0 to 1.
+  Halted(const Passing& passing, float part);
+};
+
 /// Where a ray meets those who move, if it meets any of them before it meets what stands.
-///
-/// @param part  of the turn that has passed, 0 to 1.
-[[nodiscard]] std::optional<RayHit> meet(std::span<const Passing* const> near, const Ray& ray, float part);
+[[nodiscard]] std::optional<RayHit> meet(std::span<const Halted> near, const Ray& ray);
 
 /// Vehicles and people around a drive.
 class Traffic {

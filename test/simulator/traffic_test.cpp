@@ -35,14 +35,14 @@ TEST_SUITE("simulator/traffic") {
                           .start = (place.origin - Eigen::Vector3d(1.0, 0.0, 0.0)).cast<float>(),
                           .stop = (place.origin + Eigen::Vector3d(3.0, 0.0, 0.0)).cast<float>(),
                           .R_map_own = place.rotation.cast<float>()};
-    const std::array near{&passing};
+    const std::array near{Halted(passing, 0.25F)};
     Rng rng(1);
     int hits = 0;
     for (int i = 0; i < 2000; ++i) {
       const Eigen::Vector3d direction(1.0, rng.uniform(-0.5, 0.1), rng.uniform(-0.1, 0.1));
       const Ray ray{{0.0F, 0.0F, 1.2F}, direction.normalized().cast<float>(), 50.0F};
       const auto expected = caster.cast(ray);
-      const auto met = meet(near, ray, 0.25F);
+      const auto met = meet(near, ray);
       REQUIRE(met.has_value() == expected.has_value());
       if (!met) continue;
       ++hits;
@@ -50,7 +50,7 @@ TEST_SUITE("simulator/traffic") {
       CHECK(met->material == expected->material);
     }
     CHECK(hits > 300);
-    CHECK_FALSE(meet(near, {{0.0F, 0.0F, 1.2F}, Eigen::Vector3f(-1.0F, 0.0F, 0.0F), 50.0F}, 0.25F));
+    CHECK_FALSE(meet(near, {{0.0F, 0.0F, 1.2F}, Eigen::Vector3f(-1.0F, 0.0F, 0.0F), 50.0F}));
   }
 
   TEST_CASE("companions stay near all the way, others pass by, and all stand on the road") {
