@@ -37,6 +37,12 @@ void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset
         {.help = std::string("Topic of a ROS recording's ") + what + "; if empty, the busiest of its kind."});
   configuration.add("dataset.times_from_azimuth", dataset.times_from_azimuth,
                     {.help = "Give the points of nuScenes and MARS, which have no times, those of a steady turn."});
+  configuration.add(
+      "dataset.kitti_raise", dataset.kitti_raise_deg,
+      {.unit = "deg",
+       .min = -5,
+       .max = 5,
+       .help = "Turn the points of KITTI's sequences up by this: their calibration has the lasers too low."});
   configuration.add("dataset.truth", dataset.truth,
                     {.help = "TUM file with the true poses T_map_body; --truth sets it too."});
 }
