@@ -9,7 +9,8 @@ usage() {
 usage: test/run.sh [--quick | --full] [ROOM...]
   (nothing)   g++ -O2; clang with ASan and UBSan; TSan for what runs in threads; every header alone; consumers
   --quick     g++ -O2 only, without the long runs: a few minutes
-  --full      all of the default, the program under ASan, clang -O2 as well, every bench once, the example from end to end
+  --full      all of the default, the program under ASan, clang -O2 as well, fuzzed readers, every bench once, the example
+              from end to end
   ROOM        only these rooms (folders of test/), for instance: lie io
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA (a folder of real data), CHAINSLAM_JOBS,
              CHAINSLAM_TEST_SEED (repeat one seed of the property tests)
@@ -168,6 +169,12 @@ if [ "$mode" = full ]; then
   unset CHAINSLAM_QUICK
   configure_and_build clang "clang, -O2" "$programs" "${common[@]}" -DCMAKE_CXX_COMPILER=clang++-14
   run_programs clang "clang" "${rooms[@]}"
+  if [ "$selected" = all ]; then  # from what the tests have written
+    configure_and_build fuzz "clang, libFuzzer" fuzzers -DCMAKE_BUILD_TYPE=Sanitized -DCMAKE_CXX_FLAGS_SANITIZED=-O1 \
+      -DCMAKE_CXX_COMPILER=clang++-14 -DCHAINSLAM_SANITIZE=address -DCHAINSLAM_BUILD_FUZZERS=ON \
+      -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF -DCHAINSLAM_BUILD_EXAMPLES=OFF
+    run_step "readers withstand what is made up" "$root/test/fuzz/run.sh" "$build/fuzz/test/fuzz" "$build/gcc/test" 10
+  fi
   run_step "every bench runs" "$root/bench/run.sh" --smoke
   run_step "the example runs from end to end" "$root/examples/run.sh"
 fi

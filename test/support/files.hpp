@@ -6,8 +6,10 @@
 #include <atomic>
 #include <bit>
 #include <cstddef>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <string>
 #include <string_view>
@@ -43,11 +45,18 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
-/// Writes a file, its folder first.
+/// Writes a file, its folder first. Where CHAINSLAM_FIXTURES names a folder, a copy stays there in a folder of the
+/// file's extension: what fuzzing starts from.
 inline void write_bytes(const std::filesystem::path& path, std::string_view bytes) {
-  std::filesystem::create_directories(path.parent_path());
-  std::ofstream file(path, std::ios::binary);
-  file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  const auto write = [&](const std::filesystem::path& place) {
+    std::filesystem::create_directories(place.parent_path());
+    std::ofstream file(place, std::ios::binary);
+    file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  };
+  write(path);
+  if (const char* fixtures = std::getenv("CHAINSLAM_FIXTURES"); fixtures != nullptr && path.has_extension())
+    write(std::filesystem::path(fixtures) / path.extension().string().substr(1) /
+          std::to_string(std::hash<std::string_view>{}(bytes)));
 }
 
 inline std::string read_bytes(const std::filesystem::path& path) {

@@ -1,0 +1,6 @@
+#include "fuzz/input.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  return chainslam::test::fuzz(data, size, "hits/velodyne_hits.bin",
+                               [](const auto& path) { chainslam::test::read_all(path.parent_path()); });
+}

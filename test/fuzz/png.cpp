@@ -1,0 +1,7 @@
+#include "datasets/png_image.hpp"
+#include "fuzz/input.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  return chainslam::test::fuzz(data, size, "input.png",
+                               [](const auto& path) { static_cast<void>(chainslam::datasets::read_gray_png(path)); });
+}
