@@ -47,7 +47,7 @@ struct RayCaster::Walk {
     const bool is_x = along_x_.next < along_y_.next;
     x += is_x ? along_x_.step : 0;
     y += is_x ? 0 : along_y_.step;
-    if ((of_steps(x - low_[0]) > span_[0]) | (of_steps(y - low_[1]) > span_[1])) return false;
+    if (of_steps(x - low_[0]) > span_[0] || of_steps(y - low_[1]) > span_[1]) return false;
     along_x_.advance(is_x);
     along_y_.advance(!is_x);
     enter = leave;
@@ -67,12 +67,11 @@ struct RayCaster::Walk {
         : step(direction > 0.0F ? 1 : -1),
           from(ray_origin),
           inverse(direction != 0.0F ? 1.0F / direction : 0.0F),
-          never(direction != 0.0F ? 0.0F : infinite_distance),
           origin(grid_origin),
           size(cell_size),
           line(static_cast<float>(cell + (direction > 0.0F ? 1 : 0))),
           line_step(static_cast<float>(step)) {
-      next = crossing(line);
+      next = direction != 0.0F ? crossing(line) : infinite_distance;
       after = crossing(line + line_step);
     }
 
@@ -83,9 +82,9 @@ struct RayCaster::Walk {
     }
 
     /// From the line's number, not from the crossing before: rounding does not add up.
-    [[nodiscard]] float crossing(float number) const { return (origin + number * size - from) * inverse + never; }
+    [[nodiscard]] float crossing(float number) const { return (origin + number * size - from) * inverse; }
 
-    float from = 0.0F, inverse = 0.0F, never = 0.0F, origin = 0.0F, size = 0.0F;
+    float from = 0.0F, inverse = 0.0F, origin = 0.0F, size = 0.0F;
     float line = 0.0F;  ///< number of the line at `next`, a whole one
     float line_step = 0.0F;
   };
@@ -230,6 +229,23 @@ void RayCaster::find_ground_tops() {
   }
 }
 
+const RayCaster::Cell& RayCaster::cell_at(const Walk& walk) const {
+  return cells_[static_cast<std::size_t>(walk.y) * static_cast<std::size_t>(columns_) +
+                static_cast<std::size_t>(walk.x)];
+}
+
+bool RayCaster::walk_to_something(const Ray& ray, float limit, Walk& walk) const {
+  const float z = ray.origin.z(), rise = ray.direction.z();
+  for (Walk here = walk;;) {  // a copy, which stays in registers
+    const Cell& cell = cell_at(here);
+    if (std::min(z + here.enter * rise, z + here.leave * rise) <= std::max(cell.shapes_top, cell.ground_top)) {
+      walk = here;
+      return true;
+    }
+    if (limit <= here.leave || !here.advance()) return false;
+  }
+}
+
 std::optional<RayHit> RayCaster::cast(const Ray& ray) const {
   detail::Span inside{.enter = 0.0F, .leave = ray.max_distance};
   const Eigen::Vector2f half =
@@ -241,16 +257,15 @@ std::optional<RayHit> RayCaster::cast(const Ray& ray) const {
   const Slabs slabs(ray);
   Nearest nearest{.distance = ray.max_distance};
   Walk walk(ray, origin_, cell_size_, {0, 0}, {columns_ - 1, rows_ - 1}, inside.enter, inside.leave);
-  do {
-    const Cell& cell = cells_[static_cast<std::size_t>(walk.y) * static_cast<std::size_t>(columns_) +
-                              static_cast<std::size_t>(walk.x)];
+  while (walk_to_something(ray, nearest.distance, walk)) {
+    const Cell& cell = cell_at(walk);
     const float z_enter = ray.origin.z() + walk.enter * ray.direction.z();
     const float z_leave = ray.origin.z() + walk.leave * ray.direction.z();
     const float lowest = std::min(z_enter, z_leave);
-    if (lowest > std::max(cell.shapes_top, cell.ground_top)) continue;
     if (lowest <= cell.shapes_top) meet_shapes(ray, slabs, cell, z_enter, z_leave, nearest);
     if (lowest <= cell.ground_top) meet_ground(ray, walk.x, walk.y, walk.enter, walk.leave, nearest);
-  } while (nearest.distance > walk.leave && walk.advance());
+    if (nearest.distance <= walk.leave || !walk.advance()) break;
+  }
   if (nearest.kind == Kind::none) return std::nullopt;
   return describe(ray, nearest);
 }

@@ -68,6 +68,10 @@ class RayCaster {
   template <class Visit>
   void for_each_cell(const Bounds& bounds, const Visit& visit);
 
+  [[nodiscard]] const Cell& cell_at(const Walk& walk) const;
+  /// Walks on from the cell at hand, unless something in it is as high as the ray, to the next that holds such a thing;
+  /// false if there is none before `limit`.
+  [[nodiscard]] bool walk_to_something(const Ray& ray, float limit, Walk& walk) const;
   void meet_shapes(const Ray& ray, const Slabs& slabs, const Cell& cell, float z_enter, float z_leave,
                    Nearest& nearest) const;
   void meet_ground(const Ray& ray, Index column, Index row, float enter, float leave, Nearest& nearest) const;
