@@ -33,8 +33,11 @@ enum class Quantity { other, gyro, accel };
 
 Quantity quantity_of(std::string_view name) {
   const auto has = [&](std::string_view part) { return name.find(part) != std::string_view::npos; };
-  if (has("ang") || has("gyr") || name.starts_with('w') || name.starts_with('g')) return Quantity::gyro;
-  return has("acc") || name.starts_with('a') ? Quantity::accel : Quantity::other;
+  const auto is_short = [&](char letter) { return name[0] == letter && (name.size() == 2 || name[1] == '_'); };
+  const bool rate = has("gyr") || has("angular") || has("ang_vel") || has("omega") || is_short('w') || is_short('g');
+  const bool accel = has("acc") || is_short('a');
+  if (rate == accel) return Quantity::other;  // neither, or an angular acceleration
+  return rate ? Quantity::gyro : Quantity::accel;
 }
 
 std::vector<std::string> names_in(const InputFile& file, std::string_view header) {

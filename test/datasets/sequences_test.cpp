@@ -421,6 +421,7 @@ TEST_SUITE("datasets/imu_table") {
     CHECK(ros.gyro == Three{4, 5, 6});
     CHECK(columns("az,ay,ax,gz,gy,gx,t\n").gyro == Three{5, 4, 3});
     CHECK(columns("az,ay,ax,gz,gy,gx,t\n").time == 6);
+    CHECK(columns("t,gps_x,angle_x,angular_acceleration_x,gx,gy,gz,ax,ay,az\n").gyro == Three{4, 5, 6});
     CHECK(columns("1.5,0,0,0,0,0,9.8\n").gyro == Three{1, 2, 3});
     CHECK(says(io_error([&] { return columns("t,ax,ay\n1,2,3\n").time; }), "line 1\n  found: 't,ax,ay'"));
   }

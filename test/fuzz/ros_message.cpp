@@ -1,4 +1,6 @@
 #include "datasets/ros_message.hpp"
+#include <span>
+
 #include "datasets/ros_bytes.hpp"
 #include "datasets/transform_tree.hpp"
 
@@ -18,7 +20,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
                           ? test::fix_message(layout, 1)
                           : test::transform_message(layout, {{"base", "lidar", {1, 2, 3}}, {"base", "imu", {0, 0, 1}}});
   for (std::size_t i = 1; i + 2 < size; i += 3)
-    bytes[(data[i] | data[i + 1] << 8U) % bytes.size()] = static_cast<char>(data[i + 2]);
+    bytes[(data[i] + std::size_t{256} * data[i + 1]) % bytes.size()] = static_cast<char>(data[i + 2]);
   if (size % 3 == 2) bytes.resize(bytes.size() * data[size - 1] / 255);  // and cut
   try {
     const datasets::MessageReader reader(std::as_bytes(std::span(bytes)), layout == MessageBytes::ros1
