@@ -130,10 +130,7 @@ LidarScan read_scan(const std::filesystem::path& file, Timestamp time, const std
   PointFile points = read_cloud(file);
   LidarScan scan{.time = time, .end = time, .cloud = std::move(points.cloud)};
   if (!rule || points.times.size() != scan.cloud.size() || scan.cloud.empty()) return scan;
-  PointTimes point_times = apply_point_time(*rule, points.times, time);
-  scan.time = point_times.time;
-  scan.end = point_times.end;
-  scan.cloud.time_offsets = std::move(point_times.offsets);
+  set_point_times(scan, *rule, points.times, time, file);
   return scan;
 }
 

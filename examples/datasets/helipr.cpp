@@ -67,14 +67,7 @@ LidarScan read_scan(const fs::path& path, const RecordLayout& layout, Timestamp 
                                              : static_cast<double>(load_as<std::int32_t>(time)));
       });
   if (scan.cloud.empty()) return scan;
-  PointTimes of_points = apply_point_time({.unit = TimeUnit::nanoseconds}, times, stamp);
-  if (!of_points.plausible)
-    throw_input_error(path.string(), "",
-                      "points that span " + std::to_string(to_seconds(of_points.end - of_points.time)) + " s",
-                      "the file is damaged or of another kind");
-  scan.time = of_points.time;
-  scan.end = of_points.end;
-  scan.cloud.time_offsets = std::move(of_points.offsets);
+  set_point_times(scan, {.unit = TimeUnit::nanoseconds}, times, stamp, path);
   return scan;
 }
 

@@ -1,6 +1,8 @@
 #include "datasets/scan_files.hpp"
 
 #include <optional>
+#include <stdexcept>
+#include <string>
 #include <utility>
 
 #include "chainslam/core/error.hpp"
@@ -58,6 +60,24 @@ class ScanFileSet final : public Dataset {
 }  // namespace
 
 std::unique_ptr<Dataset> dataset_of(ScanFiles parts) { return std::make_unique<ScanFileSet>(std::move(parts)); }
+
+void set_point_times(LidarScan& scan, const PointTimeRule& rule, std::span<const double> times, Timestamp stamp,
+                     const std::filesystem::path& file) {
+  const auto fail = [&](const std::string& found) {
+    throw_input_error(file.string(), "", found, "the file is damaged or of another kind");
+  };
+  PointTimes of_points;
+  try {
+    of_points = apply_point_time(rule, times, stamp);
+  } catch (const std::invalid_argument&) {
+    fail("points of no time between the years 1678 and 2261");
+  }
+  if (!of_points.plausible)
+    fail("points that span " + std::to_string(to_seconds(of_points.end - of_points.time)) + " s");
+  scan.time = of_points.time;
+  scan.end = of_points.end;
+  scan.cloud.time_offsets = std::move(of_points.offsets);
+}
 
 void set_truth(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& file,
                std::function<Trajectory()> read) {

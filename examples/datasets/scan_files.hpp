@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,11 @@ struct ScanFiles {
 /// Reads such a data set in time order. Scans whose files are damaged are left out, which is said at the end with the
 /// first one's place.
 [[nodiscard]] std::unique_ptr<Dataset> dataset_of(ScanFiles parts);
+
+/// Gives a scan's points their times. @param stamp  from which relative times count.
+/// @param times  of each point, as stored. @throws IoError naming the file if no sweep has such times.
+void set_point_times(LidarScan& scan, const PointTimeRule& rule, std::span<const double> times, Timestamp stamp,
+                     const std::filesystem::path& file);
 
 /// Sets where the truth comes from: a file that the options name, or else `file`, unless empty, which `read` reads.
 void set_truth(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& file,

@@ -351,6 +351,18 @@ TEST_SUITE("datasets/helipr") {
     CHECK(says(io_error([&] { return dataset->truth()->size(); }), "line 1, field qw"));
   }
 
+  TEST_CASE("times that no sweep has cost their scan alone") {
+    const TemporaryFolder folder;
+    for (const float time : {1e30F, -1e30F, 3.0F}) {
+      std::string bytes = helipr_scan("Velodyne");
+      bytes.replace(22 + 18, 4, little(time));
+      write_bytes(folder / "LiDAR/Velodyne" / named(helipr_start, ".bin"), bytes);
+      const auto dataset = open_dataset(folder.path());
+      CHECK(packets_of(*dataset).empty());
+      CHECK(any_says(dataset->info().oddities, std::abs(time) > 3 ? "points of no time" : "points that span 3"));
+    }
+  }
+
   TEST_CASE("scans cut at any byte are left out and named, unless whole records are left") {
     const TemporaryFolder folder;
     for (const auto& [sensor, stride] : std::array<std::pair<const char*, std::size_t>, 4>{
