@@ -66,6 +66,35 @@ TEST_SUITE("search/kd_tree") {
     });
   }
 
+  TEST_CASE("a split leaves as many points on either side as it may, on their side of its plane") {
+    using Point = detail::TreePoint<float, 3, Index>;
+    Rng rng(5);
+    for (const int count : {2, 33, 97, 600, 20'000})
+      for (const int values : {1, 2, 50, 1'000'000})  // of equal points no plane parts any
+        for (const double skew : {1.0, 12.0}) {
+          std::vector<Point> points, scratch(static_cast<std::size_t>(count));
+          for (Index i = 0; i < count; ++i)
+            points.push_back({{std::floor(static_cast<float>(values * std::pow(rng.uniform(0, 1), skew))), 0, 0}, i});
+          const std::vector<Point> before = points;
+          const auto n = points.size();
+          for (const std::size_t at_least : {n / 4, n / 2, n - n / 8 - 1}) {
+            const std::size_t most = std::max(at_least, n - n / 4), least = std::max<std::size_t>(at_least, 1);
+            const auto split = detail::split_points<Point>(points, scratch, least, most);
+            REQUIRE(split.below >= least);
+            REQUIRE(split.below <= most);
+            std::vector<bool> seen(n);
+            bool right = split.axis == 0;
+            for (std::size_t i = 0; i < n; ++i) {
+              const auto place = static_cast<std::size_t>(points[i].payload);
+              right = right && !seen[place] && points[i].at == before[place].at &&
+                      (i < split.below ? points[i].at[0] <= split.at : points[i].at[0] >= split.at);
+              seen[place] = true;
+            }
+            CHECK(right);
+          }
+        }
+  }
+
   TEST_CASE("an unbuilt tree finds nothing") {
     std::array<Neighbor<float>, 2> out;
     CHECK(KdTree<>().knn({0, 0, 0}, out) == 0);

@@ -93,7 +93,7 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, D
 
   template <detail::PointSource<Dim> Points>
   [[nodiscard]] std::vector<Item> finite_items(const Points& cloud);
-  void build(std::span<Item> items);
+  void build(std::span<Item> items, std::span<Item> scratch);
   void add_leaf(std::span<const Item> items);
   template <class Collector>
   void search(const Vector& query, Collector& found) const;
@@ -120,7 +120,8 @@ KdTree<ScalarType, Dim>::KdTree(const Points& cloud) {
   const std::size_t expected_leaves = items.size() / 10 + 1;
   nodes_.reserve(2 * expected_leaves);
   leaves_.reserve(expected_leaves);
-  build(items);
+  std::vector<Item> scratch(items.size());
+  build(items, scratch);
 }
 
 template <class ScalarType, int Dim>
@@ -143,15 +144,15 @@ auto KdTree<ScalarType, Dim>::finite_items(const Points& cloud) -> std::vector<I
 }
 
 template <class ScalarType, int Dim>
-void KdTree<ScalarType, Dim>::build(std::span<Item> items) {
+void KdTree<ScalarType, Dim>::build(std::span<Item> items, std::span<Item> scratch) {
   if (items.size() <= leaf_size) return add_leaf(items);
   const std::size_t quarter = items.size() / 4;
-  const auto split = detail::split_points(items, quarter, items.size() - quarter);
+  const auto split = detail::split_points(items, scratch, quarter, items.size() - quarter);
   const std::size_t node = nodes_.size();
   nodes_.push_back({});
-  build(items.first(split.below));
+  build(items.first(split.below), scratch);
   nodes_[node] = {split.at, static_cast<std::uint32_t>(4 * nodes_.size() + split.axis)};
-  build(items.subspan(split.below));
+  build(items.subspan(split.below), scratch);
 }
 
 template <class ScalarType, int Dim>

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <span>
+#include <vector>
 
 #include "chainslam/search/detail/box_split.hpp"
 #include "chainslam/search/detail/box_tree.hpp"
@@ -21,7 +22,7 @@ class BoxTreeBuilder {
   /// @param points  are reordered.
   static void build(Tree& tree, std::span<Point> points) {
     if (points.empty()) return;
-    BoxTreeBuilder builder(tree);
+    BoxTreeBuilder builder(tree, points.size());
     std::size_t height = 1;
     while (points.size() > usual_leaf * power(height)) ++height;
     tree.root = builder.make_node(points, height - 1).link;
@@ -31,10 +32,10 @@ class BoxTreeBuilder {
 
   /// Two nodes at a level that together hold these points, more than one node at the level below can.
   [[nodiscard]] static std::array<Entry, 2> two_nodes(Tree& tree, std::span<Point> points, std::size_t level) {
-    BoxTreeBuilder builder(tree);
+    BoxTreeBuilder builder(tree, points.size());
     const std::size_t n = points.size(), most = room(level + 1), quarter = n / 4;
     const std::size_t low = std::max(quarter, n - std::min(n - 1, most));
-    const std::size_t below = split_points(points, low, n - low).below;
+    const std::size_t below = split_points(points, builder.scratch(), low, n - low).below;
     return {builder.make_node(points.first(below), level), builder.make_node(points.subspan(below), level)};
   }
 
@@ -44,7 +45,7 @@ class BoxTreeBuilder {
   /// The most below a child of a node, for each leaf that it can have.
   static constexpr std::size_t full_leaf = 26;
 
-  explicit BoxTreeBuilder(Tree& tree) : tree_(tree) {}
+  BoxTreeBuilder(Tree& tree, std::size_t points) : tree_(tree), scratch_(points) {}
 
   [[nodiscard]] static constexpr std::size_t power(std::size_t exponent) { return std::size_t{1} << (3 * exponent); }
 
@@ -71,19 +72,23 @@ class BoxTreeBuilder {
     // Each side gets a quarter of the points or more, and no more than its children can hold.
     std::size_t low = std::max(n / 4, n > (children - 1) * most ? n - (children - 1) * most : 1);
     low = std::max<std::size_t>(low, 1);
-    std::size_t below = split_points(points, low, n - low).below;
+    auto split = split_points(points, scratch(), low, n - low);
+    const std::size_t below = split.below;
     std::size_t first = std::clamp<std::size_t>((children * below + n / 2) / n, 1, children - 1);
     first = std::max(first, std::min(at_least(below), children - 1));
     if (at_least(n - below) > children - first) first = children - std::min(at_least(n - below), children - 1);
     if (below > first * most || n - below > (children - first) * most) {
       const std::size_t allowed = std::clamp(below, n - std::min(n, (children - first) * most), first * most);
-      below = split_points(points, allowed, allowed).below;
+      move_split(split, points, scratch(), allowed);
     }
-    add_children(node, points.first(below), level, first);
-    add_children(node, points.subspan(below), level, children - first);
+    add_children(node, points.first(split.below), level, first);
+    add_children(node, points.subspan(split.below), level, children - first);
   }
 
+  [[nodiscard]] std::span<Point> scratch() { return scratch_; }
+
   Tree& tree_;
+  std::vector<Point> scratch_;
 };
 
 }  // namespace chainslam::detail

@@ -85,12 +85,12 @@ class BoxTreeInserter {
 
   void split_leaf(const Path& path, const Point& point) {
     constexpr std::size_t total = RunLink::max_points + 1;
-    std::array<Point, total> points;
+    std::array<Point, total> points, scratch;
     const RunLink run(tree_.at(path.node[0]).link[path.lane[0]]);
     for (std::uint32_t lane = 0; lane < RunLink::max_points; ++lane) points[lane] = tree_.runs.get(run.slot(lane));
     points.back() = point;
     tree_.runs.release(run);
-    const std::size_t below = split_points(std::span<Point>(points), total / 4, total - total / 4).below;
+    const std::size_t below = split_points<Point>(points, scratch, total / 4, total - total / 4).below;
     tree_.at(path.node[0]).set(path.lane[0], tree_.leaf_entry(std::span<const Point>(points).first(below)));
     add_child(path, tree_.leaf_entry(std::span<const Point>(points).subspan(below)));
   }

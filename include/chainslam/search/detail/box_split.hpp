@@ -1,8 +1,10 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstring>
 #include <limits>
 #include <span>
 
@@ -10,18 +12,56 @@
 
 namespace chainslam::detail {
 
-/// Moves the points for which `below(p)` holds to the front, where they keep their order, without a branch: no
-/// processor could guess it. Returns how many there are.
+/// Moves the points for which `below(p)` holds to the front, the others behind them, both in their order, without a
+/// branch: no processor could guess it. Returns how many are in front. `scratch` is as long as `points`, or longer.
 template <class Point, class Below>
-std::size_t part_points(std::span<Point> points, Below&& below) {
-  std::size_t count = 0;
-  for (Point& here : points) {
-    const Point p = here;
-    here = points[count];
-    points[count] = p;
-    count += below(p) ? 1 : 0;
+std::size_t part_points(std::span<Point> points, std::span<Point> scratch, Below&& below) {
+  Point* const begin = points.data();
+  Point* front = begin;
+  Point* behind = scratch.data();  // by how many are in front too far
+  for (const Point& here : points) {
+    const bool in_front = below(here);
+    alignas(Point) std::array<std::byte, sizeof(Point)> whole;  // what lies between members, too: one register at once
+    std::memcpy(whole.data(), &here, sizeof(Point));
+    std::memcpy(static_cast<void*>(front), whole.data(), sizeof(Point));
+    std::memcpy(static_cast<void*>(behind - (front - begin)), whole.data(), sizeof(Point));
+    front += in_front ? 1 : 0;
+    ++behind;
   }
-  return count;
+  std::copy(scratch.data(), behind - (front - begin), front);
+  return static_cast<std::size_t>(front - begin);
+}
+
+/// The tight box of points.
+template <class Point, class Scalar = typename decltype(Point::at)::value_type>
+[[nodiscard]] auto box_of_points(std::span<const Point> points) {
+  constexpr std::size_t dim = std::tuple_size_v<decltype(Point::at)>;
+  Bounds<Scalar, static_cast<int>(dim)> box;
+  if constexpr (sizeof(Point) == 16 && sizeof(Scalar) == 4 && dim == 3) {
+    // What lies behind the coordinates is compared along with them, to be left out in the end: one register a point.
+    using Four = Eigen::Array<float, 4, 1>;
+    constexpr std::size_t at_once = 4;  // as one comparison waits for the one before
+    std::array<Four, at_once> low, high;
+    low.fill(Four::Constant(std::numeric_limits<float>::infinity()));
+    high.fill(Four::Constant(-std::numeric_limits<float>::infinity()));
+    const auto include = [&](const Point& point, std::size_t i) {
+      Four p;
+      std::memcpy(p.data(), &point, sizeof(p));
+      low[i] = low[i].min(p);
+      high[i] = high[i].max(p);
+    };
+    const std::size_t whole = points.size() - points.size() % at_once;
+    for (std::size_t begin = 0; begin < whole; begin += at_once)
+      for (std::size_t i = 0; i < at_once; ++i) include(points[begin + i], i);
+    for (std::size_t i = whole; i < points.size(); ++i) include(points[i], 0);
+    const Four lowest = low[0].min(low[1]).min(low[2].min(low[3]));
+    const Four highest = high[0].max(high[1]).max(high[2].max(high[3]));
+    std::copy_n(lowest.data(), dim, box.low.data());
+    std::copy_n(highest.data(), dim, box.high.data());
+  } else {
+    for (const Point& p : points) box.include(p.at);
+  }
+  return box;
 }
 
 /// A plane across an axis, and how many points lie below it; those at it may lie on either side.
@@ -32,21 +72,71 @@ struct PointSplit {
   std::size_t below;
 };
 
+/// Orders points so that the first `count`, one or more but not all, lie below a plane across an axis, the others
+/// above.
+///
+/// Quickselect (Hoare 1961) by ranks of a sample, as Floyd and Rivest 1975 choose them, without a branch a point; small
+/// parts, and many equal points, are left to the standard library.
+template <class Point, class Scalar = typename decltype(Point::at)::value_type>
+[[nodiscard]] PointSplit<Scalar> select_points(std::span<Point> points, std::span<Point> scratch, std::size_t axis,
+                                               std::size_t count) {
+  constexpr std::size_t small = 64, large = 2048, most_rounds = 8;
+  std::size_t begin = 0, end = points.size();
+  for (std::size_t round = 0; round < most_rounds && end - begin > small; ++round) {
+    std::array<Scalar, 128> room;
+    const std::span<Scalar> sample = std::span(room).first(end - begin < large ? 32 : 128);
+    const std::size_t step = (end - begin) / sample.size(), beside = sample.size() / 16;
+    for (std::size_t i = 0; i < sample.size(); ++i) sample[i] = points[begin + i * step].at[axis];
+    // Beside the wanted rank on the side of fewer points: most likely they are all that is left.
+    std::size_t rank = (count - begin) * sample.size() / (end - begin);
+    rank = 2 * rank < sample.size() ? rank + beside : rank - beside;
+    std::nth_element(sample.begin(), sample.begin() + static_cast<std::ptrdiff_t>(rank), sample.end());
+    const Scalar at = sample[rank];
+    const std::size_t below = begin + part_points(points.subspan(begin, end - begin), scratch,
+                                                  [&](const Point& p) { return p.at[axis] < at; });
+    if (below == count) return {axis, at, below};
+    if (below == begin) break;
+    (below < count ? begin : end) = below;
+  }
+  const auto place = [&](std::size_t i) { return points.begin() + static_cast<std::ptrdiff_t>(i); };
+  std::nth_element(place(begin), place(count), place(end),
+                   [axis](const Point& a, const Point& b) { return a.at[axis] < b.at[axis]; });
+  return {axis, points[count].at[axis], count};
+}
+
+/// Moves the plane of a split so that `count` points lie below it.
+template <class Point, class Scalar>
+void move_split(PointSplit<Scalar>& split, std::span<Point> points, std::span<Point> scratch, std::size_t count) {
+  const std::size_t below = split.below;
+  if (below == count) return;
+  split = below > count ? select_points(points.first(below), scratch, split.axis, count)
+                        : select_points(points.subspan(below), scratch, split.axis, count - below);
+  split.below = count;
+}
+
 /// Orders points so that the first lie below a plane across the widest side of their box, the others above: `at_least`
 /// to `at_most` below, the plane being in the middle of the box where that allows it. The middle keeps boxes compact
 /// where LiDAR leaves lines of points, of which a median would make slivers.
 template <class Point, class Scalar = typename decltype(Point::at)::value_type>
-[[nodiscard]] PointSplit<Scalar> split_points(std::span<Point> points, std::size_t at_least, std::size_t at_most) {
-  Bounds<Scalar, static_cast<int>(std::tuple_size_v<decltype(Point::at)>)> box;
-  for (const Point& p : points) box.include(p.at);
+[[nodiscard]] PointSplit<Scalar> split_points(std::span<Point> points, std::span<Point> scratch, std::size_t at_least,
+                                              std::size_t at_most) {
+  const auto box = box_of_points(std::span<const Point>(points));
   const std::size_t axis = box.widest_axis();
   const Scalar middle = box.low[axis] / 2 + box.high[axis] / 2;
-  const std::size_t below = part_points(points, [&](const Point& p) { return p.at[axis] < middle; });
-  const std::size_t allowed = std::clamp(below, at_least, at_most);
-  if (allowed == below) return {axis, middle, below};
-  std::nth_element(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(allowed), points.end(),
-                   [axis](const Point& a, const Point& b) { return a.at[axis] < b.at[axis]; });
-  return {axis, points[allowed].at[axis], allowed};
+  if (const std::size_t sample = 32, n = points.size(); n >= 8 * sample) {
+    // Where a sample says that the middle will not do, the plane that will is sought at once.
+    std::size_t sampled = 0;
+    for (std::size_t i = 0; i < sample; ++i) sampled += points[i * (n / sample)].at[axis] < middle ? 1 : 0;
+    const std::size_t low = (sampled + 2) * n / sample, high = (std::max<std::size_t>(sampled, 2) - 2) * n / sample;
+    if (low < at_least || high > at_most) {
+      const auto split = select_points(points, scratch, axis, low < at_least ? at_least : at_most);
+      if (low < at_least ? split.at >= middle : split.at < middle) return split;
+    }
+  }
+  const std::size_t below = part_points(points, scratch, [&](const Point& p) { return p.at[axis] < middle; });
+  PointSplit<Scalar> split{axis, middle, below};
+  move_split(split, points, scratch, std::clamp(below, at_least, at_most));
+  return split;
 }
 
 /// Orders a node's children so that the first few and the others make two nodes with small margins (Beckmann et al.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -16,9 +17,9 @@
 
 namespace chainslam::detail {
 
-/// A point on its way from one place in a tree to another.
+/// A point on its way from one place in a tree to another; three floats make one register.
 template <class Scalar, int Dim, class Payload>
-struct TreePoint {
+struct alignas(std::max(alignof(Payload), std::size_t{16})) TreePoint {
   std::array<Scalar, Dim> at;
   [[no_unique_address]] Payload payload;
 };
