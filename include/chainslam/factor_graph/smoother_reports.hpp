@@ -16,6 +16,9 @@ struct SmootherOptions {
   /// A factor is linearised anew when its residual differs from the linear prediction by more than its part of this
   /// share. 0: always.
   double nonlinear_tolerance = 3e-5;
+  /// Those factors wait until the estimate may be worse because of them by this part of `nonlinear_tolerance` in all,
+  /// or until what they are eliminated in is computed anew for another reason. 0: not beyond the next update.
+  double patience = 0.3;
   /// A variable's factors are not looked at before its estimate has moved by this much (in the tangent space's units)
   /// since they were linearised, and then whenever it has moved half as far again.
   double first_look = 5e-3;
@@ -46,9 +49,9 @@ struct UpdateReport {
   std::vector<Key> variables;
   std::vector<FreePart> free;  ///< what is free to move, if that made it fail; `describe` says it in words
   double squared_error = 0.0;  ///< chi^2 of the estimate, as the linearised factors see it
-  double gap = 0.0;            ///< how much of it may be left to gain: by the linear system and by what still waits
+  double gap = 0.0;            ///< how much of it may be left to gain: by the linear system and by what waits
   Index relinearized = 0;      ///< factors
-  Index waiting = 0;           ///< variables whose factors wait to be linearised anew
+  Index waiting = 0;           ///< variables whose factors the next update will linearise anew
   FactorizationWork work;
 
   [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }

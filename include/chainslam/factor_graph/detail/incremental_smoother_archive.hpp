@@ -1,6 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <iterator>
 #include <stdexcept>
 
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
@@ -12,8 +14,9 @@ namespace chainslam {
 template <class Group, class... Extra>
 template <class Archive>
 void IncrementalSmoother<Group, Extra...>::visit_options(SmootherOptions& options, Archive&& archive) {
-  archive(options.linear_tolerance, options.nonlinear_tolerance, options.first_look, options.longest_step,
-          options.least_error, options.largest_relinearization, options.late_variables, options.lag);
+  archive(options.linear_tolerance, options.nonlinear_tolerance, options.patience, options.first_look,
+          options.longest_step, options.least_error, options.largest_relinearization, options.late_variables,
+          options.lag);
 }
 
 template <class Group, class... Extra>
@@ -26,9 +29,13 @@ std::vector<std::byte> IncrementalSmoother<Group, Extra...>::save() const {
   out.put(static_cast<std::uint64_t>(size()));
   for (const Group& origin : origins_) write(origin);
   out.put_list(look_);
-  out.put_list(waits_);
   out.put_list(marginalized_);
-  out.put_list(waiting_);
+  std::vector<Key> waiting;
+  std::ranges::copy_if(waiting_, std::back_inserter(waiting), [](Key key) { return key != -1; });
+  out.put_list(waiting);
+  out.put_list(far_);
+  out.put_list(off_);
+  out.put(waiting_gap_);
   std::vector<std::vector<Index>> released(Pools::types);
   for (const Change& change : changes_) {
     if (change.kind != ChangeKind::factor_removed) continue;
@@ -56,9 +63,13 @@ IncrementalSmoother<Group, Extra...> IncrementalSmoother<Group, Extra...>::load(
     smoother.estimates_.add(origin);
   }
   in.take_list(smoother.look_);
-  in.take_list(smoother.waits_);
   in.take_list(smoother.marginalized_);
   in.take_list(smoother.waiting_);
+  in.take_list(smoother.far_);
+  in.take_list(smoother.off_);
+  smoother.waiting_gap_ = in.take<double>();
+  smoother.waits_at_.assign(smoother.look_.size(), -1);
+  smoother.find_waiting();
   smoother.pools_.load(in);
   smoother.solver_.load(in);
   smoother.touched_.assign(static_cast<std::size_t>(smoother.solver_.terms().count()), 0);

@@ -57,7 +57,7 @@ class IncrementalSmoother {
     begin();
     solver_.add_variable();
     look_.push_back(options_.first_look);
-    waits_.push_back(0);
+    waits_at_.push_back(-1);
     marginalized_.push_back(0);
     if (!components_outdated_) components_.add_variable();
     const Key key = origins_.add(initial);
@@ -77,6 +77,7 @@ class IncrementalSmoother {
     const Index term = solver_.add_term(keys, rows_of(factor));
     const FactorId id = pools_.add(factor, term);
     if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
+    if (term >= to_index(off_.size())) off_.resize(static_cast<std::size_t>(term) + 1, 0.0);
     touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
     changes_.push_back({ChangeKind::factor_added, term, {}, 0.0});
     if (!components_outdated_) components_.connect(factor, origins_);
@@ -247,13 +248,14 @@ class IncrementalSmoother {
     factor_weighed,
     origin_moved,
     looked,
+    judged,
     marginalized
   };
   struct Change {
     ChangeKind kind;
     Index id;      ///< key or term
     Group origin;  ///< before
-    double look;   ///< or weight, before
+    double look;   ///< or weight, or how far a term is off, before
   };
 
   void require_known(Key key) const {
@@ -287,6 +289,7 @@ class IncrementalSmoother {
   }
   void remove_term(Index term) {
     const auto place = pools_.place(term);
+    set_off(term, 0.0);
     solver_.remove_term(term);
     pools_.visit_pool(place.type, [&](auto& pool) { pool.set_alive(place.slot, false); });
     changes_.push_back({ChangeKind::factor_removed, term, {}, 0.0});
@@ -311,10 +314,24 @@ class IncrementalSmoother {
   [[nodiscard]] std::vector<Key> find_floating();
 
   void wait(Key key) {
-    if (waits_[static_cast<std::size_t>(key)] != 0 || solver_.is_fixed(key)) return;
-    waits_[static_cast<std::size_t>(key)] = 1;
+    if (waits(key) || solver_.is_fixed(key)) return;
+    waits_at_[static_cast<std::size_t>(key)] = to_index(waiting_.size());
     waiting_.push_back(key);
   }
+  [[nodiscard]] bool waits(Key key) const { return waits_at_[static_cast<std::size_t>(key)] != -1; }
+  void stop_waiting(Key key) {
+    Index& at = waits_at_[static_cast<std::size_t>(key)];
+    if (at == -1) return;
+    waiting_[static_cast<std::size_t>(at)] = -1;
+    ++left_;
+    at = -1;
+  }
+  void find_waiting();
+  void relinearize_waiting(bool exact);
+  /// Whether the whole of what waits is worth its linearisation.
+  [[nodiscard]] bool impatient() const;
+  [[nodiscard]] bool all_due(Key key) const;
+  void set_off(Index term, double off);
   void relinearize_at_estimate(Key key) { relinearize_at(key, (*this)[key]); }
   void relinearize_at(Key key, const Group& origin);
   void relinearize_all();
@@ -333,11 +350,17 @@ class IncrementalSmoother {
   Values<Group> origins_;    ///< where the factors are linearised
   Values<Group> estimates_;  ///< scratch: up to date only where a factor is being looked at
   Pools pools_;
-  std::vector<double> look_;  ///< of each variable: the step at which its factors are looked at
-  std::vector<char> waits_;
+  std::vector<double> look_;        ///< of each variable: the step at which its factors are looked at
+  std::vector<Index> waits_at_;     ///< of each variable: its place in `waiting_`, -1 if it does not wait
   std::vector<char> marginalized_;  ///< of each variable
-  std::vector<Key> waiting_;
+  std::vector<Key> waiting_;        ///< to be linearised anew, in the order of their coming; -1 for those that were
+  Index left_ = 0;                  ///< how many of those there are
+  std::vector<Key> far_;            ///< of the waiting: have moved by more than the longest step
+  std::vector<double> off_;         ///< of each term for which variables wait: squared error of its linear prediction
+  double waiting_gap_ = 0.0;        ///< their sum
   std::vector<Key> waiting_before_;
+  std::vector<Key> far_before_;
+  double waiting_gap_before_ = 0.0;
   std::vector<char> touched_;  ///< of each term
   std::vector<Index> touched_terms_;
   std::vector<Change> changes_;

@@ -18,10 +18,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
     report.status = UpdateStatus::unconstrained;
     report.free = components_.free_parts(report.variables, origins_);
   } else {
-    const auto most = static_cast<std::size_t>(std::max<Index>(options_.largest_relinearization, 0));
-    const std::size_t count = exact ? waiting_.size() : std::min(waiting_.size(), most);
-    for (std::size_t i = 0; i < count; ++i) relinearize_at_estimate(waiting_[i]);
-    waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(count));
+    relinearize_waiting(exact);
     if (!linearize_touched(report) || !linearize_added(report)) {
       report.status = UpdateStatus::not_finite;
     } else if (const FactorizationResult result = solver_.factorize(); !result.ok()) {
@@ -40,7 +37,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
   report.squared_error = solver_.squared_error() + solver_.excess();
   report.gap = solver_.excess();
   look_at_changed(report);
-  report.waiting = to_index(waiting_.size());
+  report.waiting = impatient() ? to_index(waiting_.size()) - left_ : to_index(far_.size());
   report.work = solver_.work();
   open_ = false;
   ++revision_;
@@ -59,17 +56,23 @@ void IncrementalSmoother<Group, Extra...>::begin() {
   }
   changes_.clear();
   waiting_before_ = waiting_;
+  far_before_ = far_;
+  waiting_gap_before_ = waiting_gap_;
 }
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::revert() {
   for (const Index term : touched_terms_) touched_[static_cast<std::size_t>(term)] = 0;
   touched_terms_.clear();
-  for (const Key key : waiting_) waits_[static_cast<std::size_t>(key)] = 0;
+  for (const Key key : waiting_) {
+    if (key != -1) waits_at_[static_cast<std::size_t>(key)] = -1;
+  }
   for (std::size_t k = changes_.size(); k-- > 0;) undo_change(changes_[k]);
   changes_.clear();
   waiting_ = waiting_before_;
-  for (const Key key : waiting_) waits_[static_cast<std::size_t>(key)] = 1;
+  far_ = far_before_;
+  waiting_gap_ = waiting_gap_before_;
+  find_waiting();
   solver_.rollback();
   components_outdated_ = true;
   oldest_ = 0;
@@ -82,7 +85,7 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
       origins_.drop_last();
       estimates_.drop_last();
       look_.pop_back();
-      waits_.pop_back();
+      waits_at_.pop_back();
       marginalized_.pop_back();
       break;
     case ChangeKind::factor_added: {
@@ -108,6 +111,9 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
     case ChangeKind::origin_moved:
       origins_[change.id] = change.origin;
       look_[static_cast<std::size_t>(change.id)] = change.look;
+      break;
+    case ChangeKind::judged:
+      off_[static_cast<std::size_t>(change.id)] = change.look;
       break;
     case ChangeKind::looked:
       look_[static_cast<std::size_t>(change.id)] = change.look;
@@ -139,12 +145,72 @@ std::vector<Key> IncrementalSmoother<Group, Extra...>::find_floating() {
   return floating;
 }
 
+/// Linearises anew about what waits: the oldest first, where all that waits has become worth it or a step was too long;
+/// else what costs no more than its linearisation, since its fronts are due.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::relinearize_waiting(bool exact) {
+  Index budget = exact ? size() : std::max<Index>(options_.largest_relinearization, 0);
+  const auto relinearize = [&](Key key) {
+    if (budget == 0 || key == -1 || !waits(key)) return;
+    --budget;
+    relinearize_at_estimate(key);
+  };
+  if (exact || impatient()) std::ranges::for_each(waiting_, relinearize);
+  std::ranges::for_each(far_, relinearize);
+  std::erase_if(far_, [&](Key key) { return !waits(key); });
+  solver_.for_each_due([&](Key key) {
+    if (waits(key) && all_due(key)) relinearize(key);
+  });
+  if (2 * left_ <= to_index(waiting_.size())) return;
+  std::erase(waiting_, -1);
+  find_waiting();
+}
+
+template <class Group, class... Extra>
+bool IncrementalSmoother<Group, Extra...>::impatient() const {
+  const double error = std::max(solver_.squared_error(), options_.least_error);
+  const double tolerated = options_.patience * options_.nonlinear_tolerance * error;
+  return tolerated == 0.0 || !(waiting_gap_ < tolerated);
+}
+
+/// Whether linearising a variable's factors anew reaches no front that is not due.
+template <class Group, class... Extra>
+bool IncrementalSmoother<Group, Extra...>::all_due(Key key) const {
+  for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next) {
+    for (const auto& slot : solver_.terms().slots(solver_.terms().slot(k).term)) {
+      if (!solver_.is_due(slot.variable)) return false;
+    }
+  }
+  return true;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::find_waiting() {
+  left_ = 0;
+  for (std::size_t k = 0; k < waiting_.size(); ++k) {
+    if (waiting_[k] == -1)
+      ++left_;
+    else
+      waits_at_[static_cast<std::size_t>(waiting_[k])] = static_cast<Index>(k);
+  }
+}
+
+/// What a linear prediction is worth once its variables wait because of it.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::set_off(Index term, double off) {
+  double& before = off_[static_cast<std::size_t>(term)];
+  if (off == before) return;
+  changes_.push_back({ChangeKind::judged, term, {}, before});
+  waiting_gap_ += off - before;
+  before = off;
+}
+
 /// Moves the point at which a variable's factors are linearised, and its estimate with it.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& origin) {
   const auto i = static_cast<std::size_t>(key);
   changes_.push_back({ChangeKind::origin_moved, key, origins_[key], look_[i]});
-  waits_[i] = 0;
+  stop_waiting(key);
   look_[i] = options_.first_look;
   origins_[key] = origin;
   if constexpr (requires(Group & group) { group.normalize(); }) origins_[key].normalize();
@@ -165,6 +231,7 @@ bool IncrementalSmoother<Group, Extra...>::linearize_touched(UpdateReport& repor
   bool finite = true;
   for (const Index term : touched_terms_) {
     touched_[static_cast<std::size_t>(term)] = 0;
+    set_off(term, 0.0);
     pools_.visit_term(term, [&](const auto& entry) {
       if (!entry.alive) return;
       solver_.change_term(term);
@@ -214,6 +281,7 @@ bool IncrementalSmoother<Group, Extra...>::write(const typename detail::FactorPo
 /// Finds the factors that the step has carried too far from where they were linearised.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report) {
+  if (to_index(waiting_.size()) == left_) waiting_gap_ = 0.0;  // but for rounding
   const double error = std::max(report.squared_error, options_.least_error);
   const double tolerated = options_.nonlinear_tolerance * error / std::max(1, pools_.count());
   for (const Key key : solver_.changed()) {
@@ -222,18 +290,23 @@ void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report)
     for (const double coordinate : step) length = std::max(length, std::abs(coordinate));
     if (length <= look_[static_cast<std::size_t>(key)]) continue;
     set_look(key, 1.5 * length);
-    if (length > options_.longest_step) wait(key);
+    if (length > options_.longest_step) {
+      wait(key);
+      far_.push_back(key);
+    }
     for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next)
       touch(solver_.terms().slot(k).term);
   }
   for (const Index term : touched_terms_) {
     touched_[static_cast<std::size_t>(term)] = 0;
     const double off = misprediction(term);
-    if (off <= tolerated && options_.nonlinear_tolerance > 0.0) continue;
-    report.gap += off;
+    const bool waits = off > tolerated || options_.nonlinear_tolerance == 0.0;
+    set_off(term, waits ? off : 0.0);
+    if (!waits) continue;
     for (const auto& slot : solver_.terms().slots(term)) wait(slot.variable);
   }
   touched_terms_.clear();
+  report.gap += waiting_gap_;
 }
 
 /// Squared distance between a factor's residual and what its linearisation predicts.

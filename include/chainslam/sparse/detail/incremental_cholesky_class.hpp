@@ -179,6 +179,18 @@ class IncrementalCholesky {
   }
   /// Whether a variable was part of the last `factorize`, neither new nor fixed.
   [[nodiscard]] bool is_eliminated(Index variable) const { return tree_.node_of(variable) != -1; }
+  /// Whether the next `factorize` will compute anew what a variable leaves to others, or eliminates it at all.
+  [[nodiscard]] bool is_due(Index variable) const {
+    const Index node = tree_.node_of(variable);
+    return node == -1 || tree_[node].stale != Stale::none;
+  }
+  /// Calls visit(variable) for those that are due because of the changes made so far, new ones left out.
+  template <class Visit>
+  void for_each_due(Visit&& visit) const {
+    for (const Index node : stale_) {
+      for (const Index variable : tree_.columns(node)) visit(variable);
+    }
+  }
   /// Variables whose solution the last `solve` changed.
   [[nodiscard]] std::span<const Index> changed() const { return changed_.range(0, changed_.size()); }
   /// Of the last `factorize` and `solve`.
@@ -210,7 +222,10 @@ class IncrementalCholesky {
     terms_.set_counted(term, false);
   }
 
-  void reorder(Index variable) { reordered_.push_back(variable); }
+  void reorder(Index variable) {
+    reordered_.push_back(variable);
+    mark(tree_.node_of(variable), Stale::order);
+  }
   void reorder_term(Index term) {
     for (const auto& slot : terms_.slots(term)) reorder(slot.variable);
   }

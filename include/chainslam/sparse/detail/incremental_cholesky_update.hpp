@@ -14,7 +14,6 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize() {
     terms_.set_counted(term, true);
   }
   written_.clear();
-  for (const Index variable : reordered_) mark(tree_.node_of(variable), detail::Stale::order);
   const double multiplications_before = work_.multiplications;
   promote_heavy();
   recall_updates([&](auto&& visit) {
