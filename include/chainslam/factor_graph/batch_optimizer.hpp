@@ -303,4 +303,11 @@ OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& metho
   return optimise(graph, method, solver);
 }
 
+/// The same, to the same bits, with the factorisations shared out by an executor.
+template <class Group, class... Extra, class Method, Executor Exec>
+OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, const Exec& executor) {
+  ParallelCholesky<Group::dof, Exec> solver(executor);
+  return optimise(graph, method, solver);
+}
+
 }  // namespace chainslam

@@ -3,17 +3,20 @@
 #include <algorithm>
 #include <array>
 #include <cassert>
+#include <numeric>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/concepts.hpp"
-#include "chainslam/sparse/detail/dense_kernels.hpp"
 #include "chainslam/sparse/detail/inverse_fronts.hpp"
+#include "chainslam/sparse/detail/panel.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
 #include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/detail/tree_parts.hpp"
 #include "chainslam/sparse/ordering.hpp"
 
 namespace chainslam {
@@ -45,7 +48,13 @@ class BlockCholesky {
   void analyze(const BlockPattern& pattern) {
     nodes_ = detail::find_supernodes(pattern, options_.order(pattern), BlockSize);
     lay_out_panels();
-    lay_out_stacks();
+    link_children();
+    whole_ = above_ = {};
+    parts_.clear();
+    left_.clear();
+    whole_.supernodes.resize(static_cast<std::size_t>(nodes_.size()));
+    std::iota(whole_.supernodes.begin(), whole_.supernodes.end(), 0);
+    take_memory(whole_);
     place_entries(pattern);
     reciprocals_.resize(Offset{pattern.size()} * BlockSize);
     scale_.resize(Offset{pattern.size()} * BlockSize);
@@ -59,24 +68,30 @@ class BlockCholesky {
   [[nodiscard]] FactorizationResult factorize(const Matrix& matrix, std::span<const double> damping = {}) {
     assert(matrix.size() == to_index(nodes_.order.size()));
     assert(damping.empty() || static_cast<Offset>(damping.size()) == work_.size());
-    std::array<Offset, 2> top{0, 0};
-    for (Index s = 0; s < nodes_.size(); ++s) {
-      std::fill_n(panel(s), panel_start_[Offset{s} + 1] - panel_start_[s], 0.0);
-      assemble(s, matrix, damping);
-      Offset& own_top = top[nodes_.odd_level[s]];
-      Offset& child_top = top[1 - nodes_.odd_level[s]];
-      double* const update = stacks_[nodes_.odd_level[s]].data() + own_top;
-      const Offset update_size = square(nodes_.update_rows(s));
-      std::fill_n(update, update_size, 0.0);
-      own_top += update_size;
-      for (Index c = 0, child = last_child_[s]; c < nodes_.child_count[s]; ++c, child = previous_sibling_[child]) {
-        child_top -= square(nodes_.update_rows(child));
-        add_update(child, s, stacks_[1 - nodes_.odd_level[s]].data() + child_top, update);
-      }
-      const Index bad_column = eliminate(s, update);
-      if (bad_column >= 0) return {FactorizationStatus::not_positive_definite, nodes_.order[bad_column]};
+    factorize(whole_, matrix, damping, Serial{}, matrix.size());
+    return result(whole_.bad_column);
+  }
+
+  /// The same, to the same bits, with subtrees and the columns of large fronts shared out by an executor. Takes some
+  /// more memory the first time.
+  template <Executor Exec>
+  [[nodiscard]] FactorizationResult factorize(const Matrix& matrix, std::span<const double> damping,
+                                              const Exec& executor) {
+    assert(matrix.size() == to_index(nodes_.order.size()));
+    assert(damping.empty() || static_cast<Offset>(damping.size()) == work_.size());
+    if (left_.size() != nodes_.parent.size()) divide();
+    const Index size = matrix.size();
+    executor.for_chunks(to_index(parts_.size()), 1, [&](Index begin, Index end) {
+      for (Index k = begin; k < end; ++k)
+        factorize(parts_[static_cast<std::size_t>(k)], matrix, damping, Serial{}, size);
+    });
+    Index bad = -1;  // the first in the order of elimination
+    for (const detail::TreePart& part : parts_) {
+      if (part.bad_column != -1 && (bad == -1 || part.bad_column < bad)) bad = part.bad_column;
     }
-    return {};
+    factorize(above_, matrix, damping, executor, bad == -1 ? size : bad);
+    if (above_.bad_column != -1) bad = above_.bad_column;
+    return result(bad);
   }
 
   /// Replaces x by (matrix + diag(damping))^-1 x of the last factorisation, which must have succeeded.
@@ -143,6 +158,10 @@ class BlockCholesky {
   [[nodiscard]] static Offset square(Index rows) { return Offset{rows} * rows * BlockSize * BlockSize; }
   [[nodiscard]] double* panel(Index s) { return panels_.data() + panel_start_[s]; }
   [[nodiscard]] const double* panel(Index s) const { return panels_.data() + panel_start_[s]; }
+  [[nodiscard]] detail::Panel<BlockSize> front_panel(Index s) {
+    return {panel(s), reciprocals_.data() + Offset{nodes_.first_column[s]} * BlockSize, nodes_.columns(s),
+            nodes_.front_rows(s), stride(s)};
+  }
   /// Distance between the columns of a supernode's panel.
   [[nodiscard]] Offset stride(Index s) const { return Offset{nodes_.front_rows(s)} * BlockSize; }
 
@@ -157,25 +176,97 @@ class BlockCholesky {
     front_.resize(Offset{most_rows} * BlockSize);
   }
 
-  /// A supernode's update waits until its parent takes it. In a postorder, the updates of even levels and those of odd
-  /// levels form a stack each, and a supernode takes from the one while it gives to the other.
-  void lay_out_stacks() {
+  void link_children() {
     last_child_.assign(nodes_.size(), -1);
     previous_sibling_.assign(nodes_.size(), -1);
-    std::array<Offset, 2> top{0, 0};
-    std::array<Offset, 2> highest{0, 0};
+    part_of_.assign(nodes_.size(), -1);
     for (Index s = 0; s < nodes_.size(); ++s) {
-      const std::size_t own = nodes_.odd_level[s];
-      top[own] += square(nodes_.update_rows(s));
-      highest[own] = std::max(highest[own], top[own]);
-      for (Index child = last_child_[s]; child != -1; child = previous_sibling_[child])
-        top[1 - own] -= square(nodes_.update_rows(child));
       const Index parent = nodes_.parent[s];
       if (parent == -1) continue;
       previous_sibling_[s] = last_child_[parent];
       last_child_[parent] = s;
     }
-    for (std::size_t parity = 0; parity < 2; ++parity) stacks_[parity].resize(highest[parity]);
+  }
+
+  template <class Visit>
+  void for_each_child(Index s, Visit&& visit) const {
+    for (Index child = last_child_[s]; child != -1; child = previous_sibling_[child]) visit(child);
+  }
+
+  /// Whether a child's update waits among those of its parent's part.
+  [[nodiscard]] bool waits_in(const detail::TreePart& part, Index child) const {
+    return &part != &above_ || part_of_[child] == -1;
+  }
+
+  void take_memory(detail::TreePart& part) {
+    part.take_memory(
+        nodes_,
+        [&](Index s, auto&& visit) {
+          for_each_child(s, [&](Index child) {
+            if (waits_in(part, child)) visit(child);
+          });
+        },
+        [&](Index s) { return square(nodes_.update_rows(s)); });
+  }
+
+  void divide() {
+    part_of_ = detail::divide_tree(nodes_, [&](Index s) {
+      const double own = nodes_.columns(s), rows = nodes_.update_rows(s);
+      return own * own * own / 6 + own * own * rows / 2 + own * rows * rows / 2;
+    });
+    for (Index s = 0; s < nodes_.size(); ++s) {
+      if (part_of_[s] >= to_index(parts_.size())) parts_.resize(static_cast<std::size_t>(part_of_[s]) + 1);
+      (part_of_[s] == -1 ? above_ : parts_[static_cast<std::size_t>(part_of_[s])]).supernodes.push_back(s);
+    }
+    for (detail::TreePart& part : parts_) take_memory(part);
+    take_memory(above_);
+    left_.assign(nodes_.size(), nullptr);
+  }
+
+  /// Factorises a part's supernodes, up to the first bad pivot, or column `stop`.
+  template <class Exec>
+  void factorize(detail::TreePart& part, const Matrix& matrix, std::span<const double> damping, const Exec& executor,
+                 Index stop) {
+    std::array<Offset, 2> top{0, 0};
+    part.bad_column = -1;
+    for (const Index s : part.supernodes) {
+      if (nodes_.first_column[s] >= stop) return;
+      std::fill_n(panel(s), panel_start_[Offset{s} + 1] - panel_start_[s], 0.0);
+      assemble(s, matrix, damping);
+      const detail::Panel<BlockSize> front = front_panel(s);
+      const std::size_t own = nodes_.odd_level[s];
+      double* const update = part.stacks[own].data() + top[own];
+      const Offset update_size = square(nodes_.update_rows(s));
+      std::fill_n(update, update_size, 0.0);
+      top[own] += update_size;
+      for_each_child(s, [&](Index child) {
+        const double* of_child = nullptr;
+        if (waits_in(part, child)) {
+          top[1 - own] -= square(nodes_.update_rows(child));
+          of_child = part.stacks[1 - own].data() + top[1 - own];
+        } else {
+          of_child = left_[child];
+        }
+        extend_add(of_child, nodes_.rows_in_parent(child), front, update);
+      });
+      const Index first = nodes_.first_column[s];
+      const Index bad = front.eliminate(scale_.data() + Offset{first} * BlockSize, options_.pivot_tolerance);
+      if (bad != -1) {
+        part.bad_column = first + bad;
+        return;
+      }
+      const Offset update_stride = Offset{nodes_.update_rows(s)} * BlockSize;
+      executor.for_chunks(nodes_.update_rows(s), 4, [&](Index begin, Index end) {
+        for (Index j = begin; j < end; ++j)
+          front.subtract_from_update(j, update + Offset{j} * BlockSize * (update_stride + 1), update_stride);
+      });
+      if (part_of_[s] != -1) left_[s] = update;
+    }
+  }
+
+  [[nodiscard]] FactorizationResult result(Index bad_column) const {
+    if (bad_column == -1) return {};
+    return {FactorizationStatus::not_positive_definite, nodes_.order[bad_column]};
   }
 
   void place_entries(const BlockPattern& pattern) {
@@ -238,68 +329,6 @@ class BlockCholesky {
     }
   }
 
-  /// Adds a child's update to its parent's panel and to the parent's own update (extend-add).
-  void add_update(Index child, Index parent, const double* update, double* parent_update) {
-    const std::span<const Index> place = nodes_.rows_in_parent(child);
-    const Offset from_stride = static_cast<Offset>(place.size()) * BlockSize;
-    const Index columns = nodes_.columns(parent);
-    for (std::size_t j = 0; j < place.size(); ++j) {
-      const bool own = place[j] < columns;
-      const Offset to_stride = own ? stride(parent) : Offset{nodes_.update_rows(parent)} * BlockSize;
-      const Index shift = own ? 0 : columns;
-      double* const to = (own ? panel(parent) : parent_update) + Offset{place[j] - shift} * BlockSize * to_stride;
-      const double* const from = update + static_cast<Offset>(j) * BlockSize * from_stride;
-      for (std::size_t i = j; i < place.size();) {
-        std::size_t end = i + 1;
-        while (end < place.size() && place[end] == place[end - 1] + 1) ++end;
-        add_rows(from + static_cast<Offset>(i) * BlockSize, from_stride, to + Offset{place[i] - shift} * BlockSize,
-                 to_stride, static_cast<Offset>(end - i) * BlockSize);
-        i = end;
-      }
-    }
-  }
-
-  /// Adds `BlockSize` columns of `rows` rows.
-  static void add_rows(const double* from, Offset from_stride, double* to, Offset to_stride, Offset rows) {
-    for (int column = 0; column < BlockSize; ++column, from += from_stride, to += to_stride) {
-      for (Offset row = 0; row < rows; row += BlockSize) {
-        Eigen::Map<Eigen::Matrix<double, BlockSize, 1>>(to + row) +=
-            Eigen::Map<const Eigen::Matrix<double, BlockSize, 1>>(from + row);
-      }
-    }
-  }
-
-  /// Factorises a front: its own columns in the panel, the Schur complement of its rows in `update`.
-  /// @returns the column with a bad pivot, numbered in the order of elimination, or -1.
-  [[nodiscard]] Index eliminate(Index s, double* update) {
-    const Index columns = nodes_.columns(s);
-    const Index front_rows = nodes_.front_rows(s);
-    const Offset step = stride(s);
-    double* const front = panel(s);
-    for (Index j = 0; j < columns; ++j) {
-      const double* const left = front + Offset{j} * BlockSize;
-      double* const diagonal = front + Offset{j} * BlockSize * (step + 1);
-      detail::subtract_product<BlockSize>(Offset{front_rows - j} * BlockSize, left, step, left, step,
-                                          Offset{j} * BlockSize, diagonal, step);
-      const Index column = nodes_.first_column[s] + j;
-      double* const reciprocals = reciprocals_.data() + Offset{column} * BlockSize;
-      if (!detail::factorize_block<BlockSize>(diagonal, step, scale_.data() + Offset{column} * BlockSize,
-                                              options_.pivot_tolerance, reciprocals))
-        return column;
-      detail::solve_from_right<BlockSize>(Offset{front_rows - j - 1} * BlockSize, diagonal, step, reciprocals,
-                                          diagonal + BlockSize, step);
-    }
-    const Index rows = nodes_.update_rows(s);
-    const Offset update_step = Offset{rows} * BlockSize;
-    for (Index j = 0; j < rows; ++j) {
-      const double* const left = front + Offset{columns + j} * BlockSize;
-      detail::subtract_product<BlockSize>(Offset{rows - j} * BlockSize, left, step, left, step,
-                                          Offset{columns} * BlockSize,
-                                          update + Offset{j} * BlockSize * (update_step + 1), update_step);
-    }
-    return -1;
-  }
-
   /// Gathers the entries of `work_` that a front touches.
   void gather(Index s) {
     const Offset own = Offset{nodes_.columns(s)} * BlockSize;
@@ -313,18 +342,7 @@ class BlockCholesky {
 
   void substitute_forward(Index s) {
     gather(s);
-    const Offset step = stride(s);
-    for (Index j = 0; j < nodes_.columns(s); ++j) {
-      double* const x = front_.data() + Offset{j} * BlockSize;
-      const double* const diagonal = panel(s) + Offset{j} * BlockSize * (step + 1);
-      const double* const reciprocals = reciprocals_.data() + Offset{nodes_.first_column[s] + j} * BlockSize;
-      for (int c = 0; c < BlockSize; ++c) {
-        x[c] *= reciprocals[c];
-        for (int r = c + 1; r < BlockSize; ++r) x[r] -= diagonal[c * step + r] * x[c];
-      }
-      detail::subtract_product<1>(Offset{nodes_.front_rows(s) - j - 1} * BlockSize, diagonal + BlockSize, step, x, 1,
-                                  BlockSize, x + BlockSize, step);
-    }
+    front_panel(s).substitute_forward(front_.data());
     const Offset own = Offset{nodes_.columns(s)} * BlockSize;
     std::copy_n(front_.data(), own, work_.data() + Offset{nodes_.first_column[s]} * BlockSize);
     const double* from = front_.data() + own;
@@ -336,18 +354,7 @@ class BlockCholesky {
 
   void substitute_backward(Index s) {
     gather(s);
-    const Offset step = stride(s);
-    for (Index j = nodes_.columns(s) - 1; j >= 0; --j) {
-      double* const x = front_.data() + Offset{j} * BlockSize;
-      const double* const diagonal = panel(s) + Offset{j} * BlockSize * (step + 1);
-      const double* const reciprocals = reciprocals_.data() + Offset{nodes_.first_column[s] + j} * BlockSize;
-      detail::subtract_dots<BlockSize>(Offset{nodes_.front_rows(s) - j - 1} * BlockSize, diagonal + BlockSize, step,
-                                       x + BlockSize, x);
-      for (int c = BlockSize - 1; c >= 0; --c) {
-        for (int r = c + 1; r < BlockSize; ++r) x[c] -= diagonal[c * step + r] * x[r];
-        x[c] *= reciprocals[c];
-      }
-    }
+    front_panel(s).substitute_backward(front_.data(), nodes_.update_rows(s));
     std::copy_n(front_.data(), Offset{nodes_.columns(s)} * BlockSize,
                 work_.data() + Offset{nodes_.first_column[s]} * BlockSize);
   }
@@ -362,10 +369,29 @@ class BlockCholesky {
   detail::Table<Entry> entries_;
   detail::Table<Index> last_child_;
   detail::Table<Index> previous_sibling_;
-  std::array<detail::Table<double>, 2> stacks_;
+  detail::Table<Index> part_of_;  ///< of each supernode, where the tree is divided: its part, -1 above
+  detail::TreePart whole_;
+  std::vector<detail::TreePart> parts_;
+  detail::TreePart above_;
+  detail::Table<const double*> left_;  ///< of each supernode in a part: its update, to be taken by what is above
   detail::Table<double> work_;
   detail::Table<double> front_;
 };
 static_assert(LinearSolver<BlockCholesky<6>>);
+
+/// A `BlockCholesky` that shares its factorisations out by an executor, which must outlive it.
+template <int BlockSize, Executor Exec>
+class ParallelCholesky : public BlockCholesky<BlockSize> {
+ public:
+  explicit ParallelCholesky(const Exec& executor) : executor_(executor) {}
+
+  [[nodiscard]] FactorizationResult factorize(const BlockMatrix<BlockSize>& matrix,
+                                              std::span<const double> damping = {}) {
+    return BlockCholesky<BlockSize>::factorize(matrix, damping, executor_);
+  }
+
+ private:
+  const Exec& executor_;
+};
 
 }  // namespace chainslam

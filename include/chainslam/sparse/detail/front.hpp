@@ -5,6 +5,7 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/dense_kernels.hpp"
+#include "chainslam/sparse/detail/panel.hpp"
 #include "chainslam/sparse/detail/table.hpp"
 
 namespace chainslam::detail {
@@ -61,37 +62,14 @@ class Front {
   /// Factorises the own columns and subtracts them from the update.
   /// @returns the own column with a bad pivot, or -1.
   [[nodiscard]] Index eliminate(double pivot_tolerance) const {
-    const Offset step = stride();
-    for (Index j = 0; j < columns_; ++j) {
-      const double* const left = panel() + Offset{j} * B;
-      double* const diagonal = panel() + Offset{j} * B * (step + 1);
-      subtract_product<B>(Offset{height() - j} * B, left, step, left, step, Offset{j} * B, diagonal, step);
-      double* const reciprocal = reciprocals() + Offset{j} * B;
-      if (!factorize_block<B>(diagonal, step, scale() + Offset{j} * B, pivot_tolerance, reciprocal)) return j;
-      solve_from_right<B>(Offset{height() - j - 1} * B, diagonal, step, reciprocal, diagonal + B, step);
-    }
-    for (Index j = 0; j < rows_; ++j) {
-      const double* const left = panel() + Offset{columns_ + j} * B;
-      subtract_product<B>(Offset{rows_ - j} * B, left, step, left, step, Offset{columns_} * B, update(j),
-                          update_stride(j));
-    }
+    const Index bad = own().eliminate(scale(), pivot_tolerance);
+    if (bad != -1) return bad;
+    for (Index j = 0; j < rows_; ++j) own().subtract_from_update(j, update(j), update_stride(j));
     return -1;
   }
 
   /// Applies the factor's inverse to the own part of a right-hand side and subtracts it from the rest.
-  void substitute_forward(double* right_side) const {
-    const Offset step = stride();
-    for (Index j = 0; j < columns_; ++j) {
-      double* const x = right_side + Offset{j} * B;
-      const double* const diagonal = panel() + Offset{j} * B * (step + 1);
-      const double* const reciprocal = reciprocals() + Offset{j} * B;
-      for (int c = 0; c < B; ++c) {
-        x[c] *= reciprocal[c];
-        for (int r = c + 1; r < B; ++r) x[r] -= diagonal[c * step + r] * x[c];
-      }
-      subtract_product<1>(Offset{height() - j - 1} * B, diagonal + B, step, x, 1, B, x + B, step);
-    }
-  }
+  void substitute_forward(double* right_side) const { own().substitute_forward(right_side); }
 
   /// First half of the backward substitution: subtracts what the rows' solution, behind the own part of `x`, takes.
   void subtract_rows(double* x) const {
@@ -101,19 +79,7 @@ class Front {
     }
   }
   /// Second half: turns the own part of `x` into the solution.
-  void solve_columns(double* solution) const {
-    const Offset step = stride();
-    for (Index j = columns_ - 1; j >= 0; --j) {
-      double* const x = solution + Offset{j} * B;
-      const double* const diagonal = panel() + Offset{j} * B * (step + 1);
-      const double* const reciprocal = reciprocals() + Offset{j} * B;
-      subtract_dots<B>(Offset{columns_ - j - 1} * B, diagonal + B, step, x + B, x);
-      for (int c = B - 1; c >= 0; --c) {
-        for (int r = c + 1; r < B; ++r) x[c] -= diagonal[c * step + r] * x[r];
-        x[c] *= reciprocal[c];
-      }
-    }
-  }
+  void solve_columns(double* solution) const { own().substitute_backward(solution, 0); }
   /// What the squared error of the whole system exceeds its minimum by if the own part is `x` instead of the solution,
   /// given `right` after `subtract_rows`.
   [[nodiscard]] double excess(const double* right_side, const double* x) const {
@@ -136,6 +102,8 @@ class Front {
   }
 
  private:
+  [[nodiscard]] Panel<B> own() const { return {panel(), reciprocals(), columns_, height(), stride()}; }
+
   void add_update(const Front& child, std::span<const Index> place) const {
     const Index count = child.rows();
     for (Index j = 0; j < count; ++j) {
@@ -149,7 +117,8 @@ class Front {
           add_transposed(from + Offset{i - j} * B, from_stride, block(column, row));
         } else {
           while (end < count && place[static_cast<std::size_t>(end)] == row + (end - i)) ++end;
-          add_rows(from + Offset{i - j} * B, from_stride, block(row, column), Offset{end - i} * B);
+          const Block to = block(row, column);
+          add_rows<B>(from + Offset{i - j} * B, from_stride, to.data, to.stride, Offset{end - i} * B);
         }
         i = end;
       }
@@ -167,13 +136,6 @@ class Front {
   }
   [[nodiscard]] Offset update_stride(Index column) const { return Offset{rows_ - column} * B; }
 
-  static void add_rows(const double* from, Offset from_stride, Block to, Offset rows) {
-    for (int column = 0; column < B; ++column, from += from_stride, to.data += to.stride) {
-      for (Offset row = 0; row < rows; row += B) {
-        for (int k = 0; k < B; ++k) to.data[row + k] += from[row + k];
-      }
-    }
-  }
   static void add_transposed(const double* from, Offset from_stride, Block to) {
     for (int column = 0; column < B; ++column) {
       for (int row = 0; row < B; ++row) to.data[row * to.stride + column] += from[column * from_stride + row];
