@@ -55,8 +55,10 @@ class IncrementalCholesky {
     /// Variables nearest to the newest in the graph that are eliminated late, where many are ordered: what comes next
     /// will touch these, and then not what lies beyond.
     Index near_variables = 100;
-    /// Fronts of more multiplications a variable are ordered anew whenever they are factorised anew.
+    /// Fronts of more multiplications a variable are ordered anew whenever they are factorised anew,
     double reorder_work = 20000.0;
+    /// if they take more than this share of all multiplications: a way through a large tree keeps its order.
+    double reorder_share = 0.3;
     /// In subtrees whose factorisation takes less than this share of a mean update's multiplications, what a front
     /// leaves to its parent is not kept, but computed again when the parent is.
     double forgotten_share = 0.2;

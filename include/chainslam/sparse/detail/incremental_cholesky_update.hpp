@@ -58,13 +58,14 @@ void IncrementalCholesky<BlockSize>::solve(bool exact) {
 
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::promote_heavy() {
-  double work = 0.0, columns = 1.0;
+  double work = 0.0, whole = 0.0, columns = 1.0;
   for (const Index node : stale_) {
+    if (tree_[node].parent == -1) whole += tree_[node].work;
     if (tree_[node].stale != Stale::numbers) continue;
     work += Front::work(tree_[node].columns, tree_[node].rows);
     columns += tree_[node].columns;
   }
-  if (work < options_.reorder_work * columns) return;
+  if (work < options_.reorder_work * columns || work < options_.reorder_share * whole) return;
   for (Offset k = 0; k < stale_.size(); ++k) {
     if (tree_[stale_[k]].stale == Stale::numbers) mark(stale_[k], Stale::order);
   }
