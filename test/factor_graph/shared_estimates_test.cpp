@@ -7,7 +7,10 @@
 #include <thread>
 #include <vector>
 
+#include "chainslam/core/thread_pool.hpp"
+#include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/lie/rn.hpp"
+#include "support/street_walk.hpp"
 
 using namespace chainslam;
 
@@ -68,5 +71,13 @@ TEST_SUITE("factor_graph/shared_estimates") {
     CHECK(wrong == 0);
     CHECK(shared.size() == smoother.size());
     CHECK(shared[5] == smoother[5]);
+  }
+
+  TEST_CASE("an optimisation on several threads ends at the bits of one") {
+    const auto walk = [] { return test::StreetWalk({.sessions = 2, .keyframes = 300, .blocks = 2}).graph(); };
+    PoseGraph one = walk(), four = walk();
+    REQUIRE(optimise(one, GaussNewton{}).ok());
+    REQUIRE(optimise(four, GaussNewton{}, ThreadPool(4)).ok());
+    CHECK(four.values() == one.values());
   }
 }

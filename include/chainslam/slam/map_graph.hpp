@@ -43,7 +43,8 @@ struct MapGraphOptions {
   /// Whether measurements of a loaded map are replaced by what its optimum says of them, as the released code does: the
   /// map then has no residuals, and counts what it knows twice.
   bool remeasure_loaded = false;
-  SmootherOptions smoother{};  ///< how near each optimisation comes to the optimum
+  /// How near each optimisation comes to the optimum. Without patience, since it goes on until nothing waits.
+  SmootherOptions smoother{.patience = 0.0};
   /// How near the last one does. Its iterations also bound the updates of the others.
   ConvergeOptions optimizer{.max_iterations = 50, .relative_tolerance = 1e-6, .restart = false};
 };
