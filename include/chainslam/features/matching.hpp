@@ -10,6 +10,7 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/features/detail/both.hpp"
 #include "chainslam/features/detail/distance_tiles.hpp"
 #include "chainslam/features/detail/nearest_features.hpp"
 
@@ -80,9 +81,13 @@ template <Executor Exec = Serial>
     throw std::invalid_argument("match_features: max_ratio must be in (0, 1], max_matches not negative");
   (void)to_index(std::max(source.cols(), target.cols()), "features");
   const bool with_ratio = options.max_ratio < 1 || options.max_matches > 0 || options.by_quality;
-  const Eigen::VectorXf center = detail::middle(target);
-  const Eigen::VectorXf direction = detail::spread(target);
-  const detail::FeatureSet sources(source, center, direction), targets(target, center, direction);
+  Eigen::VectorXf center, direction;
+  detail::call_both(
+      executor, [&] { center = detail::middle(target); }, [&] { direction = detail::spread(target); });
+  detail::FeatureSet sources, targets;
+  detail::call_both(
+      executor, [&] { sources = detail::FeatureSet(source, center, direction); },
+      [&] { targets = detail::FeatureSet(target, center, direction); });
   const detail::NearestBothWays nearest = detail::nearest_both_ways(sources, targets, center, with_ratio, executor);
   std::vector<FeatureMatch> matches;
   for (Index k = 0; k < sources.size(); ++k) {

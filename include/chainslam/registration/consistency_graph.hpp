@@ -36,8 +36,9 @@ class BitSet {
   void intersect(std::span<const Word> other) {
     for (std::size_t w = 0; w < words_.size(); ++w) words_[w] &= other[w];
   }
-  void subtract(std::span<const Word> other) {
-    for (std::size_t w = 0; w < words_.size(); ++w) words_[w] &= ~other[w];
+  /// Elements below `from` are left or not.
+  void subtract(std::span<const Word> other, Index from = 0) {
+    for (std::size_t w = static_cast<std::size_t>(from) / 64; w < words_.size(); ++w) words_[w] &= ~other[w];
   }
   [[nodiscard]] Index count() const {
     Index total = 0;
@@ -49,9 +50,9 @@ class BitSet {
     for (std::size_t w = 0; w < words_.size(); ++w) total += std::popcount(words_[w] & other[w]);
     return total;
   }
-  /// The smallest element, or -1.
-  [[nodiscard]] Index first() const {
-    for (std::size_t w = 0; w < words_.size(); ++w)
+  /// The smallest element, or -1, where none is below `from`.
+  [[nodiscard]] Index first(Index from = 0) const {
+    for (std::size_t w = static_cast<std::size_t>(from) / 64; w < words_.size(); ++w)
       if (words_[w] != 0) return static_cast<Index>(64 * w) + std::countr_zero(words_[w]);
     return -1;
   }

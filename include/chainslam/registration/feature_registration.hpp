@@ -11,6 +11,7 @@
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/features/detail/both.hpp"
 #include "chainslam/features/fpfh.hpp"
 #include "chainslam/features/matching.hpp"
 #include "chainslam/features/neighborhoods.hpp"
@@ -70,14 +71,8 @@ struct FeatureRegistration {
   [[nodiscard]] std::pair<DescribedCloud, DescribedCloud> describe_both(const Source& source, const Target& target,
                                                                         const Exec& executor = {}) const {
     ThinnedCloud thin_source, thin_target;
-    executor.for_chunks(2, 1, [&](Index begin, Index end) {
-      for (Index i = begin; i < end; ++i) {
-        if (i == 0)
-          thin_source = thin(source);
-        else
-          thin_target = thin(target);
-      }
-    });
+    detail::call_both(
+        executor, [&] { thin_source = thin(source); }, [&] { thin_target = thin(target); });
     return {describe(std::move(thin_source), executor), describe(std::move(thin_target), executor)};
   }
 

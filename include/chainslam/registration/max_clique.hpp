@@ -87,12 +87,14 @@ class CliqueSearch {
   void color(const BitSet& candidates, std::vector<Colored>& colored) const {
     const auto size = static_cast<Index>(chosen_.size());
     BitSet uncolored = candidates;
-    for (Index color = 1; uncolored.first() >= 0; ++color) {
-      BitSet available = uncolored;
-      for (Index vertex = available.first(); vertex >= 0; vertex = available.first()) {
+    BitSet available;
+    Index first = uncolored.first();
+    for (Index color = 1; first >= 0; ++color, first = uncolored.first(first)) {
+      available = uncolored;
+      for (Index vertex = first; vertex >= 0; vertex = available.first(vertex)) {
         uncolored.erase(vertex);
         available.erase(vertex);
-        available.subtract(graph_.row(vertex));
+        available.subtract(graph_.row(vertex), vertex);
         if (size + color > best_size_) colored.push_back({vertex, color});
       }
     }

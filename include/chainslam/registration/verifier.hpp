@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <concepts>
 #include <cstddef>
@@ -13,6 +12,7 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/features/detail/both.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/detail/range_image.hpp"
 #include "chainslam/registration/overlap.hpp"
@@ -166,13 +166,11 @@ struct Verifier {
       }
       return view;
     };
-    std::array<View, 2> views;
-    executor.for_chunks(2, 1, [&](Index begin, Index end) {
-      for (Index i = begin; i < end; ++i)
-        views[static_cast<std::size_t>(i)] =
-            i == 0 ? look(target, viewpoints.target, source, T) : look(source, viewpoints.source, target, T.inverse());
-    });
-    const Index in_view = views[0].points + views[1].points, through = views[0].through + views[1].through;
+    View of_source, of_target;
+    detail::call_both(
+        executor, [&] { of_source = look(target, viewpoints.target, source, T); },
+        [&] { of_target = look(source, viewpoints.source, target, T.inverse()); });
+    const Index in_view = of_source.points + of_target.points, through = of_source.through + of_target.through;
     result.in_view = in_view;
     result.seen_through = in_view > 0 ? static_cast<double>(through) / in_view : 0.0;
   }

@@ -12,6 +12,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/lanes.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/features/detail/both.hpp"
 #include "chainslam/features/detail/nearest_features.hpp"
 
 namespace chainslam::detail {
@@ -22,10 +23,9 @@ class DistanceTiles {
  public:
   static constexpr std::size_t tile_rows = 6, tile_columns = 2 * lane_count;
 
-  DistanceTiles(const FeatureSet& rows, const FeatureSet& columns, const Eigen::VectorXf& center)
-      : rows_(rows.panels(tile_rows, center)),
-        columns_(columns.panels(tile_columns, center)),
-        length_(static_cast<std::size_t>(center.rows())),
+  template <Executor Exec>
+  DistanceTiles(const FeatureSet& rows, const FeatureSet& columns, const Eigen::VectorXf& center, const Exec& executor)
+      : length_(static_cast<std::size_t>(center.rows())),
         row_count_(static_cast<std::size_t>(rows.size())),
         column_count_(static_cast<std::size_t>(columns.size())),
         row_norms_(padded(rows.half_squared_norms(), tile_rows)),
@@ -37,6 +37,9 @@ class DistanceTiles {
     };
     margin_ = std::numeric_limits<float>::epsilon() * static_cast<float>(length_ + 8) *
               (longest(rows.half_squared_norms()) + longest(columns.half_squared_norms()));
+    call_both(
+        executor, [&] { rows_ = rows.panels(tile_rows, center); },
+        [&] { columns_ = columns.panels(tile_columns, center); });
   }
 
   [[nodiscard]] Index row_panels() const { return static_cast<Index>(row_norms_.size() / tile_rows); }
@@ -165,16 +168,17 @@ template <Executor Exec>
   NearestBothWays found{NearestTable(source, target, rounding, with_second),
                         NearestTable(target, source, rounding, with_second)};
   if (source.size() == 0 || target.size() == 0) return found;
-  const DistanceTiles tiles(source, target, center);
+  const DistanceTiles tiles(source, target, center, executor);
   // What those with near shadows tell spares most of the others' tiles.
   constexpr std::size_t beside = 3, all = std::numeric_limits<std::size_t>::max();
   const Index panels = tiles.row_panels(), grain = std::max(Index{96}, (panels + 5) / 6);
-  tiles.offer(0, panels, beside, found.of_source, found.of_target);
-  std::vector<NearestTable> parts(static_cast<std::size_t>(count_chunks(panels, grain)), found.of_target);
-  executor.for_chunks(panels, grain, [&](Index begin, Index end) {
-    tiles.offer(begin, end, all, found.of_source, parts[static_cast<std::size_t>(begin / grain)]);
-  });
-  for (const NearestTable& part : parts) found.of_target.offer(part);
+  for (const std::size_t reach : {beside, all}) {
+    std::vector<NearestTable> parts(static_cast<std::size_t>(count_chunks(panels, grain)), found.of_target);
+    executor.for_chunks(panels, grain, [&](Index begin, Index end) {
+      tiles.offer(begin, end, reach, found.of_source, parts[static_cast<std::size_t>(begin / grain)]);
+    });
+    for (const NearestTable& part : parts) found.of_target.offer(part);
+  }
   return found;
 }
 

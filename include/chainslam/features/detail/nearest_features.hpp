@@ -70,6 +70,7 @@ namespace chainslam::detail {
 /// The features that say something, in the order of their shadows on a direction.
 class FeatureSet {
  public:
+  FeatureSet() = default;
   /// Of the columns those that are finite and not all zeros.
   FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const Eigen::VectorXf& center,
              const Eigen::VectorXf& direction) {
