@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/core/thread_pool.hpp"
 #include "chainslam/factor_graph/detail/normal_equations.hpp"
 #include "chainslam/sparse/cholmod.hpp"
 #include "eigen_ldlt.hpp"
@@ -93,6 +94,27 @@ void add(const std::string& name, std::shared_ptr<const System<Group>> system, R
       ->Unit(benchmark::kMillisecond);
 }
 
+/// Of the wall: two threads and one.
+template <class Group>
+void add_two_threads(const std::string& name, std::shared_ptr<const System<Group>> system) {
+  benchmark::RegisterBenchmark(name.c_str(),
+                               [system](benchmark::State& state) {
+                                 const ThreadPool pool(2);
+                                 ParallelCholesky<Group::dof, ThreadPool> two(pool);
+                                 BlockCholesky<Group::dof> one;
+                                 prepare(two, *system);
+                                 prepare(one, *system);
+                                 if (solution(two, *system) != solution(one, *system))
+                                   throw std::runtime_error("two threads give other bits");
+                                 const auto run = [&](auto& solver) {
+                                   return [&] { return solver.factorize(system->equations.matrix()).ok(); };
+                                 };
+                                 bench::versus<bench::WallTime>(state, run(two), Peer{"one_thread", run(one)});
+                               })
+      ->UseManualTime()
+      ->Unit(benchmark::kMillisecond);
+}
+
 const bool registered = [] {
   bench::for_each_pose_graph([](const std::string& graph_name, const auto& graph) {
     using Group = typename std::remove_cvref_t<decltype(graph)>::Value;
@@ -103,6 +125,7 @@ const bool registered = [] {
     });
     add<Group>("sparse/factorize/" + graph_name, system,
                [](auto& solver, const System<Group>& s) { return solver.factorize(s.equations.matrix()).ok(); });
+    add_two_threads<Group>("sparse/factorize_two_threads/" + graph_name, system);
     add<Group>("sparse/solve/" + graph_name, system,
                [](auto& solver, const System<Group>& s) { return solution(solver, s); });
   });

@@ -21,7 +21,7 @@ struct TreePart {
   Index bad_column = -1;  ///< the first whose pivot is bad, in the order of elimination; -1: none
 
   /// Takes the memory for the updates.
-  /// @param children   calls visit(child) for each of a supernode's children that is in this part.
+  /// @param for_each_child  (s, visit) calls visit(child) for each of a supernode's children that is in this part.
   /// @param update_size  of a supernode, in coefficients.
   template <class ForEachChild, class UpdateSize>
   void take_memory(const Supernodes& nodes, ForEachChild&& for_each_child, UpdateSize&& update_size) {
