@@ -110,6 +110,7 @@
 #include "chainslam/odometry/imu_rotation.hpp"
 #include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/odometry/leveller.hpp"
 #include "chainslam/odometry/lidar_inertial_odometry.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"

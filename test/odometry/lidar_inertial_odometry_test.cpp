@@ -253,6 +253,24 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(static_cast<double>(again.local_map().size()) < 1.05 * static_cast<double>(points));
   }
 
+  TEST_CASE("what levels a map turns it about the body, by the map's share of how gravity moved") {
+    const S2d up_before = S2d::from_vector({0.01, 0, 1});
+    InertialState x;
+    x.get<Inertial::position>() = R3d(Eigen::Vector3d(100, -50, 3));
+    x.get<Inertial::up>() = S2d::from_vector({0.01, 0.02, 1});
+    const auto turned = [&](double walk, double unknown) {
+      Leveller leveller(walk, unknown);
+      leveller.follow(up_before, x, 0.1);
+      CHECK((leveller.T_odom_map() * x.get<Inertial::position>().value() - x.get<Inertial::position>().value()).norm() <
+            1e-9);
+      const S2d up = leveller.T_odom_map().rotation() * x.get<Inertial::up>();
+      return 1 - up.local(up_before).norm() / x.get<Inertial::up>().local(up_before).norm();
+    };
+    CHECK(turned(0, 0.1) == doctest::Approx(0));
+    CHECK(turned(1e-3, 0) == doctest::Approx(1));
+    CHECK(turned(1e-3, 1e-3 * std::sqrt(0.1)) == doctest::Approx(0.5));
+  }
+
   TEST_CASE("mounted upside down, odom's +z still points up" * doctest::skip(quick())) {
     InertialTrip trip{.pose = upside_down, .scans = 30};
     const Followed run = follow_stroll(trip, trip.packets());

@@ -60,7 +60,7 @@ struct LiteralFastLio2 {
     const Noise none = Noise::Zero();
     const auto F_x = numeric_jacobian([&](const State& s) { return s.retract(dt * f(s, none)); }, x);
     const auto F_w = numeric_jacobian([&](const Noise& w) { return x.retract(dt * f(x, w)); }, none);
-    const ImuNoise density;
+    const ImuNoise density = fast_lio2().process.noise;
     Noise variances;
     variances << Eigen::Vector3d::Constant(density.gyro * density.gyro),
         Eigen::Vector3d::Constant(density.accel * density.accel),

@@ -13,7 +13,7 @@ struct ImuNoise {
   double gyro = 2e-3;             ///< rad/s per sqrt(Hz)
   double accel = 2e-2;            ///< m/s^2 per sqrt(Hz)
   double gyro_bias_walk = 5e-5;   ///< rad/s per sqrt(s)
-  double accel_bias_walk = 5e-4;  ///< m/s^2 per sqrt(s)
+  double accel_bias_walk = 2e-4;  ///< m/s^2 per sqrt(s)
 };
 
 enum class ImuIntegration {
@@ -36,6 +36,7 @@ struct ImuProcess {
   ImuNoise noise{};
   ImuIntegration integration = ImuIntegration::midpoint;
   double gravity = 9.81;  ///< m/s^2
+  double up_walk = 0;     ///< radians per sqrt(s), by which gravity's direction moves: a map of scans creeps
 
   /// @param dt  seconds, short: rates and forces count as constant (10 ms suffice for anything that carries a LiDAR).
   [[nodiscard]] Transition<InertialState> predict(const InertialState& x, const ImuInput& input, double dt) const;
@@ -95,6 +96,7 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
       per_time * (squared(noise.accel) + squared(input.accel_noise)) * (by_accel * by_accel.transpose());
   step.Q.diagonal().segment<3>(bg).setConstant(dt * dt * per_time * squared(noise.gyro_bias_walk));
   step.Q.diagonal().segment<3>(ba).setConstant(dt * dt * per_time * squared(noise.accel_bias_walk));
+  step.Q.diagonal().segment<2>(up).setConstant(dt * squared(up_walk));
   return step;
 }
 

@@ -17,7 +17,7 @@
 namespace chainslam {
 
 struct InertialMotionOptions {
-  ImuProcess process{};
+  ImuProcess process{.up_walk = 1e-3};
   ImuRecordOptions imu{};
   ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
   double start_speed = 5;    ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
@@ -27,12 +27,12 @@ struct InertialMotionOptions {
   double start_up = 0.15;         ///< radians, deviation of gravity's direction at a start in motion
   double rest_up = 0.01;          ///< and at rest: what the accelerometer's bias makes of it
   // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
-  double free_accel = 1.5;     ///< m/s^2 per sqrt(Hz)
-  double free_gyro = 0.2;      ///< rad/s per sqrt(Hz)
-  double max_free = 1.0;       ///< seconds that may be continued so; beyond, the body may be anywhere near
-  double lost_position = 2.0;  ///< metres, deviation after that
-  double lidar_position = 0;   ///< metres, deviation of the mounting; 0: known
-  double lidar_rotation = 0;   ///< radians
+  double free_accel = 1.5;       ///< m/s^2 per sqrt(Hz)
+  double free_gyro = 0.2;        ///< rad/s per sqrt(Hz)
+  double max_free = 1.0;         ///< seconds that may be continued so; beyond, the body may be anywhere near
+  double lost_position = 2.0;    ///< metres, deviation after that
+  double lidar_position = 0;     ///< metres, deviation of the mounting; 0: known
+  double lidar_rotation = 0.01;  ///< radians; a third of a degree off is usual, and turns tell
 };
 
 /// The filter's motion between scans: integrates the inertial unit, or continues the motion where that is silent, and

@@ -14,6 +14,7 @@
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/inertial_motion.hpp"
+#include "chainslam/odometry/leveller.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
 #include "chainslam/odometry/local_map.hpp"
 #include "chainslam/odometry/odometry_counts.hpp"
@@ -34,6 +35,7 @@ namespace chainslam {
 ///   scans alone; after more than a second without either, velocity and position are as good as unknown.
 /// - Readings at the end of their range count for little.
 /// - Directions that a scan does not see are left to the prediction.
+/// - The local map, to which scans are held, creeps out of level; gravity shows it, and the poses are kept level.
 /// - Empty, late and lost scans leave the traces of `LidarOdometry`.
 /// Same packets, same bits, whatever the executor. Poses are always finite. Nothing grows with the length of the drive.
 ///
@@ -71,10 +73,12 @@ class LidarInertialOdometry {
     return counts;
   }
   [[nodiscard]] const ImuStart& imu_start() const { return imu_start_; }
+  /// In the frame of the local map, which scans hold to itself; `T_odom_map` turns it level.
   [[nodiscard]] const InertialState& state() const { return motion_.state(); }
+  [[nodiscard]] const SE3d& T_odom_map() const { return leveller_.T_odom_map(); }
   [[nodiscard]] const InertialState::Jacobian& covariance() const { return motion_.filter().covariance(); }
   [[nodiscard]] const InertialHealth& health() const { return health_; }
-  [[nodiscard]] const Map& local_map() const { return map_.points(); }  ///< odom frame
+  [[nodiscard]] const Map& local_map() const { return map_.points(); }  ///< in its own frame
 
  private:
   using Filter = InertialMotion::Filter;
@@ -136,6 +140,7 @@ class LidarInertialOdometry {
   LidarInertialOdometryCounts counts_;
   LocalMap<Map> map_;
   InertialMotion motion_;
+  Leveller leveller_;
   ImuStart imu_start_;
   InertialHealth health_;
   std::deque<Sweep> waiting_;   ///< for readings: at most two
@@ -197,6 +202,8 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, cons
   }
   ++counts_.frames;
   imu_start_ = motion_.start(sweep.end);
+  leveller_ = Leveller(options_.motion.process.up_walk,
+                       imu_start_.at_rest ? options_.motion.rest_up : options_.motion.start_up);
   first.filter = motion_.filter();
   map_.extend(first.clouds.map, T_odom_body(state()));
   if (sweep.points.has_times()) first_ = std::move(sweep);
@@ -288,7 +295,9 @@ void LidarInertialOdometry<Map, Kernel>::rebuild_map(const Sweep& first, const A
 
 template <class Map, class Kernel>
 Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt attempt) {
+  const S2d up_before = state().template get<Inertial::up>();
   motion_.filter() = attempt.filter;
+  leveller_.follow(up_before, state(), motion_.interval());
   motion_.follow();
   bound_mounting();
   map_.extend(attempt.clouds.map, T_odom_body(state()));
@@ -323,7 +332,7 @@ template <class Map, class Kernel>
 Frame LidarInertialOdometry<Map, Kernel>::answer(Attempt& attempt, FrameStatus status) const {
   Frame frame;
   frame.time = motion_.time();
-  frame.T_odom_body = T_odom_body(state());
+  frame.T_odom_body = leveller_.T_odom_map() * T_odom_body(state());
   frame.covariance = pose_covariance(state(), covariance());
   frame.health = {.status = status,
                   .points = to_index(attempt.clouds.points.size()),
