@@ -163,6 +163,20 @@ TEST_SUITE("core/executor") {
     CHECK(begun == 2);
   }
 
+  TEST_CASE("two calls are both made, at the same time where there are threads") {
+    std::string made;
+    call_both(Serial{}, [&] { made += "first "; }, [&] { made += "second"; });
+    CHECK(made == "first second");
+    const ThreadPool pool(2);
+    std::atomic<int> begun = 0;
+    const auto wait_for_the_other = [&] {
+      ++begun;
+      while (begun < 2) std::this_thread::yield();
+    };
+    call_both(pool, wait_for_the_other, wait_for_the_other);
+    CHECK(begun == 2);
+  }
+
   TEST_CASE("pools of none and one run on the caller") {
     const auto caller = std::this_thread::get_id();
     for (const Index threads : {0, 1, -4}) {

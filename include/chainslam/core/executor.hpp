@@ -65,4 +65,15 @@ template <class T, Executor E, std::invocable<Index, Index> Chunk, class Combine
   return result;
 }
 
+/// Calls both, at the same time where the executor has threads for it.
+template <Executor E, std::invocable First, std::invocable Second>
+void call_both(const E& executor, First&& first, Second&& second) {
+  executor.for_chunks(2, 1, [&](Index begin, Index /*end*/) {
+    if (begin == 0)
+      first();
+    else
+      second();
+  });
+}
+
 }  // namespace chainslam

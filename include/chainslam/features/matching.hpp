@@ -10,7 +10,6 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/features/detail/both.hpp"
 #include "chainslam/features/detail/distance_tiles.hpp"
 #include "chainslam/features/detail/nearest_features.hpp"
 
@@ -82,10 +81,10 @@ template <Executor Exec = Serial>
   (void)to_index(std::max(source.cols(), target.cols()), "features");
   const bool with_ratio = options.max_ratio < 1 || options.max_matches > 0 || options.by_quality;
   Eigen::VectorXf center, direction;
-  detail::call_both(
+  call_both(
       executor, [&] { center = detail::middle(target); }, [&] { direction = detail::spread(target); });
   detail::FeatureSet sources, targets;
-  detail::call_both(
+  call_both(
       executor, [&] { sources = detail::FeatureSet(source, center, direction); },
       [&] { targets = detail::FeatureSet(target, center, direction); });
   const detail::NearestBothWays nearest = detail::nearest_both_ways(sources, targets, center, with_ratio, executor);

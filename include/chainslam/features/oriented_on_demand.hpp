@@ -14,8 +14,8 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/features/normals.hpp"
 #include "chainslam/search/concepts.hpp"
-#include "chainslam/search/detail/tree_leaves.hpp"
 #include "chainslam/search/kd_tree.hpp"
+#include "chainslam/search/leaf_neighbors.hpp"
 
 namespace chainslam {
 

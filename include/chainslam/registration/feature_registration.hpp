@@ -11,7 +11,6 @@
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
-#include "chainslam/features/detail/both.hpp"
 #include "chainslam/features/fpfh.hpp"
 #include "chainslam/features/matching.hpp"
 #include "chainslam/features/neighborhoods.hpp"
@@ -71,7 +70,7 @@ struct FeatureRegistration {
   [[nodiscard]] std::pair<DescribedCloud, DescribedCloud> describe_both(const Source& source, const Target& target,
                                                                         const Exec& executor = {}) const {
     ThinnedCloud thin_source, thin_target;
-    detail::call_both(
+    call_both(
         executor, [&] { thin_source = thin(source); }, [&] { thin_target = thin(target); });
     return {describe(std::move(thin_source), executor), describe(std::move(thin_target), executor)};
   }

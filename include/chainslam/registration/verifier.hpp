@@ -12,7 +12,6 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
-#include "chainslam/features/detail/both.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/detail/range_image.hpp"
 #include "chainslam/registration/overlap.hpp"
@@ -167,7 +166,7 @@ struct Verifier {
       return view;
     };
     View of_source, of_target;
-    detail::call_both(
+    call_both(
         executor, [&] { of_source = look(target, viewpoints.target, source, T); },
         [&] { of_target = look(source, viewpoints.source, target, T.inverse()); });
     const Index in_view = of_source.points + of_target.points, through = of_source.through + of_target.through;

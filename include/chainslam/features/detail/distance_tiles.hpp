@@ -12,7 +12,6 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/lanes.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/features/detail/both.hpp"
 #include "chainslam/features/detail/nearest_features.hpp"
 
 namespace chainslam::detail {
