@@ -18,7 +18,7 @@ std::unique_ptr<Structure> make_small_gicp_kd_tree();
 enum class PeersThat { grow, hold_a_scan };
 
 /// The peers of this build; all but small_gicp's two do both.
-inline std::vector<Maker> peers_that(PeersThat what) {
+inline std::vector<Maker> peers_that([[maybe_unused]] PeersThat what) {
   std::vector<Maker> all{{"nanoflann", make_nanoflann_peer}};
 #ifdef CHAINSLAM_PEER_NANOFLANN
   all.push_back({"nanoflann_incremental", make_nanoflann_incremental_peer});
