@@ -13,6 +13,7 @@
 
 #include "search/search_laws.hpp"
 #include "search/thinned_brute_force.hpp"
+#include "support/quick.hpp"
 
 namespace chainslam::test {
 
@@ -204,7 +205,8 @@ class History {
 /// @param make            `Map make()`: an empty map.
 /// @param make_reference  brute force that keeps the same points, empty.
 template <class Make, class MakeReference>
-void check_incremental_laws(Make&& make, MakeReference&& make_reference, int histories = 12, int steps = 30) {
+void check_incremental_laws(Make&& make, MakeReference&& make_reference, int histories = quick() ? 4 : 12,
+                            int steps = 30) {
   using Map = decltype(make());
   using Scalar = typename Map::Scalar;
   using Vector = SearchVector<Map>;
