@@ -12,9 +12,8 @@ compiler="${CXX:-clang++-14}"
 command -v "$compiler" >/dev/null || { echo "headers: no compiler $compiler" >&2; exit 2; }
 
 flags=(-std=c++20 -I "$include")
-for package in eigen3 cholmod; do
-  for flag in $(pkg-config --cflags-only-I "$package" 2>/dev/null || true); do flags+=(-isystem "${flag#-I}"); done
-done
+for flag in $(pkg-config --cflags-only-I eigen3); do flags+=(-isystem "${flag#-I}"); done
+for folder in {/usr/local,/usr}/include/suitesparse; do [ -d "$folder" ] && flags+=(-isystem "$folder"); done
 
 scratch="$(mktemp -d)"
 trap 'rm -r "$scratch"' EXIT
