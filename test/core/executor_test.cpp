@@ -165,7 +165,8 @@ TEST_SUITE("core/executor") {
 
   TEST_CASE("two calls are both made, at the same time where there are threads") {
     std::string made;
-    call_both(Serial{}, [&] { made += "first "; }, [&] { made += "second"; });
+    call_both(
+        Serial{}, [&] { made += "first "; }, [&] { made += "second"; });
     CHECK(made == "first second");
     const ThreadPool pool(2);
     std::atomic<int> begun = 0;
