@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -163,6 +164,31 @@ TEST_SUITE("cloud/voxel_grid") {
       CHECK(result.rejected == 4);
       REQUIRE(result.cloud.size() == 1);
       CHECK(result.cloud.positions[0] == Eigen::Vector3f(1, 2, 3));
+    }
+  }
+
+  TEST_CASE("cells millions apart, by whole turns of their keys, too, and at the rim of what there is, stay apart") {
+    std::vector<Eigen::Vector3d> points;
+    const double turn = std::ldexp(1, 21), rim = std::ldexp(1, 31);  // cells, of edge 1
+    for (const double x : {0.5, turn, -turn, turn / 2, -turn / 2 - 0.5, 3 * turn, 1e9, rim - 2, 1.5 - rim})
+      for (const double y : {0.25, 2 * turn, -rim + 1.75})
+        for (const double z : {0.75, turn + 1, 1 - turn}) points.emplace_back(x, y, z);
+    for (std::size_t i = 0; i < 27 * 3; ++i) points.push_back(points[i] + Eigen::Vector3d(0.1, 0.1, 0.1));
+    points.insert(points.begin() + 5, Eigen::Vector3d(rim, 0, 0));  // none any more
+    const auto cells = group(points, 1.0);
+    for (const bool reversed : {false, true}) {
+      if (reversed) std::reverse(points.begin(), points.end());
+      const auto thinned = VoxelGrid{.size = 1.0}.downsample<double>(points);
+      CHECK(thinned.rejected == 1);
+      REQUIRE(thinned.cloud.size() == cells.size() - 1);
+      for (const Eigen::Vector3d& mean : thinned.cloud.positions) {
+        const auto found = cells.find(key_of(mean, 1.0));
+        REQUIRE(found != cells.end());
+        CHECK(found->second.size() == 2);
+        CHECK((mean - points[reversed ? points.size() - 1 - found->second[0] : found->second[0]] -
+               Eigen::Vector3d(0.05, 0.05, 0.05))
+                  .norm() < 1e-6);
+      }
     }
   }
 

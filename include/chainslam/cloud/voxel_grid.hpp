@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <span>
 #include <stdexcept>
+#include <type_traits>
 #include <vector>
 
 #include "chainslam/cloud/columns.hpp"
@@ -56,104 +58,107 @@ template <Cloud Points>
 
 namespace detail {
 
-/// Puts the points into voxels, in their order. `first(block, i, point)` makes a voxel's content of point i of the
-/// block, which is `point` of the cloud; `add(content, block, i, point)` adds another; `visit(point, voxel)` learns
-/// where each went. Returns how many points were rejected.
-template <class Content, Cloud Points, class First, class Add, class Visit>
-Index fill_voxels(const Points& cloud, double inverse_size, VoxelTable<Content>& table, First&& first, Add&& add,
-                  Visit&& visit) {
+/// Puts the points into voxels, in their order. `visit(block, voxels)` learns where those of each block went, by which
+/// time the table has them. Returns how many points were rejected.
+template <Cloud Points, class Visit>
+Index fill_voxels(const Points& cloud, double inverse_size, VoxelTable& table, CellKeys& keys, Visit&& visit) {
   const std::size_t count = static_cast<std::size_t>(to_index(cloud_size(cloud), "cloud"));
-  Index rejected = 0;
+  std::size_t kept = 0;
   CellBlock block;
+  VoxelTable::Numbers voxels;
   for (std::size_t begin = 0; begin < count; begin += CellBlock::capacity) {
-    const std::size_t size = std::min(CellBlock::capacity, count - begin);
-    block.assign(cloud, begin, size, inverse_size);
-    for (std::size_t i = 0; i < size; ++i) {
-      if (!block.inside(i)) {
-        ++rejected;
-        continue;
-      }
-      const auto point = static_cast<Index>(begin + i);
-      visit(begin + i, table.put(
-                           block.cell(i), point, [&] { return first(block, i, point); },
-                           [&](Content& content) { add(content, block, i, point); }));
-    }
+    block.assign(cloud, begin, std::min(CellBlock::capacity, count - begin), inverse_size, keys);
+    table.number(block, voxels);
+    visit(block, voxels);
+    kept += block.size();
   }
-  return rejected;
+  return static_cast<Index>(count - kept);
 }
-
-inline constexpr auto visit_nothing = [](std::size_t, std::size_t) {};
 
 template <class Scalar, Cloud Points>
 [[nodiscard]] DownsampledCloud<Scalar> first_in_voxels(const Points& cloud, double inverse_size) {
-  struct Nothing {};
-  VoxelTable<Nothing> table(cloud_size(cloud));
-  const Index rejected = fill_voxels(
-      cloud, inverse_size, table, [](const CellBlock&, std::size_t, Index) { return Nothing{}; },
-      [](Nothing&, const CellBlock&, std::size_t, Index) {}, visit_nothing);
+  VoxelTable table(cloud_size(cloud));
+  CellKeys keys;
+  const Index rejected =
+      fill_voxels(cloud, inverse_size, table, keys, [](const CellBlock&, const VoxelTable::Numbers&) {});
   return {.cloud = select<Scalar>(cloud, table.first_points()), .rejected = rejected};
 }
 
 /// The point of each voxel that is nearest its centre.
 template <class Scalar, Cloud Points>
 [[nodiscard]] DownsampledCloud<Scalar> nearest_in_voxels(const Points& cloud, double inverse_size) {
-  struct Nearest {
-    double squared_offset;
-    Index point;
-  };
-  VoxelTable<Nearest> table(cloud_size(cloud));
-  const auto first = [](const CellBlock& block, std::size_t i, Index point) {
-    return Nearest{block.squared_offset(i), point};
-  };
-  const auto add = [](Nearest& nearest, const CellBlock& block, std::size_t i, Index point) {
-    const double squared = block.squared_offset(i);
-    const bool nearer = squared < nearest.squared_offset;
-    nearest.point = nearer ? point : nearest.point;
-    nearest.squared_offset = nearer ? squared : nearest.squared_offset;
-  };
-  const Index rejected = fill_voxels(cloud, inverse_size, table, first, add, visit_nothing);
+  VoxelTable table(cloud_size(cloud));
+  CellKeys keys;
+  std::vector<double> least;  // squared offsets
   std::vector<Index> chosen;
-  chosen.reserve(table.voxels().size());
-  for (const auto& voxel : table.voxels()) chosen.push_back(voxel.content.point);
+  const auto compare = [&](const CellBlock& block, const VoxelTable::Numbers& voxels) {
+    least.resize(table.size(), std::numeric_limits<double>::max());
+    chosen.resize(table.size());
+    for (std::size_t i = 0; i < block.size(); ++i) {
+      const double squared = block.squared_offset(i);
+      if (squared < least[voxels[i]]) {
+        least[voxels[i]] = squared;
+        chosen[voxels[i]] = block.point(i);
+      }
+    }
+  };
+  const Index rejected = fill_voxels(cloud, inverse_size, table, keys, compare);
   return {.cloud = select<Scalar>(cloud, chosen), .rejected = rejected};
 }
 
 inline constexpr Index in_no_voxel = -1;
 
 /// Sums of offsets, and how many: whole numbers, which any order of adding brings to the same bits.
-struct VoxelSum {
-  std::array<std::int64_t, 4> offsets;
-  [[nodiscard]] double count() const { return static_cast<double>(offsets[3]); }
+struct alignas(32) VoxelSum {
+  std::array<std::int64_t, 4> offsets{};
 
-  explicit VoxelSum(const CellBlock::Offset& first) : offsets{first[0], first[1], first[2], first[3]} {}
+  [[nodiscard]] double count() const { return static_cast<double>(offsets[3]); }
   void add(const CellBlock::Offset& offset) {
-    for (std::size_t i = 0; i < 4; ++i) offsets[i] += offset[i];
+    for (std::size_t i = 0; i < 4; ++i) offsets[i] += offset.numbers[i];
   }
 };
-using MeanTable = VoxelTable<VoxelSum>;
 
-/// The mean of a voxel's points: of one point, that point.
-template <Cloud Points>
-[[nodiscard]] Eigen::Vector3d mean_position(const Points& cloud, const MeanTable::Voxel& voxel, Index first_point,
-                                            double size) {
-  const VoxelSum& sum = voxel.content;
-  if (sum.offsets[3] == 1) return position(cloud, static_cast<std::size_t>(first_point));
-  const double share = 1.0 / (CellBlock::offset_scale * sum.count());
-  const auto coordinate = [&](std::int32_t cell, std::size_t axis) {
-    return (cell + 0.5 + static_cast<double>(sum.offsets[axis]) * share) * size;
-  };
-  const Cell& cell = voxel.cell.cell;
-  return {coordinate(cell.x, 0), coordinate(cell.y, 1), coordinate(cell.z, 2)};
+/// Voxels with the sums of their points.
+struct MeanTable {
+  VoxelTable voxels;
+  CellKeys keys{};
+  std::vector<VoxelSum> sums{};
+};
+
+/// The means of the voxels' points: of one point, that point.
+template <class Scalar, Cloud Points>
+void mean_positions(const Points& cloud, const MeanTable& table, double size,
+                    std::vector<Eigen::Matrix<Scalar, 3, 1>>& means) {
+  using Doubles4 = double __attribute__((vector_size(32)));
+  using Floats4 = float __attribute__((vector_size(16)));
+  using Longs4 = std::int64_t __attribute__((vector_size(32)));
+  using Scalars = std::conditional_t<sizeof(Scalar) == sizeof(float), Floats4, Doubles4>;
+  means.resize(table.sums.size());
+  for (std::size_t voxel = 0; voxel < means.size(); ++voxel) {
+    Longs4 sum;
+    std::memcpy(&sum, &table.sums[voxel], sizeof sum);
+    const double share = 1.0 / (CellBlock::offset_scale * static_cast<double>(sum[3]));
+    Doubles4 corner;
+    table.keys.cell(table.voxels.key(voxel), corner);
+    const Doubles4 mean = (corner + 0.5 + __builtin_convertvector(sum, Doubles4) * share) * size;
+    // Chosen without a branch, which would be a guess.
+    const Eigen::Vector3d p = position(cloud, static_cast<std::size_t>(table.voxels.first_points()[voxel]));
+    const Doubles4 point{p[0], p[1], p[2], 0};
+    const Longs4 alone = Longs4{} - (sum[3] == 1 ? 1 : 0);
+    const Doubles4 chosen = alone ? point : mean;
+    const Scalars rounded = __builtin_convertvector(chosen, Scalars);
+    means[voxel] = {rounded[0], rounded[1], rounded[2]};
+  }
 }
 
 /// Means of one column over the points of each voxel; `value(i)` is a number or a vector of doubles, like `zero`.
 template <class T, class Value>
 [[nodiscard]] std::vector<T> voxel_means(std::span<const Index> voxel_of_point, const MeanTable& table, const T& zero,
                                          Value&& value) {
-  std::vector<T> means(table.voxels().size(), zero);
+  std::vector<T> means(table.sums.size(), zero);
   for (std::size_t i = 0; i < voxel_of_point.size(); ++i)
     if (voxel_of_point[i] != in_no_voxel) means[static_cast<std::size_t>(voxel_of_point[i])] += value(i);
-  for (std::size_t voxel = 0; voxel < means.size(); ++voxel) means[voxel] /= table.voxels()[voxel].content.count();
+  for (std::size_t voxel = 0; voxel < means.size(); ++voxel) means[voxel] /= table.sums[voxel].count();
   return means;
 }
 
@@ -170,7 +175,7 @@ template <class Scalar, Cloud Points>
   for (std::size_t voxel = 0; voxel < means.size(); ++voxel) {
     const bool usable = means[voxel].norm() > cancelled;
     const Eigen::Vector3d mean =
-        usable ? means[voxel] : normal(cloud, static_cast<std::size_t>(table.first_points()[voxel]));
+        usable ? means[voxel] : normal(cloud, static_cast<std::size_t>(table.voxels.first_points()[voxel]));
     normals.push_back(mean.normalized().template cast<Scalar>());
   }
   return normals;
@@ -179,24 +184,24 @@ template <class Scalar, Cloud Points>
 template <class Scalar, Cloud Points>
 [[nodiscard]] DownsampledCloud<Scalar> mean_of_voxels(const Points& cloud, double size) {
   const bool normals = carries_normals(cloud), times = carries_times(cloud), intensities = carries_intensities(cloud);
-  MeanTable table(cloud_size(cloud));
+  MeanTable table{VoxelTable(cloud_size(cloud))};
+  table.sums.reserve(std::min<std::size_t>(cloud_size(cloud), 1 << 17));
   std::vector<Index> voxel_of_point;
-  const auto first = [](const CellBlock& block, std::size_t i, Index) { return VoxelSum(block.offset(i)); };
-  const auto add = [](VoxelSum& sum, const CellBlock& block, std::size_t i, Index) { sum.add(block.offset(i)); };
+  if (normals || times || intensities) voxel_of_point.assign(cloud_size(cloud), in_no_voxel);
+  const auto add = [&](const CellBlock& block, const VoxelTable::Numbers& voxels) {
+    table.sums.resize(table.voxels.size());
+    // Points that follow one another often share a voxel, whose sum would be waited for: four far ones at a time.
+    constexpr std::size_t stride = CellBlock::capacity / 4;
+    for (std::size_t first = 0; first < stride; ++first)
+      for (std::size_t i = first; i < block.size(); i += stride) table.sums[voxels[i]].add(block.offset(i));
+    if (voxel_of_point.empty()) return;
+    for (std::size_t i = 0; i < block.size(); ++i)
+      voxel_of_point[static_cast<std::size_t>(block.point(i))] = static_cast<Index>(voxels[i]);
+  };
   DownsampledCloud<Scalar> result;
-  if (normals || times || intensities) {
-    voxel_of_point.assign(cloud_size(cloud), in_no_voxel);
-    const auto note = [&](std::size_t point, std::size_t voxel) { voxel_of_point[point] = static_cast<Index>(voxel); };
-    result.rejected = fill_voxels(cloud, 1.0 / size, table, first, add, note);
-  } else {
-    result.rejected = fill_voxels(cloud, 1.0 / size, table, first, add, visit_nothing);
-  }
-  if (table.voxels().empty()) return result;
+  result.rejected = fill_voxels(cloud, 1.0 / size, table.voxels, table.keys, add);
   PointCloud<Scalar>& means = result.cloud;
-  means.positions.reserve(table.voxels().size());
-  for (std::size_t voxel = 0; voxel < table.voxels().size(); ++voxel)
-    means.positions.push_back(
-        mean_position(cloud, table.voxels()[voxel], table.first_points()[voxel], size).template cast<Scalar>());
+  mean_positions(cloud, table, size, means.positions);
   const auto mean_column = [&](auto&& value) {
     const auto column = voxel_means(voxel_of_point, table, 0.0, value);
     return std::vector<float>(column.begin(), column.end());

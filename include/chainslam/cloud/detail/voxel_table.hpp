@@ -1,9 +1,11 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "chainslam/cloud/detail/cell_block.hpp"
@@ -11,72 +13,90 @@
 
 namespace chainslam::detail {
 
-/// Voxels in the order in which they came, found by their cells: open addressing with linear probing over 32-bit
-/// numbers of voxels, at most half full. The eight cells of a cube of two edges share a line of memory, since points
-/// that follow one another mostly lie near one another. Cells are compared whole, so different ones are never confused.
-///
-/// @tparam Content  what a voxel keeps of its points.
-template <class Content>
+/// Numbers voxels in the order in which they come and finds them by their cells: open addressing over 32-bit numbers,
+/// at most half full. The cells of a brick share a line of memory, since points that follow one another mostly lie near
+/// one another. Keys are compared whole, so different cells are never confused.
 class VoxelTable {
  public:
-  struct Voxel {
-    HashedCell cell;
-    Content content;
-
-    Voxel(const HashedCell& where, const Content& first) : cell(where), content(first) {}
-  };
+  using Numbers = std::array<std::uint32_t, CellBlock::capacity>;  ///< a voxel for each point of a block
 
   /// @param points  how many will come at the most.
   explicit VoxelTable(std::size_t points)
-      : slots_(std::bit_ceil(std::clamp(2 * points, std::size_t{64}, std::size_t{1} << 18))) {
-    shift_ = 32 + 3 - std::countr_zero(slots_.size());
-    voxels_.reserve(std::min(points, slots_.size() / 2));
-    first_points_.reserve(voxels_.capacity());
+      : lines_(std::bit_ceil(std::clamp(2 * points, std::size_t{64}, std::size_t{1} << 18)) / CellKeys::brick) {
+    keys_.reserve(std::min(points, slot_count() / 2) + 1 + CellBlock::capacity);
+    first_points_.reserve(keys_.capacity());
   }
 
-  [[nodiscard]] const std::vector<Voxel>& voxels() const { return voxels_; }
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] std::uint64_t key(std::size_t voxel) const { return keys_[voxel + 1]; }
   /// The point with which each voxel came.
-  [[nodiscard]] const std::vector<Index>& first_points() const { return first_points_; }
+  [[nodiscard]] std::span<const Index> first_points() const { return {first_points_.data(), size_}; }
 
-  /// Puts a point into the cell's voxel: `add(content)` where there is one, else one is made of `first()`. Returns its
-  /// number.
-  template <class First, class Add>
-  std::size_t put(const HashedCell& cell, Index point, First&& first, Add&& add) {
-    for (std::size_t i = home(cell);; i = (i + 1) & (slots_.size() - 1)) {
-      const std::size_t voxel = slots_[i];
-      if (voxel == 0) {
-        voxels_.emplace_back(cell, first());
-        first_points_.push_back(point);
-        slots_[i] = static_cast<std::uint32_t>(voxels_.size());
-        if (2 * voxels_.size() > slots_.size()) grow();
-        return voxels_.size() - 1;
+  /// The voxels of a block's points, in their order; new ones where there are none yet.
+  void number(const CellBlock& block, Numbers& numbers) {
+    while (2 * (size_ + block.size()) > slot_count()) grow();
+    keys_.resize(size_ + 1 + block.size());
+    first_points_.resize(size_ + block.size());
+    const int shift = this->shift();
+    for (std::size_t k = 0; k < block.size(); ++k) numbers[k] = home(block.hash(k), shift);
+    for (std::size_t k = 0; k < block.size(); ++k) __builtin_prefetch(&slot(lines_, numbers[k]));
+    // Held here, for what is written below might be them.
+    const std::span<Line> lines(lines_);
+    std::uint64_t* const keys = keys_.data();
+    Index* const first_points = first_points_.data();
+    std::size_t size = size_;
+    for (std::size_t k = 0; k < block.size(); ++k) {
+      const std::uint64_t key = block.key(k);
+      std::size_t i = numbers[k];
+      std::uint32_t voxel = slot(lines, i);
+      while (voxel != 0 && keys[voxel] != key) {
+        i = next(lines, i);
+        voxel = slot(lines, i);
       }
-      Voxel& there = voxels_[voxel - 1];
-      if (!(there.cell == cell)) continue;
-      add(there.content);
-      return voxel - 1;
+      if (voxel == 0) {
+        first_points[size] = block.point(k);
+        voxel = static_cast<std::uint32_t>(++size);
+        keys[voxel] = key;
+        slot(lines, i) = voxel;
+      }
+      numbers[k] = voxel - 1;
     }
+    size_ = size;
   }
 
  private:
-  [[nodiscard]] std::size_t home(const HashedCell& cell) const {
-    return std::size_t{cell.hash >> shift_} << 3 | (cell.hash & 7U);
+  struct alignas(32) Line {
+    std::array<std::uint32_t, CellKeys::brick> slots{};
+  };
+
+  [[nodiscard]] std::size_t slot_count() const { return CellKeys::brick * lines_.size(); }
+  [[nodiscard]] static std::uint32_t& slot(std::span<Line> lines, std::size_t i) {
+    return lines[i / CellKeys::brick].slots[i % CellKeys::brick];
+  }
+  /// Another line and another place in it: near a taken slot most are taken. Odd, so that all slots come in turn.
+  [[nodiscard]] static std::size_t next(std::span<Line> lines, std::size_t i) {
+    return (i + CellKeys::brick + 1) & (CellKeys::brick * lines.size() - 1);
+  }
+
+  /// The shift that leaves the number of a line of a hash, at least 4 lines being there.
+  [[nodiscard]] int shift() const { return 32 - std::countr_zero(lines_.size()); }
+  [[nodiscard]] static std::uint32_t home(std::uint32_t hash, int shift) {
+    return (hash >> shift) * std::uint32_t{CellKeys::brick} | hash % CellKeys::brick;
   }
 
   void grow() {
-    slots_.assign(4 * slots_.size(), 0);
-    shift_ -= 2;
-    for (std::size_t voxel = 0; voxel < voxels_.size(); ++voxel) {
-      std::size_t i = home(voxels_[voxel].cell);
-      while (slots_[i] != 0) i = (i + 1) & (slots_.size() - 1);
-      slots_[i] = static_cast<std::uint32_t>(voxel + 1);
+    lines_.assign(4 * lines_.size(), Line{});
+    for (std::size_t voxel = 1; voxel <= size_; ++voxel) {
+      std::size_t i = home(CellKeys::hash(keys_[voxel]), shift());
+      while (slot(lines_, i) != 0) i = next(lines_, i);
+      slot(lines_, i) = static_cast<std::uint32_t>(voxel);
     }
   }
 
-  std::vector<std::uint32_t> slots_;  ///< the number of a voxel, counted from 1, or 0
-  std::vector<Voxel> voxels_;
+  std::vector<Line> lines_;          ///< numbers of voxels, counted from 1, or 0
+  std::vector<std::uint64_t> keys_;  ///< of voxels counted from 1
   std::vector<Index> first_points_;
-  int shift_;
+  std::size_t size_ = 0;
 };
 
 }  // namespace chainslam::detail
