@@ -116,4 +116,43 @@ TEST_SUITE("sparse/arena") {
     CHECK(arena.take(28000) != nullptr);
     CHECK(arena.capacity() == capacity);
   }
+
+  TEST_CASE("movable arrays keep their numbers and owners, and little lies idle between them") {
+    for_all(5, [](Rng& rng, int) {
+      detail::Arena<double, true> arena;
+      std::vector<std::vector<double>> expected(400);  // of each owner
+      std::vector<double*> arrays(expected.size(), nullptr);
+      Offset most = 0;
+      for (int k = 0; k < 8000; ++k) {
+        const Index owner = rng.uniform_index(to_index(arrays.size()));
+        const auto i = static_cast<std::size_t>(owner);
+        const auto count = static_cast<Offset>(expected[i].size());
+        if (arrays[i] == nullptr) {
+          // Larger ones later, for which no hole that was left before is large enough.
+          const Offset size = 1 + rng.uniform_index(100 + k / 8);
+          expected[i].resize(static_cast<std::size_t>(size));
+          for (double& number : expected[i]) number = rng.uniform();
+          arrays[i] = arena.take(size, owner);
+          std::ranges::copy(expected[i], arrays[i]);
+        } else if (rng.uniform_index(3) == 0) {
+          const Offset less = rng.uniform_index(to_index(count)) + 1;
+          arena.shrink(arrays[i], less);
+          expected[i].resize(static_cast<std::size_t>(less));
+        } else {
+          CHECK(std::equal(expected[i].begin(), expected[i].end(), arrays[i]));
+          arena.give_back(arrays[i], count);
+          arrays[i] = nullptr;
+        }
+        most = std::max(most, arena.used());
+        if (k % 7 == 0) arena.compact([&](Index of, double* now) { arrays[static_cast<std::size_t>(of)] = now; });
+      }
+      CHECK(static_cast<double>(arena.capacity()) < 1.6 * static_cast<double>(most) + 65536.0);
+      for (std::size_t i = 0; i < arrays.size(); ++i) {
+        if (arrays[i] == nullptr) continue;
+        CHECK(std::equal(expected[i].begin(), expected[i].end(), arrays[i]));
+        arena.give_back(arrays[i], static_cast<Offset>(expected[i].size()));
+      }
+      CHECK(arena.used() == 0);
+    });
+  }
 }

@@ -11,6 +11,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/table.hpp"
 
 namespace chainslam::detail {
@@ -18,14 +19,16 @@ namespace chainslam::detail {
 /// Memory for many arrays that come and go: taken from the system in large pieces, and used again without asking it.
 ///
 /// Arrays that are given back become one block with free neighbours; a block that is too large is split: two-level
-/// segregated fit (Masmano, Ripoll, Crespo and Real 2004, "TLSF"). Arrays do not move, and are not initialised. O(1).
-template <class T>
+/// segregated fit (Masmano, Ripoll, Crespo and Real 2004, "TLSF"). Arrays are not initialised. O(1).
+///
+/// Arrays of a `Movable` arena have owners, by number, and move when `compact` is called; others never do.
+template <class T, bool Movable = false>
 class Arena {
   static_assert(std::is_trivially_copyable_v<T> && sizeof(T) <= 8 && alignof(T) <= 8);
 
  public:
   /// An array of `count` elements.
-  [[nodiscard]] T* take(Offset count) {
+  [[nodiscard]] T* take(Offset count, Index owner = 0) {
     const std::size_t words = words_for(count);
     std::byte* block = find(words);
     if (block == nullptr) block = add_piece(words);
@@ -39,12 +42,14 @@ class Arena {
     }
     write(block, head);
     used_words_ += static_cast<Offset>(head.size);
-    return reinterpret_cast<T*>(block + word);
+    taken_words_ += static_cast<Offset>(head.size);
+    if constexpr (Movable) write(block + word, static_cast<std::int64_t>(owner));
+    return reinterpret_cast<T*>(block + front);
   }
 
   /// @param count  as it was taken.
   void give_back(T* array, Offset count) {
-    std::byte* const block = reinterpret_cast<std::byte*>(array) - word;
+    std::byte* const block = reinterpret_cast<std::byte*>(array) - front;
     assert(read<Header>(block).free == 0 && read<Header>(block).size >= words_for(count));
     static_cast<void>(count);
     set_free(block);
@@ -52,7 +57,7 @@ class Arena {
 
   /// Gives all back but the first `count` elements, which stay where they are.
   void shrink(T* array, Offset count) {
-    std::byte* const block = reinterpret_cast<std::byte*>(array) - word;
+    std::byte* const block = reinterpret_cast<std::byte*>(array) - front;
     Header head = read<Header>(block);
     const std::size_t words = words_for(count), rest = head.size - words;
     if (rest < smallest_block) return;
@@ -62,6 +67,35 @@ class Arena {
     set_free(block + words * word);
   }
 
+  /// Where more than a sixteenth of what is used lies idle between arrays, moves some of these together, by an eighth
+  /// of what was taken since the last call: what is free gathers at the pieces' ends.
+  ///
+  /// @param moved  (owner, array) is told where an array is now.
+  template <class Moved>
+  void compact(Moved&& moved) requires Movable {
+    Offset budget = taken_words_ / 8;
+    if (budget < 64 || pieces_.empty() || 16 * holes() <= used_words_) return;
+    taken_words_ = 0;
+    for (std::size_t ends = 0; budget > 0 && ends <= pieces_.size();) {
+      if (at_ == nullptr) at_ = pieces_[at_piece_].get();
+      const Header head = read<Header>(at_);
+      std::byte* const next = at_ + head.size * word;
+      budget -= 64;  // for looking
+      if (head.size == 0 || (head.free != 0 && read<Header>(next).size == 0)) {
+        at_piece_ = (at_piece_ + 1) % pieces_.size();
+        at_ = nullptr;
+        ++ends;
+      } else if (head.free == 0) {
+        at_ = next;
+      } else {
+        budget -= read<Header>(next).size;
+        move_down(next);
+        moved(static_cast<Index>(read<std::int64_t>(at_ + word)), reinterpret_cast<T*>(at_ + front));
+        at_ += read<Header>(at_).size * word;
+      }
+    }
+  }
+
   /// Elements that fit into what was taken from the system.
   [[nodiscard]] Offset capacity() const { return words_ * static_cast<Offset>(word / sizeof(T)); }
   /// Elements of the arrays that are taken, and what goes with them.
@@ -69,7 +103,8 @@ class Arena {
 
  private:
   static constexpr std::size_t word = 8;
-  static constexpr std::size_t smallest_block = 3;  ///< header and links, in words as all sizes
+  static constexpr std::size_t front = (Movable ? 2 : 1) * word;  ///< before an array: header, and owner
+  static constexpr std::size_t smallest_block = 3;                ///< header and links, in words as all sizes
   static constexpr std::size_t smallest_piece = 32768;
 
   /// Before each block. One of size 0 ends a piece.
@@ -102,7 +137,7 @@ class Arena {
   [[nodiscard]] static std::size_t words_for(Offset count) {
     const std::size_t payload = (static_cast<std::size_t>(count) * sizeof(T) + word - 1) / word;
     assert(payload < (std::size_t{1} << 30));
-    return std::max(smallest_block, payload + 1);
+    return std::max(smallest_block, payload + front / word);
   }
 
   /// Bins hold sizes of 1, 2, ... 15, and eight ranges between powers of two above.
@@ -129,6 +164,7 @@ class Arena {
   [[nodiscard]] std::byte* add_piece(std::size_t size) {
     const std::size_t whole = std::max({4 * size, smallest_piece, static_cast<std::size_t>(words_) / 2});
     pieces_.push_back(std::make_unique_for_overwrite<std::byte[]>(whole * word));
+    sizes_.push_back(whole);
     words_ += static_cast<Offset>(whole);
     std::byte* const block = pieces_.back().get();
     write(block + (whole - 1) * word, Header{0, 0, 0});
@@ -152,7 +188,33 @@ class Arena {
       size += before;
       before = read<Header>(block).before;
     }
+    if (at_ > block && at_ < block + size * word) at_ = block;
     add_free(block, size, before);
+  }
+
+  /// Words that are free between arrays, those at pieces' ends left out.
+  [[nodiscard]] Offset holes() const {
+    Offset at_ends = 0;
+    for (std::size_t k = 0; k < pieces_.size(); ++k) {
+      const std::byte* const end = pieces_[k].get() + (sizes_[k] - 1) * word;
+      const Header last = read<Header>(end);
+      if (last.before != 0 && read<Header>(end - last.before * word).free != 0) at_ends += last.before;
+    }
+    return words_ - used_words_ - at_ends;
+  }
+
+  /// Swaps a block with the free one before it.
+  void move_down(std::byte* block) {
+    Header head = read<Header>(block);
+    std::byte* const hole = block - head.before * word;
+    remove(hole);
+    const auto rest = static_cast<std::uint32_t>(head.before);
+    head.before = read<Header>(hole).before;
+    std::memmove(hole + word, block + word, (head.size - 1) * word);
+    write(hole, head);
+    write(hole + head.size * word, Header{rest, head.size & 0x7fffffffU, 0});
+    used_words_ += static_cast<Offset>(rest);
+    set_free(hole + head.size * word);
   }
 
   void add_free(std::byte* block, std::size_t size, std::size_t before) {
@@ -182,10 +244,14 @@ class Arena {
   }
 
   std::vector<std::unique_ptr<std::byte[]>> pieces_;
+  std::vector<std::size_t> sizes_;  ///< of pieces, in words
   std::array<std::byte*, 256> heads_{};
   std::array<std::uint64_t, 4> used_{};  ///< a bit for each bin that is not empty
   Offset words_ = 0;
   Offset used_words_ = 0;
+  Offset taken_words_ = 0;    ///< since the last move
+  std::size_t at_piece_ = 0;  ///< where to go on moving,
+  std::byte* at_ = nullptr;   ///< at which block; null: the piece's first
 };
 
 }  // namespace chainslam::detail

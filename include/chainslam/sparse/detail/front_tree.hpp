@@ -79,12 +79,16 @@ class FrontTree {
   }
   void take_numbers(Index node) {
     nodes_[node].has_update = true;
-    nodes_[node].data = numbers_.take(size(node));
+    nodes_[node].data = numbers_.take(size(node), node);
   }
   /// Gives the memory of its update alone back; all numbers are lost when they are taken again.
   void release_update(Index node) {
     nodes_[node].has_update = false;
     numbers_.shrink(nodes_[node].data, size(node));
+  }
+  /// Moves some fronts' numbers together, where much lies idle between them.
+  void compact() {
+    numbers_.compact([&](Index node, double* data) { nodes_[node].data = data; });
   }
   [[nodiscard]] Offset size(Index node) const {
     const Node& of = nodes_[node];
@@ -181,7 +185,7 @@ class FrontTree {
   Table<Node> nodes_;
   Table<Index> free_;
   Arena<Index> lists_;
-  Arena<double> numbers_;
+  Arena<double, true> numbers_;
 };
 
 }  // namespace chainslam::detail

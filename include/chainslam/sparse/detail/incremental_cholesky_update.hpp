@@ -26,6 +26,7 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize() {
   for (const Index variable : affected_) local_[variable] = -1;
   totals_.multiplications += work_.multiplications - multiplications_before;
   ++totals_.factorizations;
+  tree_.compact();
   return result;
 }
 
