@@ -42,6 +42,7 @@
 #include "chainslam/factor_graph/certificate.hpp"
 #include "chainslam/factor_graph/chordal_initialization.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/constrained_factor.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/factor_graph/gnss_factor.hpp"

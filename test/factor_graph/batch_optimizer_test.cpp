@@ -11,6 +11,7 @@
 #include "chainslam/lie/se2.hpp"
 #include "factor_graph/pose_graphs.hpp"
 #include "support/property.hpp"
+#include "support/quick.hpp"
 #include "support/real_data.hpp"
 
 using namespace chainslam;
@@ -55,7 +56,7 @@ void check_descent(Method method, Index iterations) {
 TEST_SUITE("factor_graph/batch_optimizer") {
   // Optima from shared/data/pose_graphs/README.md: first pose fixed, exact Jacobians, minimised by another solver from
   // the chordal start. Graphs whose stored vertices lead into another valley are not listed.
-  TEST_CASE("spatial benchmark graphs reach their known optimum from their own vertices") {
+  TEST_CASE("spatial benchmark graphs reach their known optimum from their own vertices" * doctest::skip(quick())) {
     struct Case {
       const char* name;
       double optimum;
@@ -74,7 +75,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     }
   }
 
-  TEST_CASE("planar benchmark graphs reach their known optimum with a user's own factor") {
+  TEST_CASE("planar benchmark graphs reach their known optimum with a user's own factor" * doctest::skip(quick())) {
     struct Case {
       const char* name;
       double optimum;

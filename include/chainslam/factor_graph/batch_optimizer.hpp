@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/constrained_factor.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
 #include "chainslam/factor_graph/detail/normal_equations.hpp"
 #include "chainslam/factor_graph/detail/open_directions.hpp"
@@ -34,6 +35,7 @@ struct OptimizeReport {
   Index iterations = 0;  ///< linear systems solved
   double initial_cost = 0.0;
   double final_cost = 0.0;  ///< of the graph's values as they are left
+  double violation = 0.0;   ///< how far the worst row of `Constrained` factors is from zero there, in its own units
   std::vector<Key> variables;
   /// Where something is unconstrained or singular: what is free to move, and how; `describe` says it in words.
   std::vector<FreePart> free;
@@ -269,18 +271,10 @@ class BatchOptimization {
   std::vector<double> diagonal_;
 };
 
-}  // namespace detail
-
-/// Finds the values at which the graph's cost is least, starting from those it has.
-///
-/// Something must hold each connected part in place: a prior or a fixed variable. Whatever fails is a status, and the
-/// graph then keeps its values, bit for bit.
-///
-/// @param method  GaussNewton, LevenbergMarquardt or Dogleg.
-/// @param solver  where the linear systems are solved; keeps its memory for the next call.
-template <class Group, class... Extra, class Method, LinearSolver Solver>
-OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, Solver& solver) {
-  auto components = detail::components_of(graph);
+/// Optimises with constraints as springs.
+template <class Graph, class Method, class Solver>
+[[nodiscard]] OptimizeReport optimise_springs(Graph& graph, const Method& method, Solver& solver) {
+  auto components = components_of(graph);
   std::vector<Key> floating = components.floating();
   if (!floating.empty()) {
     OptimizeReport report;
@@ -290,10 +284,50 @@ OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& metho
     report.variables = std::move(floating);
     return report;
   }
-  detail::BatchOptimization<FactorGraph<Group, Extra...>, Solver> optimization(graph, solver);
+  BatchOptimization<Graph, Solver> optimization(graph, solver);
   OptimizeReport report = optimization.run(method);
   if (report.ok()) graph.set_values(optimization.take_values());
-  if (report.status == OptimizeStatus::singular) report.free = detail::OpenDirections(graph).find();
+  if (report.status == OptimizeStatus::singular) report.free = OpenDirections(graph).find();
+  return report;
+}
+
+/// How far the worst constraint of a graph is from holding.
+template <class Graph>
+[[nodiscard]] double violation_of(const Graph& graph, const Values<typename Graph::Value>& values) {
+  double worst = 0.0;
+  graph.for_each_factor([&](const auto& factor) {
+    if constexpr (is_constraint<std::remove_cvref_t<decltype(factor)>>)
+      worst = std::max(worst, factor.violation(values));
+  });
+  return worst;
+}
+
+}  // namespace detail
+
+/// Finds the values at which the graph's cost is least, and `Constrained` factors hold, starting from those it has.
+///
+/// Something must hold each connected part in place: a prior or a fixed variable. Whatever fails is a status, and the
+/// graph then keeps its values, bit for bit.
+///
+/// @param method  GaussNewton, LevenbergMarquardt or Dogleg.
+/// @param solver  where the linear systems are solved; keeps its memory for the next call.
+template <class Group, class... Extra, class Method, LinearSolver Solver>
+OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, Solver& solver) {
+  OptimizeReport report = detail::optimise_springs(graph, method, solver);
+  if constexpr ((detail::is_constraint<Extra> || ...)) {
+    report.violation = detail::violation_of(graph, graph.values());
+    for (detail::ConstraintRounds rounds; report.ok() && rounds.more(report.violation);) {
+      graph.change_factors([&](auto& factor) {
+        if constexpr (requires { factor.tighten(graph.values()); }) factor.tighten(graph.values());
+      });
+      const OptimizeReport next = detail::optimise_springs(graph, method, solver);
+      report.iterations += next.iterations;
+      if (!next.ok()) break;
+      report.status = next.status;
+      report.final_cost = next.final_cost;
+      report.violation = detail::violation_of(graph, graph.values());
+    }
+  }
   return report;
 }
 

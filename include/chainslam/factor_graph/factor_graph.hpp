@@ -99,6 +99,12 @@ class FactorGraph {
     return to_index(std::erase_if(std::get<std::vector<F>>(factors_), remove));
   }
 
+  /// Calls visit(factor) for each factor, to change it in place; its keys stay.
+  template <class Visit>
+  void change_factors(Visit&& visit) {
+    std::apply([&](auto&... pools) { (std::ranges::for_each(pools, visit), ...); }, factors_);
+  }
+
   /// Calls visit(pool) with each type's `const std::vector<F>&`, in a fixed order.
   template <class Visit>
   void for_each_pool(Visit&& visit) const {

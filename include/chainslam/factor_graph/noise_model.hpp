@@ -45,10 +45,10 @@ class NoiseModel {
     return NoiseModel(root, "square-root information");
   }
 
-  /// @param sigmas  standard deviations, > 0; infinity for a direction without information.
+  /// @param sigmas  standard deviations, > 0; infinity for a direction without information. (0: see `Constrained`.)
   [[nodiscard]] static NoiseModel from_sigmas(const Vector& sigmas) {
     for (const double sigma : sigmas) {
-      if (!(sigma > 0.0)) refuse("sigmas", "must be positive");
+      if (!(sigma > 0.0)) refuse("sigmas", "must be positive; a residual that must be zero is a Constrained factor's");
     }
     return NoiseModel(sigmas.cwiseInverse().asDiagonal(), "sigmas");
   }

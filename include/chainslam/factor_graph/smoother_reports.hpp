@@ -18,7 +18,7 @@ struct SmootherOptions {
   double nonlinear_tolerance = 3e-5;
   /// Those factors wait until the estimate may be worse because of them by this part of `nonlinear_tolerance` in all,
   /// or until what they are eliminated in is computed anew for another reason. 0: not beyond the next update.
-  double patience = 0.3;
+  double patience = 0.2;
   /// A variable's factors are not looked at before its estimate has moved by this much (in the tangent space's units)
   /// since they were linearised, and then whenever it has moved half as far again.
   double first_look = 5e-3;
@@ -86,6 +86,7 @@ struct ConvergeReport {
   double initial_cost = 0.0;
   double final_cost = 0.0;  ///< chi^2 through the kernels
   double gap = 0.0;         ///< what the last step was predicted to gain, which bounds what is left to the optimum
+  double violation = 0.0;   ///< how far the worst row of `Constrained` factors is from zero, in its own units
 
   [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
 };

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <deque>
 #include <span>
 #include <tuple>
 #include <type_traits>
@@ -47,7 +48,6 @@ class FactorPool {
   [[nodiscard]] Index add(const F& factor, Index term) {
     ++alive_;
     if (free_.empty()) {
-      if (entries_.size() == entries_.capacity()) entries_.reserve(entries_.size() + entries_.size() / 4 + 16);
       entries_.push_back({factor, 1.0, term, 0, true});
       return to_index(entries_.size()) - 1;
     }
@@ -60,6 +60,8 @@ class FactorPool {
     entries_[static_cast<std::size_t>(slot)].alive = alive;
     alive_ += alive ? 1 : -1;
   }
+  /// To be changed in place; its keys stay.
+  [[nodiscard]] F& factor(Index slot) { return entries_[static_cast<std::size_t>(slot)].factor; }
   void set_weight(Index slot, double weight) { entries_[static_cast<std::size_t>(slot)].weight = weight; }
   /// Lets the place of a factor that is not alive be used again.
   void release(Index slot) {
@@ -91,9 +93,9 @@ class FactorPool {
   void save(ByteSink& out, std::span<const Index> released) const {
     StateWriter write(out);
     out.put(static_cast<std::uint64_t>(entries_.size()));
+    Index slot = 0;
     for (const Entry& entry : entries_) {
-      const auto slot = static_cast<Index>(&entry - entries_.data());
-      const auto more = static_cast<Index>(std::count(released.begin(), released.end(), slot));
+      const auto more = static_cast<Index>(std::count(released.begin(), released.end(), slot++));
       out.put(entry.alive ? entry.term : Index{-1});
       out.put(entry.generation + more);
       if (!entry.alive) continue;
@@ -121,7 +123,7 @@ class FactorPool {
   }
 
  private:
-  std::vector<Entry> entries_;
+  std::deque<Entry> entries_;  ///< grows without a copy, in time and in memory
   std::vector<Index> free_;
   Index alive_ = 0;
 };
@@ -189,6 +191,10 @@ class FactorPools {
     std::apply([&](auto&... pools) { (load_pool(pools, type++, in), ...); }, pools_);
   }
 
+  template <Factor F>
+  [[nodiscard]] FactorPool<F>& pool() {
+    return std::get<FactorPool<F>>(pools_);
+  }
   template <Factor F>
   [[nodiscard]] Index count() const {
     return std::get<FactorPool<F>>(pools_).alive();

@@ -15,6 +15,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/constrained_factor.hpp"
 #include "chainslam/factor_graph/detail/factor_pools.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
 #include "chainslam/factor_graph/linear_prior.hpp"
@@ -162,6 +163,7 @@ class IncrementalSmoother {
 
   /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything linearised anew at each
   /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.
+  /// Constraints then hold; the rests of their springs are part of the state.
   ConvergeReport converge(const ConvergeOptions& options = {});
 
   /// The least key of each connected part that priors and the like do not hold in all directions, what was added
@@ -246,6 +248,7 @@ class IncrementalSmoother {
     factor_added,
     factor_removed,
     factor_weighed,
+    factor_tightened,
     origin_moved,
     looked,
     judged,
@@ -255,7 +258,7 @@ class IncrementalSmoother {
     ChangeKind kind;
     Index id;      ///< key or term
     Group origin;  ///< before
-    double look;   ///< or weight, or how far a term is off, before
+    double look;   ///< or weight, how far a term is off, or number of a constraint's multipliers, before
   };
 
   void require_known(Key key) const {
@@ -335,6 +338,11 @@ class IncrementalSmoother {
   void relinearize_at_estimate(Key key) { relinearize_at(key, (*this)[key]); }
   void relinearize_at(Key key, const Group& origin);
   void relinearize_all();
+  static constexpr bool any_constraint = (detail::is_constraint<Extra> || ...);
+  [[nodiscard]] ConvergeReport converge_springs(const ConvergeOptions& options);
+  [[nodiscard]] double violation() const;
+  void tighten();
+  void restore_multipliers(const Change& change);
   void damped_descent(Values<Group> start, const ConvergeOptions& options, ConvergeReport& report);
   void touch(Index term);
   [[nodiscard]] bool linearize_touched(UpdateReport& report);
@@ -364,6 +372,7 @@ class IncrementalSmoother {
   std::vector<char> touched_;  ///< of each term
   std::vector<Index> touched_terms_;
   std::vector<Change> changes_;
+  std::vector<double> multipliers_before_;  ///< of constraints that were tightened since the last update
   detail::HeldComponents<Group> components_;
   bool components_outdated_ = false;
   Key oldest_ = 0;  ///< none before it is kept by `SmootherOptions::lag`

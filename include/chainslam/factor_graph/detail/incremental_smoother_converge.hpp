@@ -4,6 +4,7 @@
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/chordal_initialization.hpp"
+#include "chainslam/factor_graph/constrained_factor.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 
 // How `IncrementalSmoother` goes on to an optimum.
@@ -37,6 +38,63 @@ class IncrementalSmoother<Group, Extra...>::View {
 
 template <class Group, class... Extra>
 ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOptions& options) {
+  ConvergeReport report = converge_springs(options);
+  if constexpr (any_constraint) {
+    report.violation = violation();
+    for (detail::ConstraintRounds rounds; report.ok() && rounds.more(report.violation);) {
+      tighten();
+      ConvergeReport next = converge_springs(options);
+      next.initial_cost = report.initial_cost;
+      next.iterations += report.iterations;
+      next.violation = violation();
+      report = std::move(next);
+    }
+  }
+  return report;
+}
+
+template <class Group, class... Extra>
+double IncrementalSmoother<Group, Extra...>::violation() const {
+  const Values<Group> all = values();
+  double worst = 0.0;
+  pools_.for_each([&](const auto& entry) {
+    if constexpr (detail::is_constraint<std::remove_cvref_t<decltype(entry.factor)>>)
+      worst = std::max(worst, entry.factor.violation(all));
+  });
+  return worst;
+}
+
+/// The next update takes it in if it linearises everything anew.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::tighten() {
+  begin();
+  const Values<Group> all = values();
+  pools_.for_each([&](const auto& entry) {
+    using F = std::remove_cvref_t<decltype(entry.factor)>;
+    if constexpr (detail::is_constraint<F>) {
+      changes_.push_back(
+          {ChangeKind::factor_tightened, entry.term, {}, static_cast<double>(multipliers_before_.size())});
+      const auto& before = entry.factor.multipliers;
+      multipliers_before_.insert(multipliers_before_.end(), before.data(), before.data() + before.size());
+      pools_.template pool<F>().factor(pools_.place(entry.term).slot).tighten(all);
+    }
+  });
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::restore_multipliers(const Change& change) {
+  const auto place = pools_.place(change.id);
+  pools_.visit_pool(place.type, [&](auto& pool) {
+    auto& factor = pool.factor(place.slot);
+    using F = std::remove_cvref_t<decltype(factor)>;
+    if constexpr (detail::is_constraint<F>)
+      factor.set_multipliers(
+          Eigen::Map<const typename F::Residual>(multipliers_before_.data() + static_cast<std::size_t>(change.look)));
+  });
+}
+
+template <class Group, class... Extra>
+ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const ConvergeOptions& options) {
   constexpr double rounding = 1e-12;  // of a sum of squares
   ConvergeReport report;
   report.initial_cost = report.final_cost = cost();

@@ -55,6 +55,7 @@ void IncrementalSmoother<Group, Extra...>::begin() {
     pools_.visit_pool(place.type, [&](auto& pool) { pool.release(place.slot); });
   }
   changes_.clear();
+  multipliers_before_.clear();
   waiting_before_ = waiting_;
   far_before_ = far_;
   waiting_gap_before_ = waiting_gap_;
@@ -104,6 +105,9 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
     }
     case ChangeKind::factor_weighed:
       weigh_term(change.id, change.look);
+      break;
+    case ChangeKind::factor_tightened:
+      restore_multipliers(change);
       break;
     case ChangeKind::marginalized:
       marginalized_[static_cast<std::size_t>(change.id)] = 0;
