@@ -24,7 +24,7 @@ struct FastLio2Rules {
 /// iteration has come to rest, at most five passes; no direction is ever held.
 [[nodiscard]] inline FastLio2Rules fast_lio2() {
   constexpr double never = std::numeric_limits<double>::infinity();
-  return {.process = {.noise = {.accel_bias_walk = 5e-4}, .integration = ImuIntegration::euler},
+  return {.process = {.noise = {.gyro = 2e-3, .accel_bias_walk = 5e-4}, .integration = ImuIntegration::euler},
           .scan_to_map = {.max_matchings = 5, .min_matches = 1, .rematch_distance = never, .min_signal = -never},
           .scan = {.planes = PlaneForm::intercept, .fresh_distance = 0, .coarse_to_fine = false, .mean_time = false},
           .iteration = {.max_iterations = 5, .step_tolerance = 1e-3},

@@ -10,7 +10,7 @@ namespace chainslam {
 
 /// Densities of an inertial unit's noise; the defaults are wide of any unit on a vehicle that trembles.
 struct ImuNoise {
-  double gyro = 2e-3;             ///< rad/s per sqrt(Hz)
+  double gyro = 1e-3;             ///< rad/s per sqrt(Hz)
   double accel = 2e-2;            ///< m/s^2 per sqrt(Hz)
   double gyro_bias_walk = 5e-5;   ///< rad/s per sqrt(s)
   double accel_bias_walk = 2e-4;  ///< m/s^2 per sqrt(s)

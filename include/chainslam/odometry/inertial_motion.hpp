@@ -27,12 +27,13 @@ struct InertialMotionOptions {
   double start_up = 0.15;         ///< radians, deviation of gravity's direction at a start in motion
   double rest_up = 0.01;          ///< and at rest: what the accelerometer's bias makes of it
   // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
-  double free_accel = 1.5;       ///< m/s^2 per sqrt(Hz)
-  double free_gyro = 0.2;        ///< rad/s per sqrt(Hz)
-  double max_free = 1.0;         ///< seconds that may be continued so; beyond, the body may be anywhere near
-  double lost_position = 2.0;    ///< metres, deviation after that
-  double lidar_position = 0;     ///< metres, deviation of the mounting; 0: known
-  double lidar_rotation = 0.01;  ///< radians; a third of a degree off is usual, and turns tell
+  double free_accel = 1.5;        ///< m/s^2 per sqrt(Hz)
+  double free_gyro = 0.2;         ///< rad/s per sqrt(Hz)
+  double max_free = 1.0;          ///< seconds that may be continued so; beyond, the body may be anywhere near
+  double lost_position = 2.0;     ///< metres, deviation after that
+  double lidar_position = 0;      ///< metres, deviation of the mounting; 0: known
+  double lidar_rotation = 0.005;  ///< radians about each axis; a third of a degree off is usual, and turns tell
+  Index mounting_after = 3;       ///< scans, from which on it is estimated: the first make a crooked map
 };
 
 /// The filter's motion between scans: integrates the inertial unit, or continues the motion where that is silent, and
@@ -123,6 +124,7 @@ class InertialMotion {
   }
   void step(const ImuInput& input, double dt);
   void forget_velocity();
+  void doubt_mounting();
   /// Velocity and position of their own, correlated with nothing.
   void set_translation(const R3d& velocity, double speed_deviation, double position_deviation);
 
@@ -135,6 +137,7 @@ class InertialMotion {
   std::vector<Knot> way_;                                ///< from the last scan to this
   Eigen::Vector3d mean_rate_ = Eigen::Vector3d::Zero();  ///< rad/s, body frame, between the last two scans
   double measured_share_ = 0;
+  Index followed_ = 0;
 };
 
 inline ImuStart InertialMotion::start(Timestamp time) {
@@ -155,8 +158,6 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   set.operator()<Inertial::gyro_bias>(start.at_rest ? 0.2 * options_.start_gyro_bias : options_.start_gyro_bias);
   set.operator()<Inertial::accel_bias>(options_.start_accel_bias);
   set.operator()<Inertial::up>(start.at_rest ? options_.rest_up : options_.start_up);
-  set.operator()<Inertial::lidar_position>(options_.lidar_position);
-  set.operator()<Inertial::lidar_rotation>(options_.lidar_rotation);
   filter_ = Filter(x, variance.asDiagonal(), options_.process);
   time_ = time;
   started_ = true;
@@ -216,6 +217,24 @@ inline void InertialMotion::set_translation(const R3d& velocity, double speed_de
 inline void InertialMotion::follow() {
   if (!(interval() > 0)) return;
   mean_rate_ = way_.front().T_odom_body.rotation().local(state().get<Inertial::rotation>()) / interval();
+  if (++followed_ == options_.mounting_after) doubt_mounting();
+}
+
+/// The map so far is the LiDAR's: its pose is what is known there. Where that puts the body, and gravity, which the
+/// body feels, is known as well as the mounting.
+inline void InertialMotion::doubt_mounting() {
+  constexpr int up = inertial_offset<Inertial::up>;
+  const InertialState& x = state();
+  const auto lidar = lidar_pose_jacobian(x);
+  Eigen::Matrix<double, InertialState::dof, 6> spread = Eigen::Matrix<double, InertialState::dof, 6>::Zero();
+  spread.topRows<6>() = -lidar.leftCols<6>().inverse() * lidar.rightCols<6>();
+  spread.middleRows<2>(up) = -x.get<Inertial::up>().basis().transpose() * SO3d::hat(x.get<Inertial::up>().direction()) *
+                             x.get<Inertial::rotation>().matrix() * spread.middleRows<3>(3);
+  spread.bottomRows<6>().setIdentity();
+  Vector6d deviations;
+  deviations << Eigen::Vector3d::Constant(options_.lidar_position), Eigen::Vector3d::Constant(options_.lidar_rotation);
+  spread *= deviations.asDiagonal();
+  filter_.reset(x, filter_.covariance() + spread * spread.transpose());
 }
 
 inline SweepMotion InertialMotion::sweep_motion(Timestamp begin, const Vector6d& correction) const {

@@ -119,9 +119,13 @@ class LidarInertialOdometry {
     return attempt.report.accepted() && off(attempt) <= 2 * options_.max_error &&
            attempt.match.matches >= options_.min_match_ratio * static_cast<double>(attempt.clouds.points.size());
   }
-  /// The correction of the predicted pose, tangent of the latter.
+  /// Where a scan lies that was straightened with the mounting of before: where the LiDAR is now.
+  [[nodiscard]] SE3d scan_pose(const InertialState& x) const {
+    return T_odom_body(x) * T_body_lidar(x) * T_body_lidar(state()).inverse();
+  }
+  /// The correction of the predicted pose of the scan, tangent of the latter.
   [[nodiscard]] Vector6d correction(const Attempt& attempt) const {
-    return T_odom_body(state()).local(T_odom_body(attempt.filter.state()));
+    return T_odom_body(state()).local(scan_pose(attempt.filter.state()));
   }
   /// How far the prediction put the surroundings from where they were found, metres.
   [[nodiscard]] double off(const Attempt& attempt) const { return moved(correction(attempt), 10); }
@@ -239,8 +243,7 @@ auto LidarInertialOdometry<Map, Kernel>::attempt(const Sweep& sweep, const Vecto
       .state = state(),
       .error = error,
       .variance = options_.residual_variance > 0 ? options_.residual_variance : noise * noise * residuals_per_fact(),
-      .mean_age = first_ ? 0.0 : mean_age(sweep),  // a map as skewed as the scan lies at its mean time, too
-      .mounting = motion_.mean_rate().norm() >= options_.min_mounting_rate};
+      .mean_age = first_ ? 0.0 : mean_age(sweep)};  // a map as skewed as the scan lies at its mean time, too
   const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * Eigen::Vector3d(correction.head<3>());
   auto& velocity = prior.state.template get<Inertial::velocity>();
   velocity = R3d(velocity.value() + bent / std::max(motion_.interval(), 1e-3));
@@ -296,11 +299,12 @@ void LidarInertialOdometry<Map, Kernel>::rebuild_map(const Sweep& first, const A
 template <class Map, class Kernel>
 Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt attempt) {
   const S2d up_before = state().template get<Inertial::up>();
+  const SE3d T_odom_scan = scan_pose(attempt.filter.state());
   motion_.filter() = attempt.filter;
   leveller_.follow(up_before, state(), motion_.interval());
   motion_.follow();
   bound_mounting();
-  map_.extend(attempt.clouds.map, T_odom_body(state()));
+  map_.extend(attempt.clouds.map, T_odom_scan);
   lost_in_a_row_ = 0;
   constexpr double memory = 0.9;
   residual_noise_ = std::sqrt(memory * residual_noise_ * residual_noise_ +
@@ -347,10 +351,9 @@ Frame LidarInertialOdometry<Map, Kernel>::answer(Attempt& attempt, FrameStatus s
 template <class Map, class Kernel>
 double LidarInertialOdometry<Map, Kernel>::expected_error() const {
   constexpr double lever = 10;  // metres
-  const auto variances = covariance().diagonal();
-  const double error =
-      3 * (std::sqrt(variances.template segment<3>(inertial_offset<Inertial::position>).sum()) +
-           lever * std::sqrt(variances.template segment<3>(inertial_offset<Inertial::rotation>).sum()));
+  const auto by_state = lidar_pose_jacobian(state());
+  const Vector6d variances = (by_state * covariance() * by_state.transpose()).diagonal();
+  const double error = 3 * (std::sqrt(variances.head<3>().sum()) + lever * std::sqrt(variances.tail<3>().sum()));
   return std::clamp(error, options_.min_error, options_.max_error);
 }
 
@@ -372,6 +375,9 @@ void LidarInertialOdometry<Map, Kernel>::bound_mounting() {
     return;
   ++counts_.mounting_resets;
   InertialState x = state();
+  const SE3d T_odom = T_odom_body(x) * T_body_lidar(x) * options_.T_body_lidar.inverse();  // the LiDAR stays in the map
+  x.get<Inertial::position>() = R3d(T_odom.translation());
+  x.get<Inertial::rotation>() = T_odom.rotation();
   x.get<Inertial::lidar_position>() = R3d(options_.T_body_lidar.translation());
   x.get<Inertial::lidar_rotation>() = options_.T_body_lidar.rotation();
   InertialState::Jacobian P = covariance();

@@ -40,7 +40,6 @@ struct LidarInertialOdometryOptions {
   ScanMeasurementOptions scan{};
   IterationRule iteration{.max_iterations = 12, .step_tolerance = 1e-3};
   double residual_variance = 0;        ///< m^2; 0: learnt from the residuals
-  double min_mounting_rate = 0.2;      ///< rad/s: the mounting is estimated only while the body turns so fast
   double max_mounting_position = 0.3;  ///< metres off the given one; farther, the estimate is given up
   double max_mounting_rotation = 0.1;  ///< radians
 };

@@ -29,7 +29,6 @@ struct ScanPrior {
   double error = 0;        ///< metres: how far that may put a point from its place
   double variance = 1e-3;  ///< of a residual, m^2 (FAST-LIO2's code: 0.001)
   double mean_age = 0;     ///< seconds from the points' mean time to the sweep's end
-  bool mounting = true;    ///< the residuals may change the LiDAR's pose in the body frame
 };
 
 /// A scan measured by its points' distances to planes of the local map: the `MeasurementModel` of LiDAR-inertial
@@ -66,7 +65,6 @@ class ScanMeasurement {
     Eigen::Matrix<double, 6, InertialState::dof> jacobian =
         T_body_lidar(prior_.state).adjoint() * lidar_pose_jacobian(x);
     jacobian.block<3, 3>(0, inertial_offset<Inertial::velocity>) = -age() * pose(x).rotation().matrix().transpose();
-    if (!prior_.mounting) jacobian.rightCols<6>().setZero();
     return jacobian;
   }
 
