@@ -156,15 +156,11 @@ std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const Da
     throw_input_error(found.source, "",
                       std::to_string(times.size()) + " times for " + std::to_string(files.size()) + " clouds",
                       "give one line for each cloud");
-  ScanFiles parts;
+  ScanFiles parts = scans_of(DatasetKind::clouds, path,
+                             {folder.filename().string(), SensorKind::lidar, files.size(), first.substr(1) + " files"},
+                             times.front(), times[files.size() - 1]);
   DatasetInfo& info = parts.info;
-  info.kind = DatasetKind::clouds;
-  info.path = path;
-  info.name = folder_name(path);
   info.T_body_lidar = options.T_body_lidar.value_or(SE3d());
-  info.start = times.front();
-  info.end = times[files.size() - 1];
-  info.sensors.push_back({folder.filename().string(), SensorKind::lidar, files.size(), first.substr(1) + " files"});
   if (found.source.empty())
     info.oddities.push_back("nothing states when the clouds were taken: " + text_of(options.scan_rate) +
                             " Hz assumed; add times.txt or set the rate");
@@ -172,7 +168,6 @@ std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const Da
     info.notes.push_back("times from " + found.source);
   if (times.size() > files.size())
     info.oddities.push_back(std::to_string(times.size() - files.size()) + " times have no cloud");
-  parts.scans = files.size();
   parts.read = [files, times, rule = infer_times(read_cloud(files.front()), times.front(), options.point_time, info)](
                    std::size_t i) { return read_scan(files[i], times[i], rule); };
   for (const auto& place : {path, folder.parent_path()})

@@ -104,16 +104,11 @@ std::unique_ptr<Dataset> open_helipr(const fs::path& path, const DatasetOptions&
   const std::string sensor(layout.sensor);
   const std::vector<fs::path> files = files_in(folder, {".bin"});
   const std::vector<Timestamp> times = times_of_names(files);
-  ScanFiles parts;
+  ScanFiles parts =
+      scans_of(DatasetKind::helipr, path, {sensor, SensorKind::lidar, files.size(), "times of points as stored"},
+               times.front(), times.back());
   DatasetInfo& info = parts.info;
-  info.kind = DatasetKind::helipr;
-  info.path = path;
-  info.name = folder_name(path);
-  info.start = times.front();
-  info.end = times.back();
-  info.sensors.push_back({sensor, SensorKind::lidar, files.size(), "times of points as stored"});
   info.notes.push_back("LiDARs that are there: " + contents_of(path / "LiDAR") + "; read: " + sensor);
-  parts.scans = files.size();
   parts.read = [=](std::size_t i) { return read_scan(files[i], layout, times[i]); };
   add_xsens(parts, path / "Inertial_data/xsens_imu.csv");
   const bool inertial = !parts.others.empty();

@@ -51,21 +51,16 @@ std::unique_ptr<Dataset> open_kitti(const fs::path& path, const DatasetOptions& 
         path.string(), "",
         std::to_string(files.size()) + " scans in velodyne, " + std::to_string(times.size()) + " lines in times.txt",
         "give one line of times.txt for each scan");
-  ScanFiles parts;
+  ScanFiles parts =
+      scans_of(DatasetKind::kitti, path, {"velodyne", SensorKind::lidar, files.size(), "corrected for motion by KITTI"},
+               times.front(), times[files.size() - 1]);
   DatasetInfo& info = parts.info;
-  info.kind = DatasetKind::kitti;
-  info.path = path;
-  info.name = folder_name(path);
   info.T_body_lidar = options.T_body_lidar.value_or(SE3d());
   info.motion_corrected = true;
-  info.start = times.front();
-  info.end = times[files.size() - 1];
-  info.sensors.push_back({"velodyne", SensorKind::lidar, files.size(), "corrected for motion by KITTI"});
   if (times.size() > files.size())
     info.oddities.push_back(std::to_string(times.size() - files.size()) + " times have no scan");
   const double angle = options.kitti_raise_deg;
   if (angle != 0) info.notes.push_back("points turned " + text_of(angle) + " deg upwards, as KITTI's lasers ask for");
-  parts.scans = files.size();
   parts.read = [=](std::size_t i) {
     LidarScan scan{.time = times[i], .end = times[i], .cloud = read_kitti_bin(files[i])};
     if (angle != 0) raise(scan.cloud, angle * std::numbers::pi / 180);

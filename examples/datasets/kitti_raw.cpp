@@ -189,16 +189,11 @@ std::unique_ptr<Dataset> open_kitti_raw(const fs::path& path, const DatasetOptio
   const NumberedFiles scans = numbered_files(velodyne / "data", {".bin", ".txt"}, stamps.start.size());
   if (scans.files.empty())
     throw_input_error((velodyne / "data").string(), "", "no scans", "put the drive's scans there");
-  ScanFiles parts;
+  ScanFiles parts = scans_of(DatasetKind::kitti_raw, path,
+                             {"velodyne_points", SensorKind::lidar, scans.files.size(), "times of points by azimuth"},
+                             stamps.start[scans.numbers.front()], stamps.end[scans.numbers.back()]);
   DatasetInfo& info = parts.info;
-  info.kind = DatasetKind::kitti_raw;
-  info.path = path;
-  info.name = folder_name(path);
   info.truth = options.truth;
-  info.start = stamps.start[scans.numbers.front()];
-  info.end = stamps.end[scans.numbers.back()];
-  info.sensors.push_back({"velodyne_points", SensorKind::lidar, scans.files.size(), "times of points by azimuth"});
-  parts.scans = scans.files.size();
   parts.read = [=](std::size_t i) {
     const fs::path& file = scans.files[i];
     const Timestamp start = stamps.start[scans.numbers[i]], end = stamps.end[scans.numbers[i]];

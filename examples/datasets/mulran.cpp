@@ -70,15 +70,10 @@ std::unique_ptr<Dataset> open_mulran(const fs::path& path, const DatasetOptions&
       if (fs::is_regular_file(place / name)) return place / name;
     return fs::path();
   };
-  ScanFiles parts;
+  ScanFiles parts = scans_of(DatasetKind::mulran, path,
+                             {"Ouster", SensorKind::lidar, files.size(), "times of points by column, 1024 a turn"},
+                             times.front(), times.back());
   DatasetInfo& info = parts.info;
-  info.kind = DatasetKind::mulran;
-  info.path = path;
-  info.name = folder_name(path);
-  info.start = times.front();
-  info.end = times.back();
-  info.sensors.push_back({"Ouster", SensorKind::lidar, files.size(), "times of points by column, 1024 a turn"});
-  parts.scans = files.size();
   parts.read = [=](std::size_t i) { return ouster_scan(times[i], read_kitti_bin(files[i])); };
   add_xsens(parts, find("xsens_imu.csv"));
   const bool inertial = !parts.others.empty();

@@ -48,15 +48,10 @@ std::unique_ptr<Dataset> open_newer_college(const fs::path& path, const DatasetO
   const fs::path folder = newer_college_scans(path);
   const std::vector<fs::path> files = files_in(folder, {".pcd"});
   const std::vector<Timestamp> times = times_of_names(files);
-  ScanFiles parts;
+  ScanFiles parts = scans_of(DatasetKind::newer_college, path,
+                             {"ouster_scan", SensorKind::lidar, files.size(), "times of points by column, 1024 a turn"},
+                             times.front(), times.back());
   DatasetInfo& info = parts.info;
-  info.kind = DatasetKind::newer_college;
-  info.path = path;
-  info.name = folder_name(path);
-  info.start = times.front();
-  info.end = times.back();
-  info.sensors.push_back({"ouster_scan", SensorKind::lidar, files.size(), "times of points by column, 1024 a turn"});
-  parts.scans = files.size();
   parts.read = [=](std::size_t i) { return ouster_scan(times[i], read_pcd(files[i])); };
   for (const fs::path& place : {folder.parent_path(), path}) {
     const fs::path table = find_imu_table(place);

@@ -7,6 +7,7 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/sensor/imu_units.hpp"
+#include "datasets/files.hpp"
 
 namespace chainslam::datasets {
 namespace {
@@ -58,6 +59,19 @@ class ScanFileSet final : public Dataset {
 };
 
 }  // namespace
+
+ScanFiles scans_of(DatasetKind kind, const std::filesystem::path& path, SensorInfo lidar, Timestamp start,
+                   Timestamp end) {
+  ScanFiles parts;
+  parts.scans = lidar.count.value_or(0);
+  parts.info.kind = kind;
+  parts.info.path = path;
+  parts.info.name = folder_name(path);
+  parts.info.start = start;
+  parts.info.end = end;
+  parts.info.sensors.push_back(std::move(lidar));
+  return parts;
+}
 
 std::unique_ptr<Dataset> dataset_of(ScanFiles parts) { return std::make_unique<ScanFileSet>(std::move(parts)); }
 

@@ -22,6 +22,11 @@ struct ScanFiles {
   std::vector<std::function<std::string()>> end{};  ///< asked at the end what was left out on the way; may be empty
 };
 
+/// What all such data sets begin with: kind, folder and its name, the LiDAR with its number of scans, first and last
+/// time of them.
+[[nodiscard]] ScanFiles scans_of(DatasetKind kind, const std::filesystem::path& path, SensorInfo lidar, Timestamp start,
+                                 Timestamp end);
+
 /// Reads such a data set in time order. Scans whose files are damaged are left out, which is said at the end with the
 /// first one's place.
 [[nodiscard]] std::unique_ptr<Dataset> dataset_of(ScanFiles parts);
