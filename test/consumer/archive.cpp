@@ -1,6 +1,6 @@
-#include <chainslam/chainslam.hpp>
 #include <chainslam/io/map_archive.hpp>
 #include <filesystem>
+#include <string>
 
 int main(int, char** arguments) {
   const std::filesystem::path path = std::string(arguments[0]) + ".cslam";

@@ -16,6 +16,7 @@
 
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/io/tum.hpp"
+#include "simulator/hurry.hpp"
 #include "simulator/rig.hpp"
 #include "simulator/town_drive.hpp"
 
@@ -52,7 +53,12 @@ Preset quick_avenue() {
   quick.town.passages.clear();
   quick.sessions[0].route = {{0, 0}, {1, 0}, {1, 1}};
   quick.sessions[1].route = {{1, 1}, {1, 0}, {0, 0}};
+  chainslam::test::hurry(quick);
   return quick;
+}
+
+std::size_t packets_of(const TownDrive& drive) {
+  return static_cast<std::size_t>(drive.scan_count() * quick_preset().lidar.firings_per_revolution / 12);
 }
 
 /// The value of a field in each row of a table, as it is written; a row is a line.
@@ -178,7 +184,7 @@ TEST_SUITE("simulator/simulate") {
 
     SUBCASE("velodyne_hits.bin") {
       const auto packets = read_hits(folder.path / "velodyne_hits.bin");
-      REQUIRE(packets.size() == static_cast<std::size_t>(5 * drive.scan_count()));
+      REQUIRE(packets.size() == packets_of(drive));
       CHECK(packets.front().utime == epoch_us);
       std::uint64_t points = 0;
       for (std::size_t i = 0; i < packets.size(); ++i) {
@@ -350,7 +356,7 @@ TEST_SUITE("simulator/simulate") {
       const TownDrive drive(two_days, 4, session);
       CHECK(entries_in(place) == 6);
       CHECK(read_tum(place / "truth.tum").times == drive.truth_at_scan_ends().times);
-      CHECK(read_hits(place / "velodyne_hits.bin").size() == static_cast<std::size_t>(5 * drive.scan_count()));
+      CHECK(read_hits(place / "velodyne_hits.bin").size() == packets_of(drive));
       const std::string number = std::to_string(session + 1);
       CHECK(read_file(place / "README.txt").find("session: " + number + " of 2, ") != std::string::npos);
       scans += drive.scan_count();
