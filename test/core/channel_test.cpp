@@ -16,7 +16,7 @@ namespace {
 
 using Item = std::unique_ptr<int>;
 
-TEST_SUITE("core/channel") {
+TEST_SUITE("threads: core/channel") {
   TEST_CASE("items come out in the order in which they went in") {
     Channel<int> channel(3);
     std::vector<int> received;
@@ -101,7 +101,7 @@ TEST_SUITE("core/channel") {
   }
 }
 
-TEST_SUITE("core/snapshot") {
+TEST_SUITE("threads: core/snapshot") {
   TEST_CASE("is empty until something is stored") {
     Snapshot<int> snapshot;
     CHECK(snapshot.load() == nullptr);

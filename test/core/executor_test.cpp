@@ -65,7 +65,7 @@ Index first_failure(const E& executor) {
   return -1;
 }
 
-TEST_SUITE("core/executor") {
+TEST_SUITE("threads: core/executor") {
   TEST_CASE("a reduction has the same bits on no, one, two and eight threads") {
     for (const Index grain : {1, 7, 64, 100'000}) {
       const double expected = harmonic_sum(Serial{}, 10'000, grain);

@@ -37,7 +37,8 @@ struct Counting {
 }  // namespace
 
 TEST_SUITE("factor_graph/shared_estimates") {
-  TEST_CASE("other threads read whole updates, one after another, while the next one runs") {
+  TEST_CASE("other threads read whole updates, one after another, while the next one runs" *
+            doctest::test_suite("threads: factor_graph/shared_estimates")) {
     Counting smoother;
     SharedEstimates<R1d> shared;
     smoother.update(1);
@@ -73,7 +74,8 @@ TEST_SUITE("factor_graph/shared_estimates") {
     CHECK(shared[5] == smoother[5]);
   }
 
-  TEST_CASE("an optimisation on several threads ends at the bits of one") {
+  TEST_CASE("an optimisation on several threads ends at the bits of one" *
+            doctest::test_suite("threads: factor_graph/shared_estimates")) {
     const auto walk = [] { return test::StreetWalk({.sessions = 2, .keyframes = 300, .blocks = 2}).graph(); };
     PoseGraph one = walk(), four = walk();
     REQUIRE(optimise(one, GaussNewton{}).ok());

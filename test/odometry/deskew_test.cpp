@@ -96,7 +96,7 @@ TEST_SUITE("odometry/deskew") {
     CHECK(corrected.positions[3].x() == doctest::Approx(9));
   }
 
-  TEST_CASE("threads change no bit, and an empty sweep stays empty") {
+  TEST_CASE("threads change no bit, and an empty sweep stays empty" * doctest::test_suite("threads: odometry/deskew")) {
     Rng rng(2);
     const PointCloud<float> sweep = random_sweep(rng, 20000, 0.1);
     const SweepMotion motion = SweepMotion::constant_twist(0.1, twist_of(12, 1, 0, 0.1, 0.2, 1));

@@ -219,7 +219,7 @@ TEST_SUITE("odometry/lidar_odometry") {
     CHECK(odometry.process(Packet(sweep_at(elsewhere, 1.4, ahead)))->health.status != FrameStatus::lost);
   }
 
-  TEST_CASE("threads change no bit") {
+  TEST_CASE("threads change no bit" * doctest::test_suite("threads: odometry/lidar_odometry")) {
     const ThreadPool threads(3);
     const Run serial = drive(hall(), walking, 12, Spinner{});
     const Run parallel = drive(hall(), walking, 12, Spinner{}, {}, threads);

@@ -120,7 +120,7 @@ TEST_SUITE("odometry/scan_to_map") {
     CHECK(std::abs(normal_of(rows).z()) > 0.99F);
   }
 
-  TEST_CASE("threads change no bit") {
+  TEST_CASE("threads change no bit" * doctest::test_suite("threads: odometry/scan_to_map")) {
     Rng rng(4);
     const VoxelMap<float> map = map_of(hall(), rng);
     const PointCloud<float> scan = seen_from(hall(), SE3d(), rng);

@@ -87,7 +87,8 @@ MatchedPoints moved_points(Rng& rng, Index count, bool normals) {
 TEST_SUITE("registration/consistency_graph") {
   TEST_CASE(
       "connects what distances and normals allow, as comparing them one "
-      "by one does") {
+      "by one does" *
+      doctest::test_suite("threads: registration/consistency_graph")) {
     for_all(20, [](Rng& rng, int size) {
       const bool normals = size % 2 == 0;
       const MatchedPoints points = moved_points(rng, 5 * size, normals);

@@ -55,7 +55,8 @@ TEST_SUITE("registration/feature_registration") {
     });
   }
 
-  TEST_CASE("described once or in one go, on one thread or four: the same bits") {
+  TEST_CASE("described once or in one go, on one thread or four: the same bits" *
+            doctest::test_suite("threads: registration/feature_registration")) {
     Rng rng(2);
     const PointCloud<float> source = view(rng, stand(rng), 6000), target = view(rng, stand(rng), 6000);
     const FeatureRegistration<> registration = small_scale();

@@ -103,7 +103,8 @@ TEST_SUITE("registration/gaussian_voxel_map") {
     }
   }
 
-  TEST_CASE("alignment to it finds T_target_source, the same bits on any number of threads") {
+  TEST_CASE("alignment to it finds T_target_source, the same bits on any number of threads" *
+            doctest::test_suite("threads: registration/gaussian_voxel_map")) {
     for_all(5, [](Rng& rng, int) {
       const SE3d truth = asymmetric_pose() * random_motion(rng, 1.0, 0.5);
       GaussianVoxelMap map;

@@ -125,7 +125,8 @@ TEST_SUITE("registration/graph_consensus") {
 
   TEST_CASE(
       "swapped, it gives the inverse; the same bits on one, two and "
-      "eight threads") {
+      "eight threads" *
+      doctest::test_suite("threads: registration/graph_consensus")) {
     for_all(6, [](Rng& rng, int) {
       const OrientedMatches made = oriented_matches(rng, 500, 0.8, asymmetric_pose());
       std::vector<FeatureMatch> swapped;

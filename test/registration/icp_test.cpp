@@ -162,7 +162,7 @@ TEST_SUITE("registration/icp") {
               0.01);
   }
 
-  TEST_CASE("the same bits on one thread, on two and on eight") {
+  TEST_CASE("the same bits on one thread, on two and on eight" * doctest::test_suite("threads: registration/icp")) {
     Rng rng(6);
     const SE3d truth = asymmetric_pose();
     const PointCloud<float> source = seen_from(sample(rng, yard(), 5000, 0.02), truth);

@@ -56,7 +56,8 @@ TEST_SUITE("registration/overlap") {
     }
   }
 
-  TEST_CASE("any number of threads gives the same bits; senseless arguments are refused") {
+  TEST_CASE("any number of threads gives the same bits; senseless arguments are refused" *
+            doctest::test_suite("threads: registration/overlap")) {
     Rng rng(2);
     const KdTree<float> target(sample(rng, yard(), 3000));
     const PointCloud<float> source = sample(rng, yard(), 3000, 0.1);

@@ -121,7 +121,8 @@ TEST_SUITE("registration/ransac") {
     CHECK(again < 0.5 * once);
   }
 
-  TEST_CASE("the same bits on one, two and four threads; another seed, another way") {
+  TEST_CASE("the same bits on one, two and four threads; another seed, another way" *
+            doctest::test_suite("threads: registration/ransac")) {
     for_all(10, [](Rng& rng, int) {
       const MatchedScene made = scene(rng, 500, 0.85, 0.1);
       const KdTree<float> target(made.target);

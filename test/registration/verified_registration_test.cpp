@@ -97,7 +97,8 @@ TEST_SUITE("registration/verifier") {
 
   TEST_CASE(
       "any number of threads gives the same figures; empty clouds are "
-      "refused, mistakes thrown") {
+      "refused, mistakes thrown" *
+      doctest::test_suite("threads: registration/verifier")) {
     Rng rng(2);
     const PointCloud<float> source = sample(rng, yard(), 3000);
     const IndexedCloud<> target(sample(rng, yard(), 3000));
@@ -118,7 +119,8 @@ TEST_SUITE("registration/verifier") {
 TEST_SUITE("registration/verified_registration") {
   TEST_CASE(
       "aligns two views of a yard to centimetres, in the direction that "
-      "its name says, and back") {
+      "its name says, and back" *
+      doctest::test_suite("threads: registration/verified_registration")) {
     for_all(6, [](Rng& rng, int) {
       const SE3d T_yard_source = any_stand(rng), T_yard_target = any_stand(rng);
       const SE3d truth = T_yard_target.inverse() * T_yard_source;

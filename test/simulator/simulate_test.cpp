@@ -159,7 +159,7 @@ std::size_t entries_in(const fs::path& path) {
 }  // namespace
 
 TEST_SUITE("simulator/simulate") {
-  TEST_CASE("one thread and two write the same bytes") {
+  TEST_CASE("one thread and two write the same bytes" * doctest::test_suite("threads: simulator/simulate")) {
     const Folder one("one");
     const Folder two("two");
     const SimulationReport report = simulate(quick_preset(), 11, one.path, Serial{});

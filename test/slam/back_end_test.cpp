@@ -101,7 +101,8 @@ struct ScannedRound : Round {
 }  // namespace
 
 TEST_SUITE("slam/back_end") {
-  TEST_CASE("round the block, closing the loop cuts the drift to a fifth, and threads do not change a bit") {
+  TEST_CASE("round the block, closing the loop cuts the drift to a fifth, and threads do not change a bit" *
+            doctest::test_suite("threads: slam/back_end")) {
     const ScannedRound round;
     const auto back_end = round.run(Serial{});
     const SlamMap& map = back_end->map();
@@ -264,7 +265,8 @@ TEST_SUITE("slam/back_end") {
     CHECK(back_end.map().keyframes.size() == round.truth.size());
   }
 
-  TEST_CASE("readers on other threads see whole maps while keyframes are added") {
+  TEST_CASE("readers on other threads see whole maps while keyframes are added" *
+            doctest::test_suite("threads: slam/back_end")) {
     const Round round;
     std::vector<LoopClosure> script;
     for (Index to = 2; to < to_index(round.truth.size()); to += 2)

@@ -74,7 +74,7 @@ void drive(Add&& add) {
 
 }  // namespace
 
-TEST_SUITE("slam/pipeline") {
+TEST_SUITE("threads: slam/pipeline") {
   TEST_CASE("the back end hears of everything in the order in which it came, on a thread of its own") {
     DiaryBackEnd by_hand;
     drive([&](auto&& call) { call(by_hand); });

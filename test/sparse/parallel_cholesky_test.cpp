@@ -26,7 +26,8 @@ BlockPattern square_lattice(Index side) {
 }  // namespace
 
 TEST_SUITE("sparse/parallel_cholesky") {
-  TEST_CASE("any number of threads gives the bits of one, and names the same bad column") {
+  TEST_CASE("any number of threads gives the bits of one, and names the same bad column" *
+            doctest::test_suite("threads: sparse/parallel_cholesky")) {
     const ThreadPool one(1), two(2), eight(8);
     for_all(12, [&](Rng& rng, int size) {
       const BlockPattern pattern =
