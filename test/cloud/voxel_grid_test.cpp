@@ -102,6 +102,23 @@ TEST_SUITE("cloud/voxel_grid") {
     });
   }
 
+  TEST_CASE("a mean does not depend, by a bit, on whether points far from it came before") {
+    for_all(30, [](Rng& rng, int size) {
+      const double origin = rng.uniform(0, 1) < 0.5 ? 0 : rng.uniform(-3e6, 3e6);
+      auto points = random_points(rng, 4 * size, Eigen::Vector3d(origin, 0, -origin / 2));
+      for (const double tiny : {-1e-20, -1e-10, -0x1p-32, -0x1p-31, 0x1p-32, 0.0}) points.emplace_back(tiny, tiny, 1);
+      points.emplace_back(std::nextafter(0x1p20, 0), -0x1p20, std::nextafter(-0x1p20, -0x1p21));
+      const double edge = rng.uniform(0, 1) < 0.5 ? 1 : rng.uniform(0.1, 2);
+      auto later = points;
+      later.insert(later.begin(), Eigen::Vector3d(1e8, -1e8, 5e7));
+      const auto means = VoxelGrid{.size = edge}.downsample<double>(points).cloud.positions;
+      auto again = VoxelGrid{.size = edge}.downsample<double>(later).cloud.positions;
+      again.erase(again.begin());
+      CHECK(means == again);
+      CHECK(means.size() == group(points, edge).size());
+    });
+  }
+
   TEST_CASE("tens of thousands of voxels, most of one point") {
     Rng rng(5);
     std::vector<Eigen::Vector3f> points;

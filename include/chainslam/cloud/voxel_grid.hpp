@@ -38,7 +38,7 @@ struct DownsampledCloud {
 ///
 /// Voxel (0, 0, 0) has its lower corner at the origin. Cells are whole numbers computed in double, so that neither
 /// distance from the origin nor neighbouring clouds change which points share a voxel. Means are sums of whole numbers,
-/// 2^-32 of the edge each, about the voxel's centre: the order of its points does not change a mean by a bit.
+/// 2^-31 of the edge each, about the voxel's centre: the order of its points does not change a mean by a bit.
 struct VoxelGrid {
   double size = 0.5;  ///< edge, metres
   VoxelMode mode = VoxelMode::mean;

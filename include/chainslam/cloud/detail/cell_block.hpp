@@ -1,9 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -29,8 +29,6 @@ class CellKeys {
     low_ = {number(cell.x) - span / 2, number(cell.y) - span / 2, number(cell.z) - span / 2};
   }
 
-  /// The lowest coordinates that need no table.
-  [[nodiscard]] const std::array<std::uint32_t, 3>& lowest() const { return low_; }
   [[nodiscard]] static std::uint64_t near_key(std::uint32_t x, std::uint32_t y, std::uint32_t z) {
     return x | std::uint64_t{y} << bits | std::uint64_t{z} << 2 * bits;
   }
@@ -81,13 +79,15 @@ class CellKeys {
   std::vector<Cell> far_cells_;
 };
 
-/// The cells of a few hundred points at a time, those left out that have none: reckoned in columns, several at once.
+/// The cells of a few hundred points at a time, those left out that have none: several coordinates at once, x, y and z
+/// of each point behind one another.
 class CellBlock {
  public:
   static constexpr std::size_t capacity = 128;
-  static constexpr double offset_scale = 4294967296.0;  ///< 2^32: offsets an edge
+  static constexpr int offset_bits = 31;
+  static constexpr double offset_scale = 2147483648.0;  ///< 2^31: offsets an edge
 
-  /// Where a point lies in its cell: from the centre, in 2^-32 of the edge, rounded towards the centre; and a one.
+  /// Where a point lies in its cell: from the centre, in 2^-31 of the edge, rounded down; and a one.
   /// These are whole numbers, so that their sums depend on neither the order of the points nor the number of threads.
   struct alignas(16) Offset {
     std::array<std::int32_t, 4> numbers;
@@ -99,15 +99,17 @@ class CellBlock {
   void assign(const Points& cloud, std::size_t begin, std::size_t count, double inverse_size, CellKeys& keys) {
     for (std::size_t i = 0; i < count; ++i) {
       const Eigen::Vector3d p = position(cloud, begin + i);
-      for (std::size_t axis = 0; axis < 3; ++axis) scaled_[axis][i] = p[static_cast<Eigen::Index>(axis)] * inverse_size;
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        scaled_[3 * i + axis] = p[static_cast<Eigen::Index>(axis)] * inverse_size;
     }
     for (std::size_t i = 0; i < count; ++i) points_[i] = static_cast<Index>(begin + i);
     size_ = count;
-    bool all_inside = true;
-    for (std::size_t axis = 0; axis < 3; ++axis) all_inside &= split(axis);
-    if (begin == 0) keys.center(cell(0));
-    const bool all_near = pack(keys);
-    if (!all_inside || !all_near) pack_one_by_one(keys);
+    if (begin == 0) center(keys);
+    if (split()) {
+      pack();
+    } else {
+      pack_one_by_one(keys);
+    }
     gather_offsets();
   }
 
@@ -118,7 +120,7 @@ class CellBlock {
   [[nodiscard]] std::uint32_t hash(std::size_t i) const { return hashes_[i]; }
   [[nodiscard]] const Offset& offset(std::size_t i) const { return point_offsets_[i]; }
   [[nodiscard]] double squared_offset(std::size_t i) const {
-    const double x = offsets_[0][i], y = offsets_[1][i], z = offsets_[2][i];
+    const double x = offsets_[3 * i], y = offsets_[3 * i + 1], z = offsets_[3 * i + 2];
     return x * x + y * y + z * z;
   }
 
@@ -131,107 +133,124 @@ class CellBlock {
   static constexpr std::size_t lanes = 2;
 #endif
   using Doubles = double __attribute__((vector_size(8 * lanes)));
-  using Longs = std::int64_t __attribute__((vector_size(8 * lanes)));
-  using Ints = std::int32_t __attribute__((vector_size(4 * lanes)));
+  using Longs = std::uint64_t __attribute__((vector_size(8 * lanes)));
+  using Ints = std::uint32_t __attribute__((vector_size(4 * lanes)));
   using Row = std::int32_t __attribute__((vector_size(16)));
   template <class T>
   using Column = std::array<T, capacity>;
+  template <class T>
+  using Interleaved = std::array<T, 3 * capacity>;
+
+  // To 1.5 * 2^21 + v, v within 2^20 of zero, belong 52 bits that are (v + 2^20) * 2^31: 21 of a cell, 31 of an offset.
+  static constexpr double base = 2097152.0;  // 2^21
+  static constexpr std::uint64_t base_bits = std::bit_cast<std::uint64_t>(base);
+  static constexpr std::uint64_t mantissa = (std::uint64_t{1} << 52) - 1;
+  static constexpr std::uint64_t offset_mask = (std::uint64_t{1} << offset_bits) - 1;
+  static constexpr std::uint32_t half_edge = std::uint32_t{1} << (offset_bits - 1);
+  static_assert(CellKeys::bits + offset_bits == 52);
+
   // Bits are compared, which is right for NaN under -ffast-math, too.
-  static constexpr auto magnitude = std::int64_t{0x7fff'ffff'ffff'ffff};
-  static constexpr auto limit = std::bit_cast<std::int64_t>(2147483647.0);
+  static constexpr std::uint64_t magnitude = ~std::uint64_t{0} >> 1;
+  static constexpr auto limit = std::bit_cast<std::uint64_t>(2147483647.0);
+  /// Numbers as large as this keep all their bits when a whole number within 2^20 of them is taken off.
+  static constexpr auto coarse = std::bit_cast<std::uint64_t>(524288.0);  // 2^19
 
-  [[nodiscard]] Cell cell(std::size_t i) const { return {cells_[0][i], cells_[1][i], cells_[2][i]}; }
-  [[nodiscard]] bool inside(std::size_t i) const {
-    return std::all_of(scaled_.begin(), scaled_.end(), [&](const Column<double>& column) {
-      return (std::bit_cast<std::int64_t>(column[i]) & magnitude) < limit;
-    });
-  }
+  [[nodiscard]] static bool inside(double scaled) { return (std::bit_cast<std::uint64_t>(scaled) & magnitude) < limit; }
 
-  /// Cells and offsets along one axis. Returns whether all points have one.
-  [[nodiscard]] bool split(std::size_t axis) {
-    constexpr double largest_offset = 2147483647.0;
-    Column<double>& scaled = scaled_[axis];
-    for (std::size_t i = size_; i % lanes != 0; ++i) scaled[i] = 0;
-    Longs all_inside = Longs{} - 1;
-    const std::size_t size = size_;
-    for (std::size_t i = 0; i < size; i += lanes) {
-      Longs value;
-      std::memcpy(&value, &scaled[i], sizeof value);
-      const Longs is_inside = (value & magnitude) < limit;
-      all_inside &= is_inside;
-      value &= is_inside;
-      Doubles v;
-      std::memcpy(&v, &value, sizeof v);
-      const Ints truncated = __builtin_convertvector(v, Ints);
-      const Doubles whole = __builtin_convertvector(truncated, Doubles);
-      const Doubles floor = v < whole ? whole - 1.0 : whole;
-      const Ints cell = __builtin_convertvector(floor, Ints);
-      std::memcpy(&cells_[axis][i], &cell, sizeof cell);
-      // Just below a whole number, v - floor rounds to 1.
-      Doubles offset = (v - floor - 0.5) * offset_scale;
-      offset = offset < largest_offset ? offset : largest_offset - Doubles{};
-      const Ints rounded = __builtin_convertvector(offset, Ints);
-      std::memcpy(&offsets_[axis][i], &rounded, sizeof rounded);
+  /// Cells are numbered about the origin, or along an axis on which the first point is far from it, about that point's.
+  void center(CellKeys& keys) {
+    std::array<std::int32_t, 3> middle{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double first = scaled_[axis];
+      const bool far = inside(first) && (std::bit_cast<std::uint64_t>(first) & magnitude) >= coarse;
+      if (far) middle[axis] = static_cast<std::int32_t>(first);
+      for (std::size_t i = axis; i < 3 * lanes; i += 3) {
+        centers_[i] = middle[axis];
+        coarse_[i] = far ? coarse : 0;
+      }
     }
-    std::int64_t all = -1;
-    for (std::size_t lane = 0; lane < lanes; ++lane) all &= all_inside[lane];
-    return all != 0;
+    keys.center({middle[0], middle[1], middle[2]});
   }
 
-  /// Keys and hashes. Returns whether all points are so near one another that these are right.
-  [[nodiscard]] bool pack(const CellKeys& keys) {
-    std::uint32_t any = 0;
-    const std::array<std::uint32_t, 3> lowest = keys.lowest();  // a copy, which nothing written here can be
+  /// Cells, counted from the lowest near one, and offsets. Returns whether these are right, which they are if all
+  /// points are near.
+  [[nodiscard]] bool split() {
+    const std::size_t size = 3 * ((size_ + lanes - 1) / lanes * lanes);
+    for (std::size_t i = 3 * size_; i < size; ++i) scaled_[i] = centers_[i % 3];
+    Longs wrong{};
+    for (std::size_t i = 0; i < size; i += 3 * lanes)
+      for (std::size_t k = 0; k < 3 * lanes; k += lanes) wrong |= split(i + k, k);
+    std::uint64_t any = 0;
+    for (std::size_t lane = 0; lane < lanes; ++lane) any |= wrong[lane];
+    return (any & ~mantissa) == 0;
+  }
+
+  /// The same of as many coordinates as there are lanes. Returns numbers with bits above the mantissa's for wrong ones.
+  [[nodiscard]] Longs split(std::size_t i, std::size_t center) {
+    Doubles v, middle;
+    Longs least;
+    std::memcpy(&v, &scaled_[i], sizeof v);
+    std::memcpy(&middle, &centers_[center], sizeof middle);
+    std::memcpy(&least, &coarse_[center], sizeof least);
+    const Longs too_fine = ((std::bit_cast<Longs>(v) & magnitude) - least) & ~magnitude;
+    v -= middle;
+    const Longs sum = std::bit_cast<Longs>(v + 1.5 * base);
+    const Longs not_near = sum ^ base_bits;
+    // The sum is rounded to the nearest: where that is upwards, one less.
+    Longs fixed = sum & mantissa;
+    fixed += std::bit_cast<Longs>(std::bit_cast<Doubles>(fixed | base_bits) - 1.5 * base > v);
+    const Ints cell = __builtin_convertvector(fixed >> offset_bits, Ints);
+    const Ints offset = __builtin_convertvector(fixed & offset_mask, Ints) - half_edge;
+    std::memcpy(&cells_[i], &cell, sizeof cell);
+    std::memcpy(&offsets_[i], &offset, sizeof offset);
+    return too_fine | not_near | fixed;
+  }
+
+  void pack() {
     const std::size_t size = size_;
     for (std::size_t i = 0; i < size; ++i) {
-      const std::uint32_t x = static_cast<std::uint32_t>(cells_[0][i]) - lowest[0];
-      const std::uint32_t y = static_cast<std::uint32_t>(cells_[1][i]) - lowest[1];
-      const std::uint32_t z = static_cast<std::uint32_t>(cells_[2][i]) - lowest[2];
-      any |= x | y | z;
+      const std::uint32_t x = cells_[3 * i], y = cells_[3 * i + 1], z = cells_[3 * i + 2];
       hashes_[i] = CellKeys::hash(x, y, z);
-      above_[0][i] = x, above_[1][i] = y, above_[2][i] = z;
+      keys_[i] = CellKeys::near_key(x, y, z);
     }
-    for (std::size_t i = 0; i < size; ++i) keys_[i] = CellKeys::near_key(above_[0][i], above_[1][i], above_[2][i]);
-    return any < CellKeys::span;
   }
 
-  /// Leaves out the points that have no cell.
+  /// The same of any points; those that have no cell are left out.
   void pack_one_by_one(CellKeys& keys) {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < size_; ++i) {
-      if (!inside(i)) continue;
-      keys_[kept] = keys.key(cell(i));
+      if (!inside(scaled_[3 * i]) || !inside(scaled_[3 * i + 1]) || !inside(scaled_[3 * i + 2])) continue;
+      std::array<std::int32_t, 3> cell;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double v = scaled_[3 * i + axis], floor = std::floor(v);
+        // Just below a whole number, v - floor is rounded, upwards where the sum is the larger one.
+        const double below = std::floor((v - floor) * offset_scale);
+        const bool up = floor + below / offset_scale > v;
+        cell[axis] = static_cast<std::int32_t>(floor);
+        offsets_[3 * kept + axis] = static_cast<std::int32_t>(below - (up ? 1 : 0) - half_edge);
+      }
+      keys_[kept] = keys.key({cell[0], cell[1], cell[2]});
       hashes_[kept] = CellKeys::hash(keys_[kept]);
-      for (auto& column : offsets_) column[kept] = column[i];
       points_[kept++] = points_[i];
     }
     size_ = kept;
   }
 
   void gather_offsets() {
-    const Row one = Row{} + 1;
     const std::size_t size = size_;
-    for (std::size_t i = 0; i < size; i += 4) {
-      Row x, y, z;
-      std::memcpy(&x, &offsets_[0][i], sizeof x);
-      std::memcpy(&y, &offsets_[1][i], sizeof y);
-      std::memcpy(&z, &offsets_[2][i], sizeof z);
-      const Row xy_low = __builtin_shufflevector(x, y, 0, 4, 1, 5), xy_high = __builtin_shufflevector(x, y, 2, 6, 3, 7);
-      const Row z1_low = __builtin_shufflevector(z, one, 0, 4, 1, 5);
-      const Row z1_high = __builtin_shufflevector(z, one, 2, 6, 3, 7);
-      put_row(__builtin_shufflevector(xy_low, z1_low, 0, 1, 4, 5), i);
-      put_row(__builtin_shufflevector(xy_low, z1_low, 2, 3, 6, 7), i + 1);
-      put_row(__builtin_shufflevector(xy_high, z1_high, 0, 1, 4, 5), i + 2);
-      put_row(__builtin_shufflevector(xy_high, z1_high, 2, 3, 6, 7), i + 3);
+    for (std::size_t i = 0; i < size; ++i) {
+      Row row;
+      std::memcpy(&row, &offsets_[3 * i], sizeof row);
+      row[3] = 1;
+      std::memcpy(&point_offsets_[i], &row, sizeof row);
     }
   }
 
-  void put_row(const Row& row, std::size_t i) { std::memcpy(&point_offsets_[i], &row, sizeof row); }
-
-  alignas(64) std::array<Column<double>, 3> scaled_;
-  alignas(64) std::array<Column<std::int32_t>, 3> cells_;
-  alignas(64) std::array<Column<std::uint32_t>, 3> above_;
-  alignas(64) std::array<Column<std::int32_t>, 3> offsets_;
+  alignas(64) Interleaved<double> scaled_;
+  alignas(64) Interleaved<std::uint32_t> cells_;
+  alignas(64) std::array<std::int32_t, 3 * capacity + 1> offsets_;  // one more, since they are read by four
+  alignas(64) std::array<double, 3 * lanes> centers_;
+  alignas(64) std::array<std::uint64_t, 3 * lanes> coarse_;  // what a number must be at least to be right
   alignas(64) Column<std::uint64_t> keys_;
   alignas(64) Column<std::uint32_t> hashes_;
   alignas(64) Column<Offset> point_offsets_;
