@@ -11,7 +11,8 @@ usage: bench/run.sh [--json FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [
   --peer NAME=PATH
                 build the comparison with sources that Debian does not have; PATH is their root, NAME one of
                 ikd_tree, i_octree, nanoflann (1.12 or later; all three in room search), small_gicp,
-                kiss_matcher (needs robin, xenium and pmc, too), teaser (needs pmc, too)
+                kiss_matcher (needs robin, xenium and pmc, too), teaser (needs pmc, too);
+                gtsam: where it is installed, compiled with -O3 -march=native, without TBB
   --no-plain    leave out the second column, compiled for plain x86-64
   --smoke       each bench once, briefly: do they run?
   FILTER        a regular expression on names, for instance 'search/kd_tree'
@@ -21,7 +22,7 @@ TEXT
 
 . "$root/third_party/setup.sh"
 json="" peers=OFF plain=yes minimum_time=0.5 filter=""
-peer_names="ikd_tree i_octree nanoflann small_gicp kiss_matcher robin xenium pmc teaser"
+peer_names="ikd_tree i_octree nanoflann small_gicp kiss_matcher robin xenium pmc teaser gtsam"
 peer_paths=() packages_by_path=""
 for name in $peer_names; do peer_paths+=("-DCHAINSLAM_PEER_${name^^}="); done
 while [ $# -gt 0 ]; do

@@ -13,6 +13,7 @@
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/factor_graph/jacobian_error.hpp"
 #include "factor_graph/pose_graphs.hpp"
+#include "factor_graph/smoother_twin.hpp"
 #include "support/property.hpp"
 
 using namespace chainslam;
@@ -20,18 +21,13 @@ using namespace chainslam::test;
 
 namespace {
 
-using Pin = Constrained<PriorFactor<SE3d>>;
-using Weld = Constrained<BetweenFactor<SE3d>>;
-using ConstrainedGraph = FactorGraph<SE3d, Pin, Weld>;
-using ConstrainedSmoother = IncrementalSmoother<SE3d, Pin, Weld>;
-
 const double free_row = std::numeric_limits<double>::infinity();
 /// On the plane z = 0, upright.
 const Vector6d on_plane{free_row, free_row, 0, 0, 0, free_row};
 
 /// A walk on the plane z = 0 whose odometry climbs, and of which two poses are known to be so far apart.
-ConstrainedGraph flat_walk(Rng& rng, Index size) {
-  ConstrainedGraph graph;
+Graph flat_walk(Rng& rng, Index size) {
+  Graph graph;
   std::vector<SE3d> truth;
   const auto noise = [&] { return SE3d::exp(random_tangent<SE3d>(rng, 0.05, 0.05)); };
   for (Key key = 0; key < size; ++key) {
@@ -51,8 +47,8 @@ ConstrainedGraph flat_walk(Rng& rng, Index size) {
 
 /// By how much of its length the gradient of all soft rows is not a combination of the hard rows' (Karush, Kuhn and
 /// Tucker): 0 at a constrained optimum.
-template <class Graph>
-double gradient_beside_constraints(const Graph& graph, const Values<SE3d>& values) {
+template <class Holder>
+double gradient_beside_constraints(const Holder& graph, const Values<SE3d>& values) {
   Eigen::VectorXd gradient = Eigen::VectorXd::Zero(6 * values.size());
   Eigen::MatrixXd hard(gradient.size(), 0);
   double size = 0.0;
@@ -86,8 +82,8 @@ double gradient_beside_constraints(const Graph& graph, const Values<SE3d>& value
 TEST_SUITE("factor_graph/constrained_factor") {
   TEST_CASE("rows that must be zero are, and the rest is at its best on them, in batch and incrementally") {
     for_all(12, [](Rng& rng, int size) {
-      ConstrainedGraph graph = flat_walk(rng, 4 + size / 2);
-      ConstrainedSmoother smoother;
+      Graph graph = flat_walk(rng, 4 + size / 2);
+      Smoother smoother;
       smoother.append(graph);
       const OptimizeReport batch = optimise(graph);
       REQUIRE(batch.ok());
@@ -116,7 +112,7 @@ TEST_SUITE("factor_graph/constrained_factor") {
   TEST_CASE("a variable all of whose rows must be zero is as one that is fixed there") {
     Rng rng(7);
     const PoseGraph walk = random_graph<SE3d>(rng, 12, 0.05);
-    ConstrainedGraph pinned, held;
+    Graph pinned, held;
     for (const SE3d& pose : walk.values()) {
       pinned.add_value(pose);
       held.add_value(pose);
@@ -141,7 +137,7 @@ TEST_SUITE("factor_graph/constrained_factor") {
 
   TEST_CASE("an update leaves springs off by little; what converged is undone, saved and goes on to the same bits") {
     Rng rng(3);
-    ConstrainedSmoother smoother;
+    Smoother smoother;
     smoother.append(flat_walk(rng, 12));
     REQUIRE(smoother.update().ok());
     const double before = smoother.cost();
@@ -150,9 +146,9 @@ TEST_SUITE("factor_graph/constrained_factor") {
     smoother.undo();  // nothing more
     REQUIRE(smoother.converge().violation < 1e-9);
     CHECK(smoother.cost() < before);
-    ConstrainedSmoother loaded = ConstrainedSmoother::load(smoother.save());
+    Smoother loaded = Smoother::load(smoother.save());
     CHECK(loaded.cost() == smoother.cost());
-    for (ConstrainedSmoother* const each : {&smoother, &loaded}) {
+    for (Smoother* const each : {&smoother, &loaded}) {
       each->add_value((*each)[3]);
       each->add(constrained(BetweenFactor<SE3d>{.from = 3, .to = 12, .measurement = {}}, Vector6d::Zero()));
       each->add_prior(12, SE3d(), NoiseModel<6>::from_sigma(0.3));
@@ -165,7 +161,7 @@ TEST_SUITE("factor_graph/constrained_factor") {
   }
 
   TEST_CASE("what contradicts itself ends between, and says how far off it is") {
-    ConstrainedGraph graph;
+    Graph graph;
     graph.add_value(SE3d());
     const SE3d aside(SO3d(), Eigen::Vector3d(1.0, 0.0, 0.0));
     graph.add(constrained(PriorFactor<SE3d>{.key = 0, .mean = {}}, Vector6d::Zero()));

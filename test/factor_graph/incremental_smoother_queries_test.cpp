@@ -106,7 +106,7 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
         smoother.add_between(key - 1, key, SE3d(SO3d(), {1, 0, 0}),
                              key == 4 ? Smoother::Noise::from_sigmas(sigmas) : noise);
     }
-    FactorGraph<SE3d, Closure> graph;
+    Graph graph;
     for (Key key = 0; key < 9; ++key) graph.add_value(smoother[key]);
     const UpdateReport report = smoother.update();
     CHECK(report.status == UpdateStatus::singular);
@@ -127,8 +127,8 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
       Walk walk(rng);
       for (int k = 0; k < 5 + size; ++k) walk.step(twin);
       REQUIRE(twin.smoother.converge().ok());
-      const FactorGraph<SE3d, Closure> graph = twin.graph(twin.smoother.values());
-      detail::NormalEquations<FactorGraph<SE3d, Closure>> equations(graph);
+      const Graph graph = twin.graph(twin.smoother.values());
+      detail::NormalEquations<Graph> equations(graph);
       equations.linearize(graph, graph.values());
       const Eigen::Index rows = Eigen::Index{twin.smoother.size()} * 6;
       Eigen::MatrixXd H(rows, rows);
@@ -211,7 +211,7 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     REQUIRE(report.ok());
     CHECK(report.relinearized < 10);
     REQUIRE(twin.smoother.converge().ok());
-    FactorGraph<SE3d, Closure> graph = twin.graph(twin.smoother.values());
+    Graph graph = twin.graph(twin.smoother.values());
     REQUIRE(optimise(graph).ok());
     CHECK(twin.smoother.cost() == doctest::Approx(graph.cost()).epsilon(1e-6));
     CHECK(largest_difference(twin.smoother.values(), graph.values()) < 1e-3);

@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/factor_graph/constrained_factor.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "factor_graph/pose_graphs.hpp"
@@ -11,7 +12,11 @@
 namespace chainslam::test {
 
 using Closure = BetweenFactor<SE3d, Cauchy>;
-using Smoother = IncrementalSmoother<SE3d, Closure>;
+using Pin = Constrained<PriorFactor<SE3d>>;
+using Weld = Constrained<BetweenFactor<SE3d>>;
+// All tests have these: one graph and one smoother are compiled.
+using Graph = FactorGraph<SE3d, Closure, Pin, Weld>;
+using Smoother = IncrementalSmoother<SE3d, Closure, Pin, Weld>;
 
 /// All is exact: every factor is linearised anew in each update, and every solution computed.
 inline constexpr SmootherOptions exact{.linear_tolerance = 0.0, .nonlinear_tolerance = 0.0, .first_look = 0.0};
@@ -51,8 +56,8 @@ struct Twin {
   }
 
   /// The same graph for the batch optimiser, from the smoother's estimate.
-  [[nodiscard]] FactorGraph<SE3d, Closure> graph(const Values<SE3d>& values) const {
-    FactorGraph<SE3d, Closure> result;
+  [[nodiscard]] Graph graph(const Values<SE3d>& values) const {
+    Graph result;
     for (const SE3d& value : values) result.add_value(value);
     for (const auto& factor : priors) result.add(factor);
     for (const auto& factor : betweens) result.add(factor);

@@ -1,6 +1,7 @@
 #include <doctest/doctest.h>
 
 #include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "factor_graph/smoother_twin.hpp"
 #include "support/street_walk.hpp"
 
 using namespace chainslam;
@@ -20,7 +21,7 @@ struct WalkWork {
 
 WalkWork work_of(const StreetWalkOptions& options, const SmootherOptions& smoother_options = {}) {
   StreetWalk walk(options);
-  IncrementalSmoother<SE3d> smoother(smoother_options);
+  Smoother smoother(smoother_options);
   WalkWork sum;
   while (!walk.done()) {
     const StreetWalk::Step step = walk.next();
