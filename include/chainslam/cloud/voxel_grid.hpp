@@ -9,6 +9,7 @@
 #include <span>
 #include <stdexcept>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "chainslam/cloud/columns.hpp"
@@ -58,56 +59,6 @@ template <Cloud Points>
 
 namespace detail {
 
-/// Puts the points into voxels, in their order. `visit(block, voxels)` learns where those of each block went, by which
-/// time the table has them. Returns how many points were rejected.
-template <Cloud Points, class Visit>
-Index fill_voxels(const Points& cloud, double inverse_size, VoxelTable& table, CellKeys& keys, Visit&& visit) {
-  const std::size_t count = static_cast<std::size_t>(to_index(cloud_size(cloud), "cloud"));
-  std::size_t kept = 0;
-  CellBlock block;
-  VoxelTable::Numbers voxels;
-  for (std::size_t begin = 0; begin < count; begin += CellBlock::capacity) {
-    block.assign(cloud, begin, std::min(CellBlock::capacity, count - begin), inverse_size, keys);
-    table.number(block, voxels);
-    visit(block, voxels);
-    kept += block.size();
-  }
-  return static_cast<Index>(count - kept);
-}
-
-template <class Scalar, Cloud Points>
-[[nodiscard]] DownsampledCloud<Scalar> first_in_voxels(const Points& cloud, double inverse_size) {
-  VoxelTable table(cloud_size(cloud));
-  CellKeys keys;
-  const Index rejected =
-      fill_voxels(cloud, inverse_size, table, keys, [](const CellBlock&, const VoxelTable::Numbers&) {});
-  return {.cloud = select<Scalar>(cloud, table.first_points()), .rejected = rejected};
-}
-
-/// The point of each voxel that is nearest its centre.
-template <class Scalar, Cloud Points>
-[[nodiscard]] DownsampledCloud<Scalar> nearest_in_voxels(const Points& cloud, double inverse_size) {
-  VoxelTable table(cloud_size(cloud));
-  CellKeys keys;
-  std::vector<double> least;  // squared offsets
-  std::vector<Index> chosen;
-  const auto compare = [&](const CellBlock& block, const VoxelTable::Numbers& voxels) {
-    least.resize(table.size(), std::numeric_limits<double>::max());
-    chosen.resize(table.size());
-    for (std::size_t i = 0; i < block.size(); ++i) {
-      const double squared = block.squared_offset(i);
-      if (squared < least[voxels[i]]) {
-        least[voxels[i]] = squared;
-        chosen[voxels[i]] = block.point(i);
-      }
-    }
-  };
-  const Index rejected = fill_voxels(cloud, inverse_size, table, keys, compare);
-  return {.cloud = select<Scalar>(cloud, chosen), .rejected = rejected};
-}
-
-inline constexpr Index in_no_voxel = -1;
-
 /// Sums of offsets, and how many: whole numbers, which any order of adding brings to the same bits.
 struct alignas(32) VoxelSum {
   std::array<std::int64_t, 4> offsets{};
@@ -120,10 +71,85 @@ struct alignas(32) VoxelSum {
 
 /// Voxels with the sums of their points.
 struct MeanTable {
-  VoxelTable voxels;
+  VoxelTable voxels{};
   CellKeys keys{};
   std::vector<VoxelSum> sums{};
 };
+
+/// The table that a thread keeps from one cloud to the next, since fresh memory would cost as much as the work; for one
+/// cloud at a time, and given up where it has become large.
+class LentTable {
+ public:
+  explicit LentTable(std::size_t points) : table_(std::exchange(kept(), {})) {
+    table_.voxels.start(points);
+    table_.keys = {};
+    table_.sums.clear();
+  }
+  ~LentTable() {
+    constexpr std::size_t largest = std::size_t{1} << 18;  // voxels; with their sums 11 MB
+    if (table_.voxels.capacity() <= largest) kept() = std::move(table_);
+  }
+  LentTable(const LentTable&) = delete;
+  LentTable& operator=(const LentTable&) = delete;
+
+  [[nodiscard]] MeanTable& operator*() { return table_; }
+
+ private:
+  [[nodiscard]] static MeanTable& kept() {
+    thread_local MeanTable table;
+    return table;
+  }
+
+  MeanTable table_;
+};
+
+/// Puts the points into voxels, in their order. `visit(block, voxels)` learns where those of each block went, by which
+/// time the table has them. Returns how many points were rejected.
+template <Cloud Points, class Visit>
+Index fill_voxels(const Points& cloud, double inverse_size, MeanTable& table, Visit&& visit) {
+  const std::size_t count = static_cast<std::size_t>(to_index(cloud_size(cloud), "cloud"));
+  std::size_t kept = 0;
+  CellBlock block;
+  VoxelTable::Numbers voxels;
+  for (std::size_t begin = 0; begin < count; begin += CellBlock::capacity) {
+    block.assign(cloud, begin, std::min(CellBlock::capacity, count - begin), inverse_size, table.keys);
+    table.voxels.number(block, voxels);
+    visit(block, voxels);
+    kept += block.size();
+  }
+  return static_cast<Index>(count - kept);
+}
+
+template <class Scalar, Cloud Points>
+[[nodiscard]] DownsampledCloud<Scalar> first_in_voxels(const Points& cloud, double inverse_size) {
+  LentTable lent(cloud_size(cloud));
+  const Index rejected = fill_voxels(cloud, inverse_size, *lent, [](const CellBlock&, const VoxelTable::Numbers&) {});
+  return {.cloud = select<Scalar>(cloud, (*lent).voxels.first_points()), .rejected = rejected};
+}
+
+/// The point of each voxel that is nearest its centre.
+template <class Scalar, Cloud Points>
+[[nodiscard]] DownsampledCloud<Scalar> nearest_in_voxels(const Points& cloud, double inverse_size) {
+  LentTable lent(cloud_size(cloud));
+  MeanTable& table = *lent;
+  std::vector<double> least;  // squared offsets
+  std::vector<Index> chosen;
+  const auto compare = [&](const CellBlock& block, const VoxelTable::Numbers& voxels) {
+    least.resize(table.voxels.size(), std::numeric_limits<double>::max());
+    chosen.resize(table.voxels.size());
+    for (std::size_t i = 0; i < block.size(); ++i) {
+      const double squared = block.squared_offset(i);
+      if (squared < least[voxels[i]]) {
+        least[voxels[i]] = squared;
+        chosen[voxels[i]] = block.point(i);
+      }
+    }
+  };
+  const Index rejected = fill_voxels(cloud, inverse_size, table, compare);
+  return {.cloud = select<Scalar>(cloud, chosen), .rejected = rejected};
+}
+
+inline constexpr Index in_no_voxel = -1;
 
 /// The means of the voxels' points: of one point, that point.
 template <class Scalar, Cloud Points>
@@ -184,7 +210,8 @@ template <class Scalar, Cloud Points>
 template <class Scalar, Cloud Points>
 [[nodiscard]] DownsampledCloud<Scalar> mean_of_voxels(const Points& cloud, double size) {
   const bool normals = carries_normals(cloud), times = carries_times(cloud), intensities = carries_intensities(cloud);
-  MeanTable table{VoxelTable(cloud_size(cloud))};
+  LentTable lent(cloud_size(cloud));
+  MeanTable& table = *lent;
   table.sums.reserve(std::min<std::size_t>(cloud_size(cloud), 1 << 17));
   std::vector<Index> voxel_of_point;
   if (normals || times || intensities) voxel_of_point.assign(cloud_size(cloud), in_no_voxel);
@@ -199,7 +226,7 @@ template <class Scalar, Cloud Points>
       voxel_of_point[static_cast<std::size_t>(block.point(i))] = static_cast<Index>(voxels[i]);
   };
   DownsampledCloud<Scalar> result;
-  result.rejected = fill_voxels(cloud, 1.0 / size, table.voxels, table.keys, add);
+  result.rejected = fill_voxels(cloud, 1.0 / size, table, add);
   PointCloud<Scalar>& means = result.cloud;
   mean_positions(cloud, table, size, means.positions);
   const auto mean_column = [&](auto&& value) {

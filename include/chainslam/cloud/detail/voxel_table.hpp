@@ -20,14 +20,18 @@ class VoxelTable {
  public:
   using Numbers = std::array<std::uint32_t, CellBlock::capacity>;  ///< a voxel for each point of a block
 
+  /// Forgets all, but keeps its memory. Before all else.
   /// @param points  how many will come at the most.
-  explicit VoxelTable(std::size_t points)
-      : lines_(std::bit_ceil(std::clamp(2 * points, std::size_t{64}, std::size_t{1} << 18)) / CellKeys::brick) {
+  void start(std::size_t points) {
+    size_ = 0;
+    lines_.assign(std::bit_ceil(std::clamp(2 * points, std::size_t{64}, std::size_t{1} << 18)) / CellKeys::brick,
+                  Line{});
     keys_.reserve(std::min(points, slot_count() / 2) + 1 + CellBlock::capacity);
     first_points_.reserve(keys_.capacity());
   }
 
   [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] std::size_t capacity() const { return keys_.capacity(); }  ///< voxels
   [[nodiscard]] std::uint64_t key(std::size_t voxel) const { return keys_[voxel + 1]; }
   /// The point with which each voxel came.
   [[nodiscard]] std::span<const Index> first_points() const { return {first_points_.data(), size_}; }
