@@ -17,11 +17,13 @@ namespace chainslam::bench {
 namespace {
 
 gtsam::Pose3 to_gtsam(const SE3d& pose) { return gtsam::Pose3(pose.matrix()); }
-gtsam::Pose2 to_gtsam(const SE2d& pose) { return gtsam::Pose2(pose.matrix()); }
-SE3d from_gtsam(const gtsam::Pose3& pose) {
-  return SE3d(SO3d(Eigen::Quaterniond(pose.rotation().matrix())), pose.translation());
+gtsam::Pose2 to_gtsam(const SE2d& pose) {
+  return gtsam::Pose2(pose.translation().x(), pose.translation().y(), pose.rotation().angle());
 }
-SE2d from_gtsam(const gtsam::Pose2& pose) { return SE2d(SO2d::exp(pose.theta()), pose.translation()); }
+SE3d from_gtsam(const gtsam::Pose3& pose) {
+  return SE3d(SO3d::from_matrix(pose.rotation().matrix()), pose.translation());
+}
+SE2d from_gtsam(const gtsam::Pose2& pose) { return SE2d(SO2d::from_angle(pose.theta()), pose.translation()); }
 
 /// GTSAM has the rotation before the translation in three dimensions, behind it in two.
 template <int Dof>

@@ -2,8 +2,9 @@
 
 #include <memory>
 
-#include "chainslam/factor_graph/factors.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
+#include "chainslam/factor_graph/values.hpp"
 
 namespace chainslam::bench {
 
