@@ -7,11 +7,12 @@ root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 usage() {
   cat <<TEXT
 usage: test/run.sh [--quick | --full] [ROOM...]
-  (nothing)   g++ -O2; clang with ASan and UBSan; TSan for what runs in threads; every header alone; consumers
+  (nothing)   g++ -O2; clang with ASan and UBSan for the parts; TSan for what runs in threads; every header alone;
+              consumers
   --quick     g++ -O2 only, without the long runs: a few minutes
-  --full      all of the default, the program under ASan, clang -O2 as well, fuzzed readers, every bench once, the example
-              from end to end
-  ROOM        only these rooms (folders of test/), for instance: lie io
+  --full      all of the default, every room under ASan, clang -O2 as well, fuzzed readers, every bench once, the
+              example from end to end
+  ROOM        only these rooms (folders of test/), each under ASan, too, for instance: lie io
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA (a folder of real data), CHAINSLAM_JOBS,
              CHAINSLAM_TEST_SEED (repeat one seed of the property tests)
 TEXT
