@@ -141,7 +141,8 @@ class CellBlock {
   template <class T>
   using Interleaved = std::array<T, 3 * capacity>;
 
-  // To 1.5 * 2^21 + v, v within 2^20 of zero, belong 52 bits that are (v + 2^20) * 2^31: 21 of a cell, 31 of an offset.
+  // The mantissa of 1.5 * 2^21 + v, v within 2^20 of zero, holds (v + 2^20) * 2^31 in its 52 bits: 21 of the cell, 31
+  // of the offset. Nothing has to be converted between doubles and integers.
   static constexpr double base = 2097152.0;  // 2^21
   static constexpr std::uint64_t base_bits = std::bit_cast<std::uint64_t>(base);
   static constexpr std::uint64_t mantissa = (std::uint64_t{1} << 52) - 1;
