@@ -7,9 +7,6 @@
 #include <gtsam/nonlinear/PriorFactor.h>
 #include <gtsam/slam/BetweenFactor.h>
 
-#include <type_traits>
-#include <utility>
-
 #include "chainslam/lie/se2.hpp"
 #include "chainslam/lie/se3.hpp"
 
