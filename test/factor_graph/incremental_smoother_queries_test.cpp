@@ -301,7 +301,7 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     std::vector<std::byte> later = saved;
     later[8] = std::byte{2};
     CHECK(refused(later) == "byte 8");
-    CHECK_THROWS_AS(static_cast<void>(IncrementalSmoother<SE3d>::load(saved)), IoError);
+    CHECK_THROWS_AS(static_cast<void>(IncrementalSmoother<SE2d>::load(saved)), IoError);
     CHECK(refused(saved).empty());
   }
 

@@ -67,7 +67,7 @@ void map_town(unsigned seed) {
   CHECK(rmse(chained, "inter_session", "rpe") < 0.3);
   CHECK(rmse(chained, "inter_session", "rpe") <= 1.1 * rmse(unchained, "inter_session", "rpe"));
 
-  if (seed != 1) return;
+  if (seed != 1 || !full()) return;
   const fs::path again = scratch.path() / "again";
   mapped(scratch, data, again, options + " --threads 1");
   CHECK_MESSAGE(read_text(out / "map.cslam") == read_text(again / "map.cslam"), "the same map, whatever the threads");
@@ -153,7 +153,7 @@ double thickness(const SlamMap& map) {
 
 TEST_SUITE("program/sessions") {
   TEST_CASE("three drives through the embedded town become one map" * doctest::skip(quick())) {
-    const unsigned seeds = std::getenv("CHAINSLAM_FULL") != nullptr ? 5 : 1;
+    const unsigned seeds = full() ? 5 : 1;
     for (unsigned seed = 1; seed <= seeds; ++seed) map_town(seed);
   }
 

@@ -177,8 +177,8 @@ TEST_SUITE("simulator/simulate") {
   }
 
   TEST_CASE("what is written reads back by NCLT's layout as what the stream gives") {
-    const Folder folder("layout");
-    const SimulationReport report = simulate(quick_preset(), 5, folder.path, ThreadPool(2));
+    static const Folder folder("layout");  // once for all of its files
+    static const SimulationReport report = simulate(quick_preset(), 5, folder.path, ThreadPool(2));
     const TownDrive drive(quick_preset(), 5);
     const std::uint64_t epoch_us = static_cast<std::uint64_t>(drive.epoch().nanoseconds() / 1000);
 
