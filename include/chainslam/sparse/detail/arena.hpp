@@ -67,13 +67,13 @@ class Arena {
     set_free(block + words * word);
   }
 
-  /// Where more than a sixteenth of what is used lies idle between arrays, moves some of these together, by an eighth
+  /// Where more than a sixteenth of what is used lies idle between arrays, moves some of these together, by half
   /// of what was taken since the last call: what is free gathers at the pieces' ends.
   ///
   /// @param moved  (owner, array) is told where an array is now.
   template <class Moved>
   void compact(Moved&& moved) requires Movable {
-    Offset budget = taken_words_ / 8;
+    Offset budget = taken_words_ / 2;
     if (budget < 64 || pieces_.empty() || 16 * holes() <= used_words_) return;
     taken_words_ = 0;
     for (std::size_t ends = 0; budget > 0 && ends <= pieces_.size();) {

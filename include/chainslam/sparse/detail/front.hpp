@@ -10,8 +10,8 @@
 
 namespace chainslam::detail {
 
-/// The numbers of one front of a multifrontal factorisation, in one array: its columns of the factor, what they leave
-/// to later columns (the update), and the same of the right-hand side.
+/// The numbers of one front of a multifrontal factorisation, in one array: its columns of the factor and their part of
+/// the right-hand side, and then, for the parent, what they leave to later columns (the update) and of these.
 ///
 /// A front has `columns` block columns of its own and `rows` block rows below them. The panel holds its columns,
 /// column-major, all rows. The update is a lower triangle by block columns, each with the rows from its diagonal on.
@@ -21,11 +21,11 @@ class Front {
   Front(double* data, Index columns, Index rows) : data_(data), columns_(columns), rows_(rows) {}
 
   [[nodiscard]] static Offset size(Index columns, Index rows) {
-    return size_without_update(columns, rows) + Offset{rows} * (Offset{rows} + 1) / 2 * B * B;
+    return update_start(columns, rows) + Offset{rows} * (Offset{rows} + 1) / 2 * B * B;
   }
-  /// All but the update, which comes last.
+  /// All but what is there for the parent, which comes last.
   [[nodiscard]] static Offset size_without_update(Index columns, Index rows) {
-    return panel_start(columns, rows) + panel_size(columns, rows);
+    return right_start(columns, rows) + Offset{columns} * B;
   }
   /// Multiplications of a factorisation.
   [[nodiscard]] static double work(Index columns, Index rows) {
@@ -40,11 +40,14 @@ class Front {
   [[nodiscard]] Offset stride() const { return Offset{height()} * B; }
 
   /// Minus the gradient of all that is eliminated here; `substitute_forward` makes it what back-substitution needs.
-  [[nodiscard]] double* right() const { return data_; }
-  [[nodiscard]] double* reciprocals() const { return right() + stride(); }
-  /// Diagonal of the matrix before any elimination, as far as it is known here.
-  [[nodiscard]] double* scale() const { return reciprocals() + Offset{columns_} * B; }
-  [[nodiscard]] double* panel() const { return data_ + panel_start(columns_, rows_); }
+  [[nodiscard]] double* right() const { return data_ + right_start(columns_, rows_); }
+  /// Of the factor's diagonal, after elimination.
+  [[nodiscard]] double* reciprocals() const { return data_; }
+  /// Diagonal of the matrix before any elimination, as far as it is known here. Of own columns: before elimination.
+  [[nodiscard]] double* scale(Index row) const {
+    return row < columns_ ? data_ + Offset{row} * B : row_scales() + Offset{row - columns_} * B;
+  }
+  [[nodiscard]] double* panel() const { return data_ + Offset{columns_} * B; }
 
   void set_zero() const { std::fill_n(data_, size(columns_, rows_), 0.0); }
 
@@ -62,7 +65,7 @@ class Front {
   /// Factorises the own columns and subtracts them from the update.
   /// @returns the own column with a bad pivot, or -1.
   [[nodiscard]] Index eliminate(double pivot_tolerance) const {
-    const Index bad = own().eliminate(scale(), pivot_tolerance);
+    const Index bad = own().eliminate(reciprocals(), pivot_tolerance);
     if (bad != -1) return bad;
     for (Index j = 0; j < rows_; ++j) own().subtract_from_update(j, update(j), update_stride(j));
     return -1;
@@ -97,8 +100,18 @@ class Front {
   /// Adds what a child leaves (extend-add). `place[k]` is the child's row k in this front.
   void add_child(const Front& child, std::span<const Index> place) const {
     add_update(child, place);
-    add_by_rows(child.right() + Offset{child.columns()} * B, right(), place);
-    add_by_rows(child.scale() + Offset{child.columns()} * B, scale(), place);
+    const double* from_right = child.right() + Offset{child.columns()} * B;
+    const double* from_scale = child.row_scales();
+    for (const Index row : place) {
+      double* const to_right = right() + Offset{row} * B;
+      double* const to_scale = scale(row);
+      for (int k = 0; k < B; ++k) {
+        to_right[k] += from_right[k];
+        to_scale[k] += from_scale[k];
+      }
+      from_right += B;
+      from_scale += B;
+    }
   }
 
  private:
@@ -125,13 +138,16 @@ class Front {
     }
   }
 
-  [[nodiscard]] static Offset panel_start(Index columns, Index rows) { return Offset{3 * columns + 2 * rows} * B; }
-  [[nodiscard]] static Offset panel_size(Index columns, Index rows) {
-    return Offset{columns + rows} * B * Offset{columns} * B;
+  [[nodiscard]] static Offset right_start(Index columns, Index rows) {
+    return Offset{columns} * B + Offset{columns + rows} * B * Offset{columns} * B;
   }
+  [[nodiscard]] static Offset update_start(Index columns, Index rows) {
+    return right_start(columns, rows) + Offset{columns + 2 * rows} * B;
+  }
+  [[nodiscard]] double* row_scales() const { return right() + Offset{columns_ + rows_} * B; }
 
   [[nodiscard]] double* update(Index column) const {
-    return panel() + panel_size(columns_, rows_) +
+    return data_ + update_start(columns_, rows_) +
            (Offset{column} * rows_ - Offset{column} * (Offset{column} - 1) / 2) * B * B;
   }
   [[nodiscard]] Offset update_stride(Index column) const { return Offset{rows_ - column} * B; }
@@ -139,12 +155,6 @@ class Front {
   static void add_transposed(const double* from, Offset from_stride, Block to) {
     for (int column = 0; column < B; ++column) {
       for (int row = 0; row < B; ++row) to.data[row * to.stride + column] += from[column * from_stride + row];
-    }
-  }
-  static void add_by_rows(const double* from, double* to, std::span<const Index> place) {
-    for (const Index row : place) {
-      for (int k = 0; k < B; ++k) to[Offset{row} * B + k] += from[k];
-      from += B;
     }
   }
 

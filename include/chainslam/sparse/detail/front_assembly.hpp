@@ -62,7 +62,7 @@ class FrontAssembly {
     for (Offset a = 0; a < places_.size(); ++a) {
       if (places_[a] == -1) continue;
       const double* const of_a = jacobian + a * B;
-      double* const scale = front.scale() + Offset{places_[a]} * B;
+      double* const scale = front.scale(places_[a]);
       double* const right = front.right() + Offset{places_[a]} * B;
       for (Offset row = 0; row < rows; ++row) {
         for (int k = 0; k < B; ++k) {
