@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <deque>
 #include <span>
 #include <tuple>
@@ -14,6 +15,7 @@
 #include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/detail/state_archive.hpp"
 
@@ -32,75 +34,180 @@ struct FactorId {
 
 namespace chainslam::detail {
 
+/// Matrices of which many are the same, as the noises of one sensor are: each is kept once while it is needed.
+template <class Matrix>
+class SharedMatrices {
+ public:
+  /// @returns the number of these bits, which are compared with the last ones that were new.
+  [[nodiscard]] Index add(const Matrix& matrix) {
+    for (const Index k : newest_) {
+      if (k == -1 || at(k).uses == 0 || std::memcmp(at(k).matrix.data(), matrix.data(), bytes) != 0) continue;
+      ++at(k).uses;
+      return k;
+    }
+    Index k = to_index(kept_.size());
+    if (free_.empty()) {
+      kept_.push_back({matrix, 1});
+    } else {
+      k = free_.back();
+      free_.pop_back();
+      at(k) = {matrix, 1};
+    }
+    newest_[next_++ % newest_.size()] = k;
+    return k;
+  }
+  void remove(Index k) {
+    if (--at(k).uses == 0) free_.push_back(k);
+  }
+  [[nodiscard]] const Matrix& operator[](Index k) const { return kept_[static_cast<std::size_t>(k)].matrix; }
+  /// How many different ones are kept, or have been at once.
+  [[nodiscard]] Index size() const { return to_index(kept_.size()); }
+
+ private:
+  static constexpr std::size_t bytes = sizeof(double) * static_cast<std::size_t>(Matrix::SizeAtCompileTime);
+
+  struct Kept {
+    Matrix matrix;
+    Index uses;
+  };
+
+  [[nodiscard]] Kept& at(Index k) { return kept_[static_cast<std::size_t>(k)]; }
+
+  std::deque<Kept> kept_;
+  std::vector<Index> free_;
+  std::array<Index, 8> newest_{-1, -1, -1, -1, -1, -1, -1, -1};
+  std::size_t next_ = 0;
+};
+
+/// A factor as a pool keeps it: as it is.
+template <class F>
+struct PackedFactor {
+  struct Shared {};
+
+  PackedFactor() = default;
+  PackedFactor(const F& packed, Shared&) : factor(packed) {}
+  [[nodiscard]] const F& unpacked(const Shared&) const { return factor; }
+  void give_back(Shared&) {}
+
+  F factor{};
+};
+
+/// Most factors are between two variables, and most of such a factor is its noise.
+template <class Group, class Kernel>
+struct PackedFactor<BetweenFactor<Group, Kernel>> {
+  using Shared = SharedMatrices<SqrtInformation<Group::dof>>;
+
+  PackedFactor() = default;
+  PackedFactor(const BetweenFactor<Group, Kernel>& factor, Shared& shared)
+      : from(factor.from),
+        to(factor.to),
+        information(shared.add(factor.sqrt_information)),
+        kernel(factor.kernel),
+        measurement(factor.measurement) {}
+  [[nodiscard]] BetweenFactor<Group, Kernel> unpacked(const Shared& shared) const {
+    return {from, to, measurement, shared[information], kernel};
+  }
+  void give_back(Shared& shared) { shared.remove(std::exchange(information, -1)); }
+
+  Key from = 0;
+  Key to = 0;
+  Index information = -1;  ///< number of its square root
+  [[no_unique_address]] Kernel kernel{};
+  Group measurement{};
+};
+
 /// Factors of one type that come and go. Places are used again, with another generation.
 template <Factor F>
 class FactorPool {
- public:
-  struct Entry {
-    F factor;
-    double weight = 1.0;  ///< of its squared residual
-    Index term = -1;      ///< its number in the linear system
+  using Packed = PackedFactor<F>;
+  using Shared = typename Packed::Shared;
+
+  struct Place {
+    Packed packed{};
+    double weight = 1.0;
+    Index term = -1;
     Index generation = 0;
     bool alive = false;
+  };
+
+ public:
+  using Type = F;
+
+  struct Entry {
+    decltype(std::declval<const Packed&>().unpacked(std::declval<const Shared&>())) factor;
+    double weight;  ///< of its squared residual
+    Index term;     ///< its number in the linear system
+    Index generation;
+    bool alive;
   };
 
   /// @returns the factor's place.
   [[nodiscard]] Index add(const F& factor, Index term) {
     ++alive_;
+    Index slot = to_index(places_.size());
     if (free_.empty()) {
-      entries_.push_back({factor, 1.0, term, 0, true});
-      return to_index(entries_.size()) - 1;
+      places_.emplace_back();
+    } else {
+      slot = free_.back();
+      free_.pop_back();
     }
-    const Index slot = free_.back();
-    free_.pop_back();
-    entries_[static_cast<std::size_t>(slot)] = {factor, 1.0, term, at(slot).generation, true};
+    Place& place = at_place(slot);
+    place = {Packed(factor, shared_), 1.0, term, place.generation, true};
     return slot;
   }
   void set_alive(Index slot, bool alive) {
-    entries_[static_cast<std::size_t>(slot)].alive = alive;
+    at_place(slot).alive = alive;
     alive_ += alive ? 1 : -1;
   }
-  /// To be changed in place; its keys stay.
-  [[nodiscard]] F& factor(Index slot) { return entries_[static_cast<std::size_t>(slot)].factor; }
-  void set_weight(Index slot, double weight) { entries_[static_cast<std::size_t>(slot)].weight = weight; }
+  /// To be changed in place; its keys stay. For types that are kept as they are.
+  [[nodiscard]] F& factor(Index slot) { return at_place(slot).packed.factor; }
+  void set_weight(Index slot, double weight) { at_place(slot).weight = weight; }
   /// Lets the place of a factor that is not alive be used again.
   void release(Index slot) {
-    ++entries_[static_cast<std::size_t>(slot)].generation;
+    ++at_place(slot).generation;
+    at_place(slot).packed.give_back(shared_);
     free_.push_back(slot);
   }
-  [[nodiscard]] const Entry& at(Index slot) const { return entries_[static_cast<std::size_t>(slot)]; }
+  [[nodiscard]] Entry at(Index slot) const { return entry(places_[static_cast<std::size_t>(slot)]); }
+  [[nodiscard]] Index term(Index slot) const { return places_[static_cast<std::size_t>(slot)].term; }
+  [[nodiscard]] Index generation(Index slot) const { return places_[static_cast<std::size_t>(slot)].generation; }
   [[nodiscard]] Index alive() const { return alive_; }
   [[nodiscard]] bool contains(const FactorId& id) const {
-    return id.slot >= 0 && id.slot < to_index(entries_.size()) && at(id.slot).alive &&
-           at(id.slot).generation == id.generation;
+    return id.slot >= 0 && id.slot < to_index(places_.size()) && places_[static_cast<std::size_t>(id.slot)].alive &&
+           generation(id.slot) == id.generation;
   }
 
   /// visit(entry) for each factor that is there.
   template <class Visit>
   void for_each(Visit&& visit) const {
-    for (const Entry& entry : entries_) {
-      if (entry.alive) visit(entry);
+    for (const Place& place : places_) {
+      if (place.alive) visit(entry(place));
     }
   }
 
-  /// visit(entry) for each place, be there a factor or not.
+  /// visit(place, term) for each factor that is there.
   template <class Visit>
   void for_each_slot(Visit&& visit) const {
-    for (const Entry& entry : entries_) visit(entry);
+    Index slot = 0;
+    for (const Place& place : places_) {
+      if (place.alive) visit(slot, place.term);
+      ++slot;
+    }
   }
 
   /// @param released  places that are taken as if they had been released, in this order.
   void save(ByteSink& out, std::span<const Index> released) const {
     StateWriter write(out);
-    out.put(static_cast<std::uint64_t>(entries_.size()));
+    out.put(static_cast<std::uint64_t>(places_.size()));
     Index slot = 0;
-    for (const Entry& entry : entries_) {
+    for (const Place& place : places_) {
       const auto more = static_cast<Index>(std::count(released.begin(), released.end(), slot++));
-      out.put(entry.alive ? entry.term : Index{-1});
-      out.put(entry.generation + more);
-      if (!entry.alive) continue;
-      out.put(entry.weight);
-      F::visit_members(entry.factor, write);
+      out.put(place.alive ? place.term : Index{-1});
+      out.put(place.generation + more);
+      if (!place.alive) continue;
+      out.put(place.weight);
+      const F& factor = place.packed.unpacked(shared_);
+      F::visit_members(factor, write);
     }
     std::vector<Index> unused = free_;
     unused.insert(unused.end(), released.begin(), released.end());
@@ -109,21 +216,29 @@ class FactorPool {
   /// What `save` wrote, into an empty pool.
   void load(ByteSource& in) {
     StateReader read(in);
-    entries_.resize(in.take<std::uint64_t>());
-    for (Entry& entry : entries_) {
-      entry.term = in.take<Index>();
-      entry.generation = in.take<Index>();
-      entry.alive = entry.term >= 0;
-      if (!entry.alive) continue;
+    places_.resize(in.take<std::uint64_t>());
+    for (Place& place : places_) {
+      place.term = in.take<Index>();
+      place.generation = in.take<Index>();
+      place.alive = place.term >= 0;
+      if (!place.alive) continue;
       ++alive_;
-      entry.weight = in.take<double>();
-      F::visit_members(entry.factor, read);
+      place.weight = in.take<double>();
+      F factor;
+      F::visit_members(factor, read);
+      place.packed = Packed(factor, shared_);
     }
     in.take_list(free_);
   }
 
  private:
-  std::deque<Entry> entries_;  ///< grows without a copy, in time and in memory
+  [[nodiscard]] Place& at_place(Index slot) { return places_[static_cast<std::size_t>(slot)]; }
+  [[nodiscard]] Entry entry(const Place& place) const {
+    return {place.packed.unpacked(shared_), place.weight, place.term, place.generation, place.alive};
+  }
+
+  std::deque<Place> places_;  ///< grows without a copy, in time and in memory
+  [[no_unique_address]] Shared shared_;
   std::vector<Index> free_;
   Index alive_ = 0;
 };
@@ -148,7 +263,7 @@ class FactorPools {
     auto& pool = std::get<FactorPool<F>>(pools_);
     const Index slot = pool.add(factor, term);
     set_place(term, {type_of<F>(), slot});
-    return {type_of<F>(), slot, pool.at(slot).generation};
+    return {type_of<F>(), slot, pool.generation(slot)};
   }
 
   [[nodiscard]] bool contains(const FactorId& id) const {
@@ -211,11 +326,7 @@ class FactorPools {
   template <class Pool>
   void load_pool(Pool& pool, Index type, ByteSource& in) {
     pool.load(in);
-    Index slot = 0;
-    pool.for_each_slot([&](const auto& entry) {
-      if (entry.alive) set_place(entry.term, {type, slot});
-      ++slot;
-    });
+    pool.for_each_slot([&](Index slot, Index term) { set_place(term, {type, slot}); });
   }
   template <Factor F>
   [[nodiscard]] static constexpr Index type_of() {

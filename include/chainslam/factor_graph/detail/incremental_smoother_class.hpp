@@ -287,7 +287,7 @@ class IncrementalSmoother {
   [[nodiscard]] Index term_of(const FactorId& id) const {
     if (!pools_.contains(id)) throw std::invalid_argument("IncrementalSmoother: there is no such factor");
     Index term = -1;
-    pools_.visit_pool(id.type, [&](const auto& pool) { term = pool.at(id.slot).term; });
+    pools_.visit_pool(id.type, [&](const auto& pool) { term = pool.term(id.slot); });
     return term;
   }
   void remove_term(Index term) {

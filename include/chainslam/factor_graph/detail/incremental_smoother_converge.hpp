@@ -85,11 +85,11 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::restore_multipliers(const Change& change) {
   const auto place = pools_.place(change.id);
   pools_.visit_pool(place.type, [&](auto& pool) {
-    auto& factor = pool.factor(place.slot);
-    using F = std::remove_cvref_t<decltype(factor)>;
+    using F = typename std::remove_cvref_t<decltype(pool)>::Type;
     if constexpr (detail::is_constraint<F>)
-      factor.set_multipliers(
-          Eigen::Map<const typename F::Residual>(multipliers_before_.data() + static_cast<std::size_t>(change.look)));
+      pool.factor(place.slot)
+          .set_multipliers(Eigen::Map<const typename F::Residual>(multipliers_before_.data() +
+                                                                  static_cast<std::size_t>(change.look)));
   });
 }
 
