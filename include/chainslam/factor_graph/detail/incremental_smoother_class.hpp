@@ -63,6 +63,7 @@ class IncrementalSmoother {
     if (!components_outdated_) components_.add_variable();
     const Key key = origins_.add(initial);
     estimates_.add(initial);
+    estimate(key);
     changes_.push_back({ChangeKind::value_added, key, {}, 0.0});
     return key;
   }
@@ -171,10 +172,7 @@ class IncrementalSmoother {
   [[nodiscard]] std::vector<Key> floating() { return find_floating(); }
 
   /// The estimate of a variable.
-  [[nodiscard]] Group operator[](Key key) const {
-    const Tangent step = Eigen::Map<const Tangent>(solver_.solution(key).data());
-    return origins_[key].retract(step);
-  }
+  [[nodiscard]] Group operator[](Key key) const { return estimates_[key]; }
   [[nodiscard]] Index size() const { return origins_.size(); }
   [[nodiscard]] Index factor_count() const { return pools_.count(); }
   /// How many factors there are of one type.
@@ -195,16 +193,11 @@ class IncrementalSmoother {
     pools_.for_each([&](const auto& entry) { detail::visit_weighed(entry, visit); });
   }
   /// All estimates.
-  [[nodiscard]] Values<Group> values() const {
-    Values<Group> all;
-    for (Key key = 0; key < size(); ++key) all.add((*this)[key]);
-    return all;
-  }
+  [[nodiscard]] Values<Group> values() const { return estimates_; }
   /// Sum of the squared whitened residuals (chi^2) of the estimate, through their kernels. Linear in the graph.
   [[nodiscard]] double cost() const {
-    const Values<Group> all = values();
     double sum = 0.0;
-    for_each_factor([&](const auto& factor) { sum += detail::robust_cost(factor, all); });
+    for_each_factor([&](const auto& factor) { sum += detail::robust_cost(factor, estimates_); });
     return sum;
   }
   /// Covariance of the estimates of some variables together, as right perturbations, in the order of `keys` (without
@@ -336,6 +329,13 @@ class IncrementalSmoother {
   [[nodiscard]] bool all_due(Key key) const;
   void set_off(Index term, double off);
   void relinearize_at_estimate(Key key) { relinearize_at(key, (*this)[key]); }
+  void estimate(Key key) {
+    const Tangent step = Eigen::Map<const Tangent>(solver_.solution(key).data());
+    estimates_[key] = origins_[key].retract(step);
+  }
+  void estimate_all() {
+    for (Key key = 0; key < size(); ++key) estimate(key);
+  }
   void relinearize_at(Key key, const Group& origin);
   void relinearize_all();
   static constexpr bool any_constraint = (detail::is_constraint<Extra> || ...);
@@ -356,7 +356,7 @@ class IncrementalSmoother {
   SmootherOptions options_;
   IncrementalCholesky<dof> solver_;
   Values<Group> origins_;    ///< where the factors are linearised
-  Values<Group> estimates_;  ///< scratch: up to date only where a factor is being looked at
+  Values<Group> estimates_;  ///< these, moved by the linear system's solution
   Pools pools_;
   std::vector<double> look_;        ///< of each variable: the step at which its factors are looked at
   std::vector<Index> waits_at_;     ///< of each variable: its place in `waiting_`, -1 if it does not wait

@@ -55,11 +55,10 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOpti
 
 template <class Group, class... Extra>
 double IncrementalSmoother<Group, Extra...>::violation() const {
-  const Values<Group> all = values();
   double worst = 0.0;
   pools_.for_each([&](const auto& entry) {
     if constexpr (detail::is_constraint<std::remove_cvref_t<decltype(entry.factor)>>)
-      worst = std::max(worst, entry.factor.violation(all));
+      worst = std::max(worst, entry.factor.violation(estimates_));
   });
   return worst;
 }
@@ -68,7 +67,6 @@ double IncrementalSmoother<Group, Extra...>::violation() const {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::tighten() {
   begin();
-  const Values<Group> all = values();
   pools_.for_each([&](const auto& entry) {
     using F = std::remove_cvref_t<decltype(entry.factor)>;
     if constexpr (detail::is_constraint<F>) {
@@ -76,7 +74,7 @@ void IncrementalSmoother<Group, Extra...>::tighten() {
           {ChangeKind::factor_tightened, entry.term, {}, static_cast<double>(multipliers_before_.size())});
       const auto& before = entry.factor.multipliers;
       multipliers_before_.insert(multipliers_before_.end(), before.data(), before.data() + before.size());
-      pools_.template pool<F>().factor(pools_.place(entry.term).slot).tighten(all);
+      pools_.template pool<F>().factor(pools_.place(entry.term).slot).tighten(estimates_);
     }
   });
 }

@@ -31,9 +31,8 @@ void IncrementalSmoother<Group, Extra...>::marginalize(std::span<const Key> keys
     std::ranges::sort(stays);
     stays.erase(std::unique(stays.begin(), stays.end()), stays.end());
     std::erase(stays, key);
-    estimates_[key] = (*this)[key];
     std::vector<Group> points;
-    for (const Key other : stays) points.push_back(estimates_[other] = (*this)[other]);
+    for (const Key other : stays) points.push_back(estimates_[other]);
 
     const bool known = !terms.empty() || std::ranges::any_of(left, concerns);
     detail::DenseElimination<Group> elimination(key, std::move(stays));

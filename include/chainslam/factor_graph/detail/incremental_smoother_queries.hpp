@@ -19,6 +19,7 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
     moved[static_cast<std::size_t>(key)] = 1;
     changes_.push_back({ChangeKind::origin_moved, key, origins_[key], look_[static_cast<std::size_t>(key)]});
     origins_[key] = motion * origins_[key];
+    estimate(key);
   }
   std::vector<Key> outside;
   for (const Key key : keys) {
@@ -80,10 +81,7 @@ template <Factor F>
 FactorForecast IncrementalSmoother<Group, Extra...>::what_if(const F& factor) const {
   const auto keys = factor.keys();
   require_keys(keys);
-  Values<Group> values;  // a factor reads its own keys alone
-  for (Key key = 0; key <= *std::max_element(keys.begin(), keys.end()); ++key) values.add(Group());
-  for (const Key key : keys) values[key] = (*this)[key];
-  const auto linearized = detail::weighted_linearization(factor, values);
+  const auto linearized = detail::weighted_linearization(factor, estimates_);
   std::vector<Key> free;
   Eigen::MatrixXd E(static_cast<Eigen::Index>(keys.size()) * dof, F::rows);
   for (std::size_t k = 0; k < keys.size(); ++k) {

@@ -34,6 +34,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
     return report;
   }
   solver_.solve(exact);
+  for (const Key key : solver_.changed()) estimate(key);
   report.squared_error = solver_.squared_error() + solver_.excess();
   report.gap = solver_.excess();
   look_at_changed(report);
@@ -75,6 +76,7 @@ void IncrementalSmoother<Group, Extra...>::revert() {
   waiting_gap_ = waiting_gap_before_;
   find_waiting();
   solver_.rollback();
+  estimate_all();
   components_outdated_ = true;
   oldest_ = 0;
 }
@@ -219,6 +221,7 @@ void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& 
   origins_[key] = origin;
   if constexpr (requires(Group & group) { group.normalize(); }) origins_[key].normalize();
   solver_.set_solution_zero(key);
+  estimate(key);
   for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next)
     touch(solver_.terms().slot(k).term);
 }
@@ -325,7 +328,6 @@ double IncrementalSmoother<Group, Extra...>::misprediction(Index term) {
     Eigen::Matrix<double, columns_of<F>, 1> step(columns);
     Eigen::Index row = 0;
     for (const Key key : keys) {
-      estimates_[key] = (*this)[key];
       step.template segment<dof>(row) = Eigen::Map<const Tangent>(solver_.solution(key).data());
       row += dof;
     }
