@@ -169,7 +169,7 @@ if [ "$mode" != quick ]; then
     run_step "errors at the seams can be read" env CXX="$seam_compilers" "$root/test/compile_fail/run.sh" "$root/include"
     consumers=("$build/consumer")
     [ "$mode" = full ] && consumers+=(--all)
-    run_step "consumers build" "$root/test/consumer/run.sh" "${consumers[@]}"
+    run_step "consumers build" env CXX="${seam_compilers%% *}" "$root/test/consumer/run.sh" "${consumers[@]}"
   fi
 fi
 if [ "$mode" = full ]; then
