@@ -97,7 +97,7 @@ void update_fast_lio2(benchmark::State& state) {
   update<IkdTree<float, NearestToCenter>, Trivial>(state, fast_lio2_options());
 }
 
-/// One reading of an inertial unit through the filter: state and 23 x 23 covariance.
+/// One reading of an inertial unit through the filter: state and 26 x 26 covariance.
 void propagation(benchmark::State& state) {
   Ieskf<InertialState, ImuProcess> filter(InertialState(), 1e-4 * InertialState::Jacobian::Identity());
   const ImuInput input{.gyro = {0.1, -0.2, 0.3}, .accel = {0.1, 0.2, 9.8}};

@@ -24,8 +24,8 @@ using namespace chainslam::test;
 namespace {
 
 using State = InertialState;
-using Matrix23 = State::Jacobian;
-using Vector23 = State::Tangent;
+using StateMatrix = State::Jacobian;
+using StateVector = State::Tangent;
 
 /// Points of the hall's walls, floor and pillars, seen from a pose.
 std::vector<Eigen::Vector3f> hall_points(const SE3d& T_world_lidar, int columns, Rng& rng) {
@@ -42,14 +42,14 @@ std::vector<Eigen::Vector3f> hall_points(const SE3d& T_world_lidar, int columns,
 /// by numbers.
 struct LiteralFastLio2 {
   State x;
-  Matrix23 P;
+  StateMatrix P;
 
   void propagate(const ImuInput& u, double dt) {
     const auto f = [&](const State& s, const Eigen::Matrix<double, 12, 1>& w) {
       const SO3d R = s.get<Inertial::rotation>();
       const Eigen::Vector3d a = R * Eigen::Vector3d(u.accel - s.get<Inertial::accel_bias>().value() - w.segment<3>(3)) -
                                 9.81 * s.get<Inertial::up>().direction();
-      Vector23 rate = Vector23::Zero();
+      StateVector rate = StateVector::Zero();
       rate.segment<3>(0) = s.get<Inertial::velocity>().value() + 0.5 * dt * a;
       rate.segment<3>(3) = u.gyro - s.get<Inertial::gyro_bias>().value() - w.head<3>();
       rate.segment<3>(6) = a;
@@ -90,7 +90,7 @@ struct LiteralFastLio2 {
   int update(const BruteForce<float>& map, const std::vector<Eigen::Vector3f>& scan) {
     const State prediction = x;
     std::vector<std::optional<Row>> planes;
-    Matrix23 posterior = P;
+    StateMatrix posterior = P;
     bool renew = true;
     int pass = 0;
     for (; pass < 5; ++pass) {
@@ -100,7 +100,7 @@ struct LiteralFastLio2 {
         for (const auto& p : scan) planes.push_back(plane_at(map, T * Eigen::Vector3d(p.cast<double>())));
       }
       std::vector<double> z;
-      std::vector<Vector23> rows;
+      std::vector<StateVector> rows;
       for (std::size_t i = 0; i < scan.size(); ++i) {
         if (!planes[i]) continue;
         const Eigen::Vector3d n = planes[i]->normal.cast<double>(), p = scan[i].cast<double>();
@@ -111,33 +111,35 @@ struct LiteralFastLio2 {
                               R_L = x.get<Inertial::lidar_rotation>().matrix();
         const Eigen::Vector3d q = T_body_lidar(prediction).inverse() * p;
         const Eigen::Vector3d body = T_body_lidar(x) * q;
-        Vector23 row = Vector23::Zero();
+        StateVector row = StateVector::Zero();
         row.segment<3>(0) = n;
         row.segment<3>(3) = -(n.transpose() * R * SO3d::hat(body)).transpose();
-        row.segment<3>(17) = (n.transpose() * R).transpose();
-        row.segment<3>(20) = -(n.transpose() * R * R_L * SO3d::hat(q)).transpose();
+        row.segment<3>(inertial_offset<Inertial::lidar_position>) = (n.transpose() * R).transpose();
+        row.segment<3>(inertial_offset<Inertial::lidar_rotation>) =
+            -(n.transpose() * R * R_L * SO3d::hat(q)).transpose();
         rows.push_back(row);
         z.push_back(residual);
       }
-      Eigen::MatrixXd H(static_cast<Eigen::Index>(rows.size()), 23);
+      Eigen::MatrixXd H(static_cast<Eigen::Index>(rows.size()), State::dof);
       for (std::size_t i = 0; i < rows.size(); ++i) H.row(static_cast<Eigen::Index>(i)) = rows[i];
       const Eigen::Map<const Eigen::VectorXd> residuals(z.data(), static_cast<Eigen::Index>(z.size()));
       // J of eq. 16: d ((x (+) d) (-) prediction) / d d
-      const Vector23 ahead = prediction.local(x);
-      using Coordinates = Rn<double, 23>;
-      const Matrix23 J = numeric_jacobian(
+      const StateVector ahead = prediction.local(x);
+      using Coordinates = Rn<double, State::dof>;
+      const StateMatrix J = numeric_jacobian(
           [&](const Coordinates& d) { return Coordinates(prediction.local(x.retract(d.value()))); }, Coordinates());
-      const Matrix23 J_inverse = J.inverse();
-      const Matrix23 P_here = J_inverse * P * J_inverse.transpose();
+      const StateMatrix J_inverse = J.inverse();
+      const StateMatrix P_here = J_inverse * P * J_inverse.transpose();
       const double R_inverse = 1 / 0.001;
       const Eigen::MatrixXd K =
-          (H.transpose() * R_inverse * H + P_here.inverse()).inverse() * H.transpose() * R_inverse;  // eq. 20
-      const Vector23 step = -K * residuals - (Matrix23::Identity() - K * H) * (J_inverse * ahead);   // eq. 18
+          (H.transpose() * R_inverse * H + P_here.inverse()).inverse() * H.transpose() * R_inverse;       // eq. 20
+      const StateVector step = -K * residuals - (StateMatrix::Identity() - K * H) * (J_inverse * ahead);  // eq. 18
       const State here = x;
       x = x.retract(step);
-      const Matrix23 reset = numeric_jacobian(
+      const StateMatrix reset = numeric_jacobian(
           [&](const Coordinates& d) { return Coordinates(x.local(here.retract(step + d.value()))); }, Coordinates());
-      posterior = reset * (Matrix23::Identity() - K * H) * P_here * reset.transpose();  // eq. 19, as its code does it
+      posterior =
+          reset * (StateMatrix::Identity() - K * H) * P_here * reset.transpose();  // eq. 19, as its code does it
       const bool small = step.cwiseAbs().maxCoeff() < 1e-3;
       const bool was_fresh = renew;
       renew = small || pass + 2 == 5;
@@ -157,7 +159,7 @@ TEST_SUITE("odometry/scan_measurement") {
   TEST_CASE("the scan's pose changes with the state as its Jacobian says") {
     Rng rng(31);
     const auto any = [&] {
-      Vector23 d;
+      StateVector d;
       for (auto& value : d) value = rng.normal(0, 0.3);
       return State().retract(d);
     };
@@ -190,8 +192,9 @@ TEST_SUITE("odometry/scan_measurement") {
     x.get<Inertial::velocity>() = R3d(Eigen::Vector3d(1, 1, 0.2));
     x.get<Inertial::lidar_position>() = R3d(Eigen::Vector3d(0.1, -0.2, 0.3));
     const SE3d mount = T_body_lidar(x);
-    Vector23 variances = Vector23::Constant(1e-4);
+    StateVector variances = StateVector::Constant(1e-4);
     variances.segment<3>(6).setConstant(0.1);
+    variances[inertial_offset<Inertial::bend>] = 1e-20;  // none, but what is written out is inverted
     Ieskf<State, ImuProcess> filter(x, variances.asDiagonal(), preset.process);
     double worst = 0, worst_covariance = 0;
     Index corrected = 0;

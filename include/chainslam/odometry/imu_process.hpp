@@ -36,7 +36,7 @@ struct ImuProcess {
   ImuNoise noise{};
   ImuIntegration integration = ImuIntegration::midpoint;
   double gravity = 9.81;  ///< m/s^2
-  double up_walk = 0;     ///< radians per sqrt(s), by which gravity's direction moves: a map of scans creeps
+  double up_walk = 0;     ///< radians per sqrt(s), by which gravity's direction moves beside the bend: maps creep
 
   /// @param dt  seconds, short: rates and forces count as constant (10 ms suffice for anything that carries a LiDAR).
   [[nodiscard]] Transition<InertialState> predict(const InertialState& x, const ImuInput& input, double dt) const;
@@ -46,13 +46,47 @@ struct ImuProcess {
     return x.get<Inertial::rotation>() * Eigen::Vector3d(input.accel - x.get<Inertial::accel_bias>().value()) -
            gravity * x.get<Inertial::up>().direction();
   }
+
+ private:
+  /// Turns up as far as the map is bent over the way of `dt` seconds.
+  static void lean(const InertialState& x, double dt, Transition<InertialState>& step);
 };
 static_assert(ProcessModel<ImuProcess, InertialState>);
+
+/// up' = exp(w) up with w = dt bend up x velocity: the way's horizontal part, times the bend, is added to it.
+inline void ImuProcess::lean(const InertialState& x, double dt, Transition<InertialState>& step) {
+  using Part = Inertial::Part;
+  constexpr int v = inertial_offset<Part::velocity>, bend = inertial_offset<Part::bend>;
+  constexpr int up = inertial_offset<Part::up>, creep = inertial_offset<Part::creep>;
+  const Eigen::Vector3d& before = x.get<Part::up>().direction();
+  const auto basis = x.get<Part::up>().basis();
+  const Eigen::Vector3d velocity = x.get<Part::velocity>().value();
+  const double bent = dt * x.get<Part::bend>().value()[0];
+  const Eigen::Vector3d across = before.cross(velocity);
+  const SO3d turn = SO3d::exp(bent * across);
+  const S2d after = turn * x.get<Part::up>();
+  step.state.get<Part::up>() = after;
+  step.state.get<Part::creep>() = R2d(x.get<Part::creep>().value() + (after.direction() - before).head<2>());
+
+  // d up' / d (w, up, velocity)
+  const Eigen::Matrix3d by_turn = -turn.matrix() * SO3d::hat(before) * SO3d::right_jacobian(bent * across);
+  const Eigen::Matrix<double, 3, 2> by_up = (turn.matrix() - bent * by_turn * SO3d::hat(velocity)) * basis;
+  const Eigen::Matrix3d by_velocity = bent * by_turn * SO3d::hat(before);
+  const Eigen::Vector3d by_bend = dt * by_turn * across;
+  const Eigen::Matrix<double, 2, 3> to_tangent = after.basis().transpose();
+  step.F.block<2, 2>(up, up) = to_tangent * by_up;
+  step.F.block<2, 3>(up, v) = to_tangent * by_velocity;
+  step.F.block<2, 1>(up, bend) = to_tangent * by_bend;
+  step.F.block<2, 2>(creep, up) = (by_up - basis).topRows<2>();
+  step.F.block<2, 3>(creep, v) = by_velocity.topRows<2>();
+  step.F.block<2, 1>(creep, bend) = by_bend.head<2>();
+}
 
 inline Transition<InertialState> ImuProcess::predict(const InertialState& x, const ImuInput& input, double dt) const {
   using Part = Inertial::Part;
   constexpr int p = inertial_offset<Part::position>, R = inertial_offset<Part::rotation>;
-  constexpr int v = inertial_offset<Part::velocity>, up = inertial_offset<Part::up>;
+  constexpr int v = inertial_offset<Part::velocity>;
+  constexpr int up = inertial_offset<Part::up>, creep = inertial_offset<Part::creep>;
   constexpr int bg = inertial_offset<Part::gyro_bias>, ba = inertial_offset<Part::accel_bias>;
   const bool midpoint = integration == ImuIntegration::midpoint;
 
@@ -86,6 +120,8 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   step.F.block<3, 3>(R, R) = SO3d::exp(turn).matrix().transpose();
   step.F.block<3, 3>(R, bg) = -dt * SO3d::right_jacobian(turn);
 
+  lean(x, dt, step);
+
   // Noise of a reading acts as an error of its bias does. The mean of white noise over dt has variance density^2 / dt.
   const double per_time = midpoint ? 1.0 / dt : 1.0;
   const auto squared = [](double value) { return value * value; };
@@ -96,7 +132,11 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
       per_time * (squared(noise.accel) + squared(input.accel_noise)) * (by_accel * by_accel.transpose());
   step.Q.diagonal().segment<3>(bg).setConstant(dt * dt * per_time * squared(noise.gyro_bias_walk));
   step.Q.diagonal().segment<3>(ba).setConstant(dt * dt * per_time * squared(noise.accel_bias_walk));
-  step.Q.diagonal().segment<2>(up).setConstant(dt * squared(up_walk));
+  const Eigen::Matrix2d by_walk = step.state.get<Part::up>().basis().topRows<2>();
+  step.Q.block<2, 2>(up, up) = dt * squared(up_walk) * Eigen::Matrix2d::Identity();
+  step.Q.block<2, 2>(creep, up) = dt * squared(up_walk) * by_walk;
+  step.Q.block<2, 2>(up, creep) = step.Q.block<2, 2>(creep, up).transpose();
+  step.Q.block<2, 2>(creep, creep) = dt * squared(up_walk) * by_walk * by_walk.transpose();
   return step;
 }
 

@@ -17,7 +17,7 @@
 namespace chainslam {
 
 struct InertialMotionOptions {
-  ImuProcess process{.up_walk = 1e-3};
+  ImuProcess process{.up_walk = 7e-4};
   ImuRecordOptions imu{};
   ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
   double start_speed = 5;    ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
@@ -26,6 +26,7 @@ struct InertialMotionOptions {
   double start_accel_bias = 0.1;  ///< m/s^2, deviation
   double start_up = 0.15;         ///< radians, deviation of gravity's direction at a start in motion
   double rest_up = 0.01;          ///< and at rest: what the accelerometer's bias makes of it
+  double start_bend = 5e-5;       ///< 1/m, deviation of the map's bend: 0.3 degrees in 100 m
   // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
   double free_accel = 1.5;        ///< m/s^2 per sqrt(Hz)
   double free_gyro = 0.2;         ///< rad/s per sqrt(Hz)
@@ -157,6 +158,7 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   set.operator()<Inertial::velocity>(options_.start_speed);
   set.operator()<Inertial::gyro_bias>(start.at_rest ? 0.2 * options_.start_gyro_bias : options_.start_gyro_bias);
   set.operator()<Inertial::accel_bias>(options_.start_accel_bias);
+  set.operator()<Inertial::bend>(options_.start_bend);
   set.operator()<Inertial::up>(start.at_rest ? options_.rest_up : options_.start_up);
   filter_ = Filter(x, variance.asDiagonal(), options_.process);
   time_ = time;

@@ -12,8 +12,8 @@
 
 namespace chainslam {
 
-/// What LiDAR-inertial odometry estimates, 23 degrees of freedom (FAST-LIO2, eq. 3, with gravity's length known):
-/// `state.get<Inertial::velocity>()`.
+/// What LiDAR-inertial odometry estimates, 26 degrees of freedom (FAST-LIO2, eq. 3, with gravity's length known, and
+/// how the map is out of level): `state.get<Inertial::velocity>()`.
 struct Inertial {
   enum Part : std::size_t {
     position,        ///< of the body in odom, metres
@@ -22,12 +22,14 @@ struct Inertial {
     gyro_bias,       ///< rad/s
     accel_bias,      ///< m/s^2
     up,              ///< against gravity, in odom
+    creep,           ///< by how much `up` has moved since the start, along x and y
+    bend,            ///< 1/m: `up` leans with the way by so much, as over a map bent like a bowl
     lidar_position,  ///< of the LiDAR in the body frame, metres
     lidar_rotation,  ///< R_body_lidar
   };
 };
-using InertialState = Product<R3d, SO3d, R3d, R3d, R3d, S2d, R3d, SO3d>;
-static_assert(InertialState::dof == 23);
+using InertialState = Product<R3d, SO3d, R3d, R3d, R3d, S2d, R2d, R1d, R3d, SO3d>;
+static_assert(InertialState::dof == 26);
 
 /// Where the tangent of a part starts.
 template <Inertial::Part Part>
@@ -47,7 +49,7 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
   return tangent;
 }
 
-/// d (T_odom_body * T_body_lidar) / d x, 6 x 23.
+/// d (T_odom_body * T_body_lidar) / d x, 6 x 26.
 [[nodiscard]] inline Eigen::Matrix<double, 6, InertialState::dof> lidar_pose_jacobian(const InertialState& x) {
   Eigen::Matrix<double, 6, InertialState::dof> jacobian;
   jacobian.setZero();

@@ -206,8 +206,6 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, cons
   }
   ++counts_.frames;
   imu_start_ = motion_.start(sweep.end);
-  leveller_ = Leveller(options_.motion.process.up_walk,
-                       imu_start_.at_rest ? options_.motion.rest_up : options_.motion.start_up);
   first.filter = motion_.filter();
   map_.extend(first.clouds.map, T_odom_body(state()));
   if (sweep.points.has_times()) first_ = std::move(sweep);
@@ -298,10 +296,9 @@ void LidarInertialOdometry<Map, Kernel>::rebuild_map(const Sweep& first, const A
 
 template <class Map, class Kernel>
 Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt attempt) {
-  const S2d up_before = state().template get<Inertial::up>();
   const SE3d T_odom_scan = scan_pose(attempt.filter.state());
   motion_.filter() = attempt.filter;
-  leveller_.follow(up_before, state(), motion_.interval());
+  leveller_.follow(state());
   motion_.follow();
   bound_mounting();
   map_.extend(attempt.clouds.map, T_odom_scan);

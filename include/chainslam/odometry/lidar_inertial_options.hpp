@@ -54,6 +54,7 @@ struct LidarInertialOdometryOptions {
   options.redeskew_distance = std::numeric_limits<double>::infinity();
   options.motion.process = rules.process;
   options.motion.lidar_rotation = 0;
+  options.motion.start_bend = 0;
   options.motion.imu.unseen_share = 0;
   options.motion.imu.max_step = std::numeric_limits<double>::infinity();
   options.scan_to_map = rules.scan_to_map;
