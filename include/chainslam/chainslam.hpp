@@ -174,6 +174,7 @@
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/map_graph.hpp"
 #include "chainslam/slam/map_merger.hpp"
+#include "chainslam/slam/odometry_noise.hpp"
 #include "chainslam/slam/pipeline.hpp"
 #include "chainslam/slam/position_index.hpp"
 #include "chainslam/slam/submap_cache.hpp"

@@ -13,25 +13,9 @@
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/odometry_noise.hpp"
 
 namespace chainslam {
-
-/// How far odometry between two keyframes may be off, by the way between them.
-struct OdometryNoise {
-  double translation = 0.02;             ///< metres per step,
-  double translation_per_metre = 0.005;  ///< and per metre travelled
-  double rotation = 0.001;               ///< radians per step,
-  double rotation_per_metre = 0.0002;    ///< and per metre travelled
-
-  /// Of T_from_to, tangent [translation; rotation].
-  [[nodiscard]] NoiseModel<6> operator()(const SE3d& T_from_to) const {
-    const double way = T_from_to.translation().norm();
-    Vector6d sigmas;
-    sigmas << Eigen::Vector3d::Constant(translation + translation_per_metre * way),
-        Eigen::Vector3d::Constant(rotation + rotation_per_metre * way);
-    return NoiseModel<6>::from_sigmas(sigmas);
-  }
-};
 
 struct MapGraphOptions {
   OdometryNoise odometry_noise{};
