@@ -7,3 +7,7 @@
 #include <filesystem>
 #include <string>
 #include <vector>
+
+#ifdef CHAINSLAM_TERSE_CHECKS
+#include "support/terse_checks.hpp"
+#endif
