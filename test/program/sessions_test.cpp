@@ -38,7 +38,8 @@ nlohmann::json mapped(const ScratchFolder& scratch, const std::string& data, con
 
 Index accepted(const nlohmann::json& summary, const char* kind) { return summary["closures"][kind].get<Index>(); }
 
-/// Three simulated drives through one town, mapped into one with and without chaining.
+/// Three simulated drives through one town, mapped into one; in the longest runs once more without chaining, and once
+/// more on one thread.
 void map_town(unsigned seed) {
   CAPTURE(seed);
   const ScratchFolder scratch("town_sessions");
@@ -51,23 +52,27 @@ void map_town(unsigned seed) {
   const std::string options = "--set odometry.map_radius=30 --set goals.merged=true";
   const fs::path out = scratch.path() / "chained";
   const nlohmann::json chained = mapped(scratch, data, out, options);
-  const nlohmann::json unchained =
-      mapped(scratch, data, scratch.path() / "unchained", options + " --set chain.enabled=false");
-  std::printf(
-      "FIGURE town, seed %u: APE front end alone %.3f m, unchained %.3f m, chained %.3f m; between sessions "
-      "%.4f m and %.4f m; %d chained closures\n",
-      seed, rmse(chained, "odometry"), rmse(unchained, "optimised"), rmse(chained, "optimised"),
-      rmse(unchained, "inter_session", "rpe"), rmse(chained, "inter_session", "rpe"), accepted(chained, "chained"));
   const nlohmann::json& cost = chained["back_end"];
+  std::printf(
+      "FIGURE town, seed %u: APE front end alone %.3f m, chained %.3f m; between sessions %.4f m; %d chained "
+      "closures\n",
+      seed, rmse(chained, "odometry"), rmse(chained, "optimised"), rmse(chained, "inter_session", "rpe"),
+      accepted(chained, "chained"));
   std::printf("FIGURE town, seed %u: back end per keyframe %s; peak memory %.0f MB\n", seed,
               cost["per_keyframe"].dump().c_str(), chained["peak_memory_bytes"].get<double>() / 1e6);
-  CHECK(accepted(unchained, "chained") == 0);
   CHECK(accepted(chained, "chained") >= 30);
   CHECK(rmse(chained, "optimised") < rmse(chained, "odometry"));
   CHECK(rmse(chained, "inter_session", "rpe") < 0.3);
+  if (!full()) return;
+
+  const nlohmann::json unchained =
+      mapped(scratch, data, scratch.path() / "unchained", options + " --set chain.enabled=false");
+  std::printf("FIGURE town, seed %u: unchained APE %.3f m, between sessions %.4f m\n", seed,
+              rmse(unchained, "optimised"), rmse(unchained, "inter_session", "rpe"));
+  CHECK(accepted(unchained, "chained") == 0);
   CHECK(rmse(chained, "inter_session", "rpe") <= 1.1 * rmse(unchained, "inter_session", "rpe"));
 
-  if (seed != 1 || !full()) return;
+  if (seed != 1) return;
   const fs::path again = scratch.path() / "again";
   mapped(scratch, data, again, options + " --threads 1");
   CHECK_MESSAGE(read_text(out / "map.cslam") == read_text(again / "map.cslam"), "the same map, whatever the threads");
