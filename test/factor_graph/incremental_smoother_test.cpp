@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/core/thread_pool.hpp"
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/lie/se2.hpp"
 #include "factor_graph/smoother_twin.hpp"
@@ -280,6 +281,25 @@ TEST_SUITE("factor_graph/incremental_smoother") {
     const Smoother one = fed(graph, {}, true);
     const Smoother other = fed(graph, {}, true);
     CHECK(one.values() == other.values());
+  }
+
+  TEST_CASE("any number of threads gives the same bits" *
+            doctest::test_suite("threads: factor_graph/incremental_smoother")) {
+    Rng rng(9);
+    const FactorGraph<SE3d> graph = random_graph<SE3d>(rng, 250, 0.05);
+    const auto converged = [&](const auto& executor) {
+      Smoother smoother;
+      smoother.append(graph);
+      smoother.set_fixed(0);
+      const UpdateReport first = smoother.update(executor);
+      REQUIRE(first.ok());
+      CHECK(first.work.multiplications > IncrementalCholesky<6>::Options{}.least_shared_work);  // shared out at all
+      const ConvergeReport report = smoother.converge({}, executor);
+      CHECK(report.converged);
+      return std::pair(smoother.values(), report.final_cost);
+    };
+    const auto expected = converged(Serial{});
+    for (const Index threads : {1, 2, 4}) CHECK(converged(ThreadPool(threads)) == expected);
   }
 
   TEST_CASE("planar graphs, too") {

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/thread_pool.hpp"
 #include "support/property.hpp"
 
 using namespace chainslam;
@@ -131,14 +132,23 @@ class History {
     solver.set_fixed(variable, fixed != 0);
   }
 
-  void step() {
+  /// Ties new variables to old ones by terms that say nothing: the next `factorize` fails.
+  void add_loose(Index count) {
+    for (Index k = 0; k < count; ++k) {
+      const std::vector<Index> variables{rng_.uniform_index(solver.size()), solver.add_variable()};
+      solver.add_term(variables, 1);
+    }
+  }
+
+  template <class Exec = Serial>
+  void step(const Exec& executor = {}) {
     solver.begin();
     for (Index k = rng_.uniform_index(4); k >= 0; --k) add_variable();
     for (Index k = rng_.uniform_index(3); k > 0; --k) close(solver.size());
     if (rng_.uniform_index(3) == 0) remove_one();
     if (rng_.uniform_index(2) == 0) change_one();
     if (rng_.uniform_index(6) == 0) fix_one(solver.size());
-    REQUIRE(solver.factorize().ok());
+    REQUIRE(solver.factorize(executor).ok());
     solver.solve();
   }
 
@@ -271,6 +281,40 @@ TEST_SUITE("sparse/incremental_cholesky") {
       }
       CHECK(work >= kept_work);
       if (size > 20) CHECK(forgetting.solver.tree().used_bytes() < keeping.solver.tree().used_bytes());
+    });
+  }
+
+  TEST_CASE("any number of threads gives the bits of one, and names the same variable that fails" *
+            doctest::test_suite("threads: sparse/incremental_cholesky")) {
+    const ThreadPool one(1), two(2), four(4);
+    for_all(16, [&](Rng& rng, int size) {
+      Solver::Options options = exact(size);
+      options.least_shared_work = 0.0;
+      Rng rngs[3] = {rng, rng, rng};
+      History expected(rng, options);
+      History found[3] = {{rngs[0], options}, {rngs[1], options}, {rngs[2], options}};
+      const ThreadPool* const pools[3] = {&one, &two, &four};
+      for (int k = 0; k < 5 + size / 4; ++k) {
+        expected.step();
+        for (int t = 0; t < 3; ++t) {
+          found[t].step(*pools[t]);
+          CHECK(solution(found[t].solver) == solution(expected.solver));
+          CHECK(found[t].solver.squared_error() == expected.solver.squared_error());
+          CHECK(found[t].solver.work().multiplications == expected.solver.work().multiplications);
+        }
+        if (k % 4 != 3) continue;
+        expected.solver.begin();
+        expected.add_loose(3);
+        const FactorizationResult bad = expected.solver.factorize();
+        CHECK(!bad.ok());
+        expected.solver.rollback();
+        for (int t = 0; t < 3; ++t) {
+          found[t].solver.begin();
+          found[t].add_loose(3);
+          CHECK(found[t].solver.factorize(*pools[t]).block_column == bad.block_column);
+          found[t].solver.rollback();
+        }
+      }
     });
   }
 

@@ -5,6 +5,7 @@
 #include <cassert>
 #include <numeric>
 #include <span>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/concepts.hpp"
+#include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/inverse_fronts.hpp"
 #include "chainslam/sparse/detail/panel.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
@@ -210,10 +212,9 @@ class BlockCholesky {
   }
 
   void divide() {
-    part_of_ = detail::divide_tree(nodes_, [&](Index s) {
-      const double own = nodes_.columns(s), rows = nodes_.update_rows(s);
-      return own * own * own / 6 + own * own * rows / 2 + own * rows * rows / 2;
-    });
+    part_of_ = detail::divide_tree(
+        nodes_.size(), [&](Index s) { return nodes_.parent[s]; },
+        [&](Index s) { return detail::Front<BlockSize>::work(nodes_.columns(s), nodes_.update_rows(s)); });
     for (Index s = 0; s < nodes_.size(); ++s) {
       if (part_of_[s] >= to_index(parts_.size())) parts_.resize(static_cast<std::size_t>(part_of_[s]) + 1);
       (part_of_[s] == -1 ? above_ : parts_[static_cast<std::size_t>(part_of_[s])]).supernodes.push_back(s);
@@ -387,6 +388,7 @@ class ParallelCholesky : public BlockCholesky<BlockSize> {
 
   [[nodiscard]] FactorizationResult factorize(const BlockMatrix<BlockSize>& matrix,
                                               std::span<const double> damping = {}) {
+    if constexpr (std::is_same_v<Exec, Serial>) return BlockCholesky<BlockSize>::factorize(matrix, damping);
     return BlockCholesky<BlockSize>::factorize(matrix, damping, executor_);
   }
 

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
@@ -146,8 +147,12 @@ class IncrementalSmoother {
   }
   [[nodiscard]] bool is_fixed(Key key) const { return solver_.is_fixed(key); }
 
-  /// Takes in what was added and removed since the last update, and makes the estimate better.
-  [[nodiscard]] UpdateReport update() { return update(false); }
+  /// Takes in what was added and removed since the last update, and makes the estimate better. An executor shares out
+  /// factorisations that are much work; any gives the same bits.
+  template <Executor Exec = Serial>
+  [[nodiscard]] UpdateReport update(const Exec& executor = {}) {
+    return update_to(false, executor);
+  }
 
   /// Moves variables as one body: x becomes motion * x. Factors between them that see no change cost nothing, so that a
   /// session is carried into another frame in closed form. Takes part in the next `update`.
@@ -165,7 +170,8 @@ class IncrementalSmoother {
   /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything linearised anew at each
   /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.
   /// Constraints then hold; the rests of their springs are part of the state.
-  ConvergeReport converge(const ConvergeOptions& options = {});
+  template <Executor Exec = Serial>
+  ConvergeReport converge(const ConvergeOptions& options = {}, const Exec& executor = {});
 
   /// The least key of each connected part that priors and the like do not hold in all directions, what was added
   /// included: if there is one, `update` would fail, and name them.
@@ -295,7 +301,9 @@ class IncrementalSmoother {
     pools_.visit_pool(place.type, [&](auto& pool) { pool.set_weight(place.slot, weight); });
   }
 
-  [[nodiscard]] UpdateReport update(bool exact);
+  /// @param exact  everything that waits is linearised anew, and all that changes at all is solved for.
+  template <Executor Exec>
+  [[nodiscard]] UpdateReport update_to(bool exact, const Exec& executor);
   /// Derivative of a right perturbation of the estimate with respect to the linear system's step.
   [[nodiscard]] typename Group::Jacobian at_estimate(Key key) const {
     return Group::right_jacobian(Eigen::Map<const Tangent>(solver_.solution(key).data()));
@@ -339,11 +347,14 @@ class IncrementalSmoother {
   void relinearize_at(Key key, const Group& origin);
   void relinearize_all();
   static constexpr bool any_constraint = (detail::is_constraint<Extra> || ...);
-  [[nodiscard]] ConvergeReport converge_springs(const ConvergeOptions& options);
+  template <Executor Exec>
+  [[nodiscard]] ConvergeReport converge_springs(const ConvergeOptions& options, const Exec& executor);
   [[nodiscard]] double violation() const;
   void tighten();
   void restore_multipliers(const Change& change);
-  void damped_descent(Values<Group> start, const ConvergeOptions& options, ConvergeReport& report);
+  template <Executor Exec>
+  void damped_descent(Values<Group> start, const ConvergeOptions& options, ConvergeReport& report,
+                      const Exec& executor);
   void touch(Index term);
   [[nodiscard]] bool linearize_touched(UpdateReport& report);
   [[nodiscard]] bool linearize_added(UpdateReport& report);

@@ -37,13 +37,14 @@ class IncrementalSmoother<Group, Extra...>::View {
 };
 
 template <class Group, class... Extra>
-ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOptions& options) {
-  ConvergeReport report = converge_springs(options);
+template <Executor Exec>
+ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOptions& options, const Exec& executor) {
+  ConvergeReport report = converge_springs(options, executor);
   if constexpr (any_constraint) {
     report.violation = violation();
     for (detail::ConstraintRounds rounds; report.ok() && rounds.more(report.violation);) {
       tighten();
-      ConvergeReport next = converge_springs(options);
+      ConvergeReport next = converge_springs(options, executor);
       next.initial_cost = report.initial_cost;
       next.iterations += report.iterations;
       next.violation = violation();
@@ -92,14 +93,16 @@ void IncrementalSmoother<Group, Extra...>::restore_multipliers(const Change& cha
 }
 
 template <class Group, class... Extra>
-ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const ConvergeOptions& options) {
+template <Executor Exec>
+ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const ConvergeOptions& options,
+                                                                      const Exec& executor) {
   constexpr double rounding = 1e-12;  // of a sum of squares
   ConvergeReport report;
   report.initial_cost = report.final_cost = cost();
   Values<Group> best = values();
   for (;;) {
     relinearize_all();
-    const UpdateReport step = update(true);
+    const UpdateReport step = update_to(true, executor);
     report.status = step.status;
     report.variables = step.variables;
     report.free = step.free;
@@ -109,7 +112,7 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const Conv
     const double now = cost();
     const double tolerance = options.relative_tolerance * report.final_cost + options.absolute_tolerance;
     if (!(now <= report.final_cost + tolerance + rounding * report.final_cost)) {
-      damped_descent(std::move(best), options, report);
+      damped_descent(std::move(best), options, report, executor);
       return report;
     }
     report.final_cost = now;
@@ -120,21 +123,22 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const Conv
   Index rows = 0;
   pools_.for_each([&](const auto& entry) { rows += solver_.terms().rows(entry.term); });
   if (options.restart && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
-    damped_descent(values(), options, report);
+    damped_descent(values(), options, report, executor);
   return report;
 }
 
 /// Levenberg and Marquardt from `start`, and from the chordal relaxation; the lower optimum becomes the estimate.
 template <class Group, class... Extra>
+template <Executor Exec>
 void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, const ConvergeOptions& options,
-                                                          ConvergeReport& report) {
+                                                          ConvergeReport& report, const Exec& executor) {
   const LevenbergMarquardt method{.max_iterations = 4 * options.max_iterations,
                                   .relative_tolerance = options.relative_tolerance,
                                   .absolute_tolerance = options.absolute_tolerance};
-  BlockCholesky<dof> solver;
+  ParallelCholesky<dof, Exec> solver(executor);
   const auto descend = [&](const Values<Group>& from, ConvergeMethod name, double share) {
     const View view(*this, from);
-    detail::BatchOptimization<View, BlockCholesky<dof>> optimization(view, solver);
+    detail::BatchOptimization<View, ParallelCholesky<dof, Exec>> optimization(view, solver);
     const OptimizeReport result = optimization.run(method);
     report.iterations += result.iterations;
     if (!result.ok() || !(result.final_cost <= share * report.final_cost)) return;
@@ -155,7 +159,7 @@ void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, c
     for (Key key = 0; key < size(); ++key) {
       if (!solver_.is_fixed(key)) relinearize_at(key, start[key]);
     }
-    const UpdateReport step = update(true);
+    const UpdateReport step = update_to(true, executor);
     report.status = step.status;
     report.variables = step.variables;
     report.gap = solver_.lowered();

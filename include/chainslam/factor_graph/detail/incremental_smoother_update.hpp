@@ -8,7 +8,8 @@
 namespace chainslam {
 
 template <class Group, class... Extra>
-UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
+template <Executor Exec>
+UpdateReport IncrementalSmoother<Group, Extra...>::update_to(bool exact, const Exec& executor) {
   begin();
   marginalize_old();
   UpdateReport report;
@@ -21,7 +22,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update(bool exact) {
     relinearize_waiting(exact);
     if (!linearize_touched(report) || !linearize_added(report)) {
       report.status = UpdateStatus::not_finite;
-    } else if (const FactorizationResult result = solver_.factorize(); !result.ok()) {
+    } else if (const FactorizationResult result = solver_.factorize(executor); !result.ok()) {
       report.status = UpdateStatus::singular;
       report.variables = {result.block_column};
       const View view(*this, values());

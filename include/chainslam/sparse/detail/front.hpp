@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <span>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/dense_kernels.hpp"
 #include "chainslam/sparse/detail/panel.hpp"
@@ -62,12 +63,15 @@ class Front {
     return {update(j) + Offset{row - column} * B, update_stride(j)};
   }
 
-  /// Factorises the own columns and subtracts them from the update.
+  /// Factorises the own columns and subtracts them from the update, whose columns are shared out by an executor.
   /// @returns the own column with a bad pivot, or -1.
-  [[nodiscard]] Index eliminate(double pivot_tolerance) const {
+  template <Executor Exec = Serial>
+  [[nodiscard]] Index eliminate(double pivot_tolerance, const Exec& executor = {}) const {
     const Index bad = own().eliminate(reciprocals(), pivot_tolerance);
     if (bad != -1) return bad;
-    for (Index j = 0; j < rows_; ++j) own().subtract_from_update(j, update(j), update_stride(j));
+    executor.for_chunks(rows_, 4, [&](Index begin, Index end) {
+      for (Index j = begin; j < end; ++j) own().subtract_from_update(j, update(j), update_stride(j));
+    });
     return -1;
   }
 

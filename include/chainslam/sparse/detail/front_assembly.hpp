@@ -16,6 +16,8 @@ namespace chainslam::detail {
 template <int B>
 class FrontAssembly {
  public:
+  /// @param size  number of variables.
+  explicit FrontAssembly(Index size = 0) : place_(size, -1) {}
   void add_variable() { place_.push_back(-1); }
   void drop_last_variable() { place_.pop_back(); }
 

@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <cassert>
+#include <memory>
+#include <mutex>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/byte_archive.hpp"
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/concepts.hpp"
 #include "chainslam/sparse/detail/block_terms.hpp"
@@ -62,6 +65,8 @@ class IncrementalCholesky {
     /// In subtrees whose factorisation takes less than this share of a mean update's multiplications, what a front
     /// leaves to its parent is not kept, but computed again when the parent is.
     double forgotten_share = 0.2;
+    /// A factorisation of fewer multiplications than this (a few tenths of a millisecond) is not worth waking threads.
+    double least_shared_work = 2e6;
   };
 
   IncrementalCholesky() = default;
@@ -149,8 +154,10 @@ class IncrementalCholesky {
     for (Index variable = 0; variable < size(); ++variable) reorder(variable);
   }
 
-  /// Brings the factor up to date. If that fails, `rollback` is due.
-  [[nodiscard]] FactorizationResult factorize();
+  /// Brings the factor up to date: where that is much work, subtrees and the columns of large fronts are shared out by
+  /// an executor, and any gives the same bits. If it fails, `rollback` is due.
+  template <Executor Exec = Serial>
+  [[nodiscard]] FactorizationResult factorize(const Exec& executor = {});
 
   /// Brings the solution up to date, as far as it changes.
   /// @param exact  all that changes at all, whatever the options tolerate.
@@ -207,6 +214,7 @@ class IncrementalCholesky {
 
  private:
   using Journal = detail::ChangeJournal;
+  using Assembly = detail::FrontAssembly<BlockSize>;
   using Front = detail::Front<BlockSize>;
   using Stale = detail::Stale;
 
@@ -267,26 +275,48 @@ class IncrementalCholesky {
     affected_.push_back(variable);
   }
 
-  /// Computes again what nodes leave to their parents, where the parents are due and it was not kept.
+  /// Lists the nodes whose parents are due and will not find what they leave to them: it was not kept. Children first.
   /// @param due  visits the parents.
   template <class ForEachNode>
-  void recall_updates(ForEachNode&& due);
+  void list_recalled(ForEachNode&& due);
   /// Gives up what the children of a node in a small subtree have left, once it is taken.
-  void forget_updates(Index node);
+  void forget_updates(Index node, std::mutex* memory = nullptr);
 
-  /// Computes the nodes that stay in the tree and are stale, children first.
-  [[nodiscard]] FactorizationResult refresh_nodes();
+  /// Lists the nodes that stay in the tree and are stale, children first.
+  void list_refreshed();
 
-  /// Orders the affected variables, makes their nodes, and computes them.
-  [[nodiscard]] FactorizationResult eliminate_affected();
-
+  /// Orders the affected variables and makes their nodes.
+  void order_affected();
   void create_nodes();
   void sort_fresh();
 
   /// Assembles a node's front and factorises it.
-  [[nodiscard]] FactorizationResult eliminate(Index node);
-  /// And counts what that lowers the squared error by.
-  [[nodiscard]] FactorizationResult compute(Index node);
+  /// @param memory  null where no other thread computes.
+  template <Executor Exec = Serial>
+  [[nodiscard]] FactorizationResult compute(Index node, Assembly& assembly, std::mutex* memory = nullptr,
+                                            const Exec& executor = {});
+  [[nodiscard]] FactorizationResult compute(Index node) { return compute(node, assembly_); }
+  /// Computes nodes, children before parents, and forgets what they leave where it is not to be kept.
+  template <Executor Exec>
+  [[nodiscard]] FactorizationResult compute_all(std::span<const Index> nodes, const Exec& executor);
+
+  /// What several threads share while they compute.
+  struct Workshop {
+    std::mutex memory;  ///< held where memory of the tree is taken or given back
+    std::vector<std::unique_ptr<Assembly>> idle;
+  };
+  struct PartResult {
+    Index stop;  ///< place of the node that failed, or where to stop in any case
+    FactorizationResult result;
+  };
+  template <Executor Exec>
+  [[nodiscard]] FactorizationResult compute_parts(std::span<const Index> nodes, const Exec& executor);
+  /// Places in `nodes` of subtrees that may be computed at the same time; last, of what is above them.
+  [[nodiscard]] std::vector<std::vector<Index>> parts_of(std::span<const Index> nodes) const;
+  /// Computes the nodes at some places, up to the first that fails or place `stop`.
+  template <Executor Exec>
+  [[nodiscard]] PartResult compute_part(std::span<const Index> nodes, std::span<const Index> places, Index stop,
+                                        Workshop& workshop, const Exec& executor);
 
   /// Solves for a node's columns, given all above; keeps their old solution if it is nearly as good.
   void substitute(Index node);
@@ -301,7 +331,7 @@ class IncrementalCholesky {
   Options options_;
   detail::BlockTerms<BlockSize> terms_;
   detail::FrontTree<BlockSize> tree_;
-  detail::FrontAssembly<BlockSize> assembly_;
+  Assembly assembly_;
   Journal journal_;
   detail::PartialElimination plan_;
   detail::Table<char> fixed_;

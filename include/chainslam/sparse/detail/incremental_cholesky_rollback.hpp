@@ -23,7 +23,8 @@ void IncrementalCholesky<BlockSize>::rollback() {
       if (tree_.has_numbers(node)) visit(node);
     }
   };
-  recall_updates(for_each_due);
+  list_recalled(for_each_due);
+  for (const Index node : recalled_) static_cast<void>(compute(node));
   for (Offset k = recomputed_.size() - 1; k >= 0; --k) {
     if (tree_.has_numbers(recomputed_[k])) static_cast<void>(compute(recomputed_[k]));
   }

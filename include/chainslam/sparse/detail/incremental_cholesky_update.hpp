@@ -2,12 +2,13 @@
 
 #include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 
-// How `IncrementalCholesky` brings factor and solution up to date.
+// How `IncrementalCholesky` brings factor and solution up to date: what has to be computed, and in which order.
 
 namespace chainslam {
 
 template <int BlockSize>
-FactorizationResult IncrementalCholesky<BlockSize>::factorize() {
+template <Executor Exec>
+FactorizationResult IncrementalCholesky<BlockSize>::factorize(const Exec& executor) {
   for (const Index term : written_) {
     if (!terms_.linked(term) || terms_.counted(term)) continue;
     totals_.squared_residuals += terms_.squared_residual(term);
@@ -16,13 +17,18 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize() {
   written_.clear();
   const double multiplications_before = work_.multiplications;
   promote_heavy();
-  recall_updates([&](auto&& visit) {
+  list_recalled([&](auto&& visit) {
     for (const Index node : stale_) visit(node);
   });
-  for (const Index node : recalled_) forget_updates(node);
+  FactorizationResult result = compute_all(recalled_.range(0, recalled_.size()), executor);  // to the bits of before
   collect_affected();
-  FactorizationResult result = refresh_nodes();
-  if (result.ok() && affected_.size() > 0) result = eliminate_affected();
+  list_refreshed();
+  for (const Index node : ready_) journal_.add(detail::Change::node_numbers, node);
+  if (result.ok()) result = compute_all(ready_.range(0, ready_.size()), executor);
+  if (result.ok() && affected_.size() > 0) {
+    order_affected();
+    result = compute_all(fresh_.range(0, fresh_.size()), executor);
+  }
   for (const Index variable : affected_) local_[variable] = -1;
   totals_.multiplications += work_.multiplications - multiplications_before;
   ++totals_.factorizations;
@@ -128,35 +134,7 @@ void IncrementalCholesky<BlockSize>::list_near() {
 }
 
 template <int BlockSize>
-template <class ForEachNode>
-void IncrementalCholesky<BlockSize>::recall_updates(ForEachNode&& due) {
-  recalled_.clear();
-  const auto list_children = [&](Index node) {
-    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
-      if (tree_[child].stale == Stale::none && !tree_[child].has_update) recalled_.push_back(child);
-    }
-  };
-  due(list_children);
-  for (Offset k = 0; k < recalled_.size(); ++k) list_children(recalled_[k]);
-  for (Offset k = recalled_.size() - 1; k >= 0; --k)
-    static_cast<void>(eliminate(recalled_[k]));  // to the same bits as before
-}
-
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::forget_updates(Index node) {
-  tree_[node].work = Front::work(tree_[node].columns, tree_[node].rows);
-  for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next)
-    tree_[node].work += tree_[child].work;
-  if (tree_[node].work * static_cast<double>(totals_.factorizations) >
-      options_.forgotten_share * totals_.multiplications)
-    return;
-  for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
-    if (tree_[child].has_update) tree_.release_update(child);
-  }
-}
-
-template <int BlockSize>
-FactorizationResult IncrementalCholesky<BlockSize>::refresh_nodes() {
+void IncrementalCholesky<BlockSize>::list_refreshed() {
   for (const Index node : stale_) {
     if (tree_[node].stale != Stale::order && tree_[node].parent != -1) ++tree_[tree_[node].parent].waits_for;
   }
@@ -164,22 +142,14 @@ FactorizationResult IncrementalCholesky<BlockSize>::refresh_nodes() {
   for (const Index node : stale_) {
     if (tree_[node].stale != Stale::order && tree_[node].waits_for == 0) ready_.push_back(node);
   }
-  FactorizationResult result;
   for (Offset k = 0; k < ready_.size(); ++k) {
-    const Index node = ready_[k];
-    if (result.ok()) {
-      journal_.add(detail::Change::node_numbers, node);
-      result = compute(node);
-      forget_updates(node);
-    }
-    const Index parent = tree_[node].parent;
+    const Index parent = tree_[ready_[k]].parent;
     if (parent != -1 && --tree_[parent].waits_for == 0 && tree_[parent].stale != Stale::order) ready_.push_back(parent);
   }
-  return result;
 }
 
 template <int BlockSize>
-FactorizationResult IncrementalCholesky<BlockSize>::eliminate_affected() {
+void IncrementalCholesky<BlockSize>::order_affected() {
   plan_.begin(to_index(affected_.size()));
   for (Index k = 0; k < to_index(affected_.size()); ++k) {
     for (Index s = terms_.first(affected_[k]); s != -1; s = terms_.slot(s).next) {
@@ -195,12 +165,6 @@ FactorizationResult IncrementalCholesky<BlockSize>::eliminate_affected() {
   plan_.plan(late_, BlockSize);
   work_.reordered += to_index(affected_.size());
   create_nodes();
-  for (const Index node : fresh_) {
-    const FactorizationResult result = compute(node);
-    if (!result.ok()) return result;
-    forget_updates(node);
-  }
-  return {};
 }
 
 template <int BlockSize>
@@ -243,36 +207,6 @@ void IncrementalCholesky<BlockSize>::sort_fresh() {
     }
   }
   std::reverse_copy(ready_.begin(), ready_.end(), fresh_.begin());
-}
-
-template <int BlockSize>
-FactorizationResult IncrementalCholesky<BlockSize>::eliminate(Index node) {
-  if (!tree_[node].has_update) {
-    if (tree_.has_numbers(node)) tree_.release_numbers(node);
-    tree_.take_numbers(node);
-  }
-  assembly_.assemble(tree_, terms_, fixed_, node);
-  const Front front = tree_.front(node);
-  work_.refactorized += front.columns();
-  work_.multiplications += Front::work(front.columns(), front.rows());
-  const Index bad = front.eliminate(options_.pivot_tolerance);
-  if (bad != -1)
-    return {FactorizationStatus::not_positive_definite, tree_.columns(node)[static_cast<std::size_t>(bad)]};
-  front.substitute_forward(front.right());
-  return {};
-}
-
-template <int BlockSize>
-FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node) {
-  const FactorizationResult result = eliminate(node);
-  if (!result.ok()) return result;
-  const Front front = tree_.front(node);
-  totals_.lowered -= tree_[node].lowered;
-  tree_[node].lowered = 0.0;
-  for (Offset k = 0; k < Offset{front.columns()} * BlockSize; ++k)
-    tree_[node].lowered += front.right()[k] * front.right()[k];
-  totals_.lowered += tree_[node].lowered;
-  return {};
 }
 
 template <int BlockSize>

@@ -40,24 +40,26 @@ struct TreePart {
 /// Divides a tree into parts of whole subtrees, to be factorised at the same time, and what is above them. Depends on
 /// the tree alone, never on the number of threads.
 ///
-/// @param work  of a supernode's factorisation.
-/// @returns the part of each supernode: 0, 1, ... of subtrees, heavier ones first; -1 above.
-template <class Work>
-[[nodiscard]] Table<Index> divide_tree(const Supernodes& nodes, Work&& work) {
+/// @param size       number of its nodes, children before parents.
+/// @param parent_of  a node's parent, -1 at a root.
+/// @param work       of a node's factorisation.
+/// @returns the part of each node: 0, 1, ... of subtrees, heavier ones first; -1 above.
+template <class ParentOf, class Work>
+[[nodiscard]] Table<Index> divide_tree(Index size, ParentOf&& parent_of, Work&& work) {
   constexpr double most_parts = 32.0;
-  Table<double> below(nodes.size(), 0.0);  // work of the whole subtree
+  Table<double> below(size, 0.0);  // work of the whole subtree
   double total = 0.0;
-  for (Index s = 0; s < nodes.size(); ++s) {
+  for (Index s = 0; s < size; ++s) {
+    const Index parent = parent_of(s);
     below[s] += work(s);
     total += work(s);
-    if (nodes.parent[s] != -1) below[nodes.parent[s]] += below[s];
+    if (parent != -1) below[parent] += below[s];
   }
-  Table<Index> part(nodes.size(), -1);
+  Table<Index> part(size, -1);
   std::vector<double> sums;
-  // From the root down, each supernode after its parent; subtrees that follow each other share a part while it is
-  // light.
-  for (Index s = nodes.size() - 1; s >= 0; --s) {
-    const Index parent = nodes.parent[s];
+  // From the root down, each node after its parent; subtrees that follow each other share a part while it is light.
+  for (Index s = size - 1; s >= 0; --s) {
+    const Index parent = parent_of(s);
     if (parent != -1 && part[parent] != -1) {
       part[s] = part[parent];
     } else if (below[s] * most_parts <= 2.0 * total) {
@@ -76,6 +78,16 @@ template <class Work>
     if (of != -1) of = rank[static_cast<std::size_t>(of)];
   }
   return part;
+}
+
+/// The nodes of each part, in their order; last, of what is above all.
+[[nodiscard]] inline std::vector<std::vector<Index>> list_parts(const Table<Index>& part_of) {
+  Index parts = 0;
+  for (const Index part : part_of) parts = std::max(parts, part + 1);
+  std::vector<std::vector<Index>> nodes(static_cast<std::size_t>(parts) + 1);
+  for (Index s = 0; s < to_index(part_of.size()); ++s)
+    nodes[static_cast<std::size_t>(part_of[s] == -1 ? parts : part_of[s])].push_back(s);
+  return nodes;
 }
 
 }  // namespace chainslam::detail

@@ -1,0 +1,142 @@
+#pragma once
+
+#include <algorithm>
+#include <type_traits>
+#include <utility>
+
+#include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
+#include "chainslam/sparse/detail/tree_parts.hpp"
+
+// How `IncrementalCholesky` computes fronts, some at the same time.
+
+namespace chainslam {
+
+template <int BlockSize>
+template <class ForEachNode>
+void IncrementalCholesky<BlockSize>::list_recalled(ForEachNode&& due) {
+  recalled_.clear();
+  const auto list_children = [&](Index node) {
+    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
+      if (tree_[child].stale == Stale::none && !tree_[child].has_update) recalled_.push_back(child);
+    }
+  };
+  due(list_children);
+  for (Offset k = 0; k < recalled_.size(); ++k) list_children(recalled_[k]);
+  std::reverse(recalled_.begin(), recalled_.end());
+}
+
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::forget_updates(Index node, std::mutex* memory) {
+  tree_[node].work = Front::work(tree_[node].columns, tree_[node].rows);
+  for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next)
+    tree_[node].work += tree_[child].work;
+  if (tree_[node].work * static_cast<double>(totals_.factorizations) >
+      options_.forgotten_share * totals_.multiplications)
+    return;
+  const auto lock = memory == nullptr ? std::unique_lock<std::mutex>() : std::unique_lock(*memory);
+  for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
+    if (tree_[child].has_update) tree_.release_update(child);
+  }
+}
+
+template <int BlockSize>
+template <Executor Exec>
+FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node, Assembly& assembly, std::mutex* memory,
+                                                            const Exec& executor) {
+  if (!tree_[node].has_update) {
+    const auto lock = memory == nullptr ? std::unique_lock<std::mutex>() : std::unique_lock(*memory);
+    if (tree_.has_numbers(node)) tree_.release_numbers(node);
+    tree_.take_numbers(node);
+  }
+  assembly.assemble(tree_, terms_, fixed_, node);
+  const Front front = tree_.front(node);
+  const Index bad = front.eliminate(options_.pivot_tolerance, executor);
+  if (bad != -1)
+    return {FactorizationStatus::not_positive_definite, tree_.columns(node)[static_cast<std::size_t>(bad)]};
+  front.substitute_forward(front.right());
+  double lowered = 0.0;
+  for (Offset k = 0; k < Offset{front.columns()} * BlockSize; ++k) lowered += front.right()[k] * front.right()[k];
+  tree_[node].lowered = lowered;
+  return {};
+}
+
+/// Sums are taken in the order of `nodes`, before and after, so that threads do not change their bits.
+template <int BlockSize>
+template <Executor Exec>
+FactorizationResult IncrementalCholesky<BlockSize>::compute_all(std::span<const Index> nodes, const Exec& executor) {
+  double work = 0.0;
+  for (const Index node : nodes) {
+    work += Front::work(tree_[node].columns, tree_[node].rows);
+    work_.refactorized += tree_[node].columns;
+    totals_.lowered -= tree_[node].lowered;
+  }
+  work_.multiplications += work;
+  FactorizationResult result;
+  if (!std::is_same_v<Exec, Serial> && work >= options_.least_shared_work) {
+    result = compute_parts(nodes, executor);
+  } else {
+    for (std::size_t k = 0; k < nodes.size() && result.ok(); ++k) {
+      result = compute(nodes[k]);
+      forget_updates(nodes[k]);
+    }
+  }
+  for (const Index node : nodes) totals_.lowered += tree_[node].lowered;
+  return result;
+}
+
+template <int BlockSize>
+std::vector<std::vector<Index>> IncrementalCholesky<BlockSize>::parts_of(std::span<const Index> nodes) const {
+  const Index size = to_index(nodes.size());
+  detail::Table<Index> place_of(tree_.size(), -1);
+  for (Index k = 0; k < size; ++k) place_of[nodes[static_cast<std::size_t>(k)]] = k;
+  const auto at = [&](Index k) -> const auto& { return tree_[nodes[static_cast<std::size_t>(k)]]; };
+  return detail::list_parts(detail::divide_tree(
+      size, [&](Index k) { return at(k).parent == -1 ? -1 : place_of[at(k).parent]; },
+      [&](Index k) { return Front::work(at(k).columns, at(k).rows); }));
+}
+
+/// Of several nodes that fail, the first in the order of `nodes` counts; what is above the parts is good up to there.
+template <int BlockSize>
+template <Executor Exec>
+FactorizationResult IncrementalCholesky<BlockSize>::compute_parts(std::span<const Index> nodes, const Exec& executor) {
+  const std::vector<std::vector<Index>> parts = parts_of(nodes);
+  PartResult first{to_index(nodes.size()), {}};
+  std::vector<PartResult> results(parts.size() - 1, first);
+  Workshop workshop;
+  executor.for_chunks(to_index(results.size()), 1, [&](Index begin, Index) {
+    const auto k = static_cast<std::size_t>(begin);
+    results[k] = compute_part(nodes, parts[k], first.stop, workshop, Serial{});
+  });
+  for (const PartResult& result : results) {
+    if (result.stop < first.stop) first = result;
+  }
+  const PartResult above = compute_part(nodes, parts.back(), first.stop, workshop, executor);
+  return above.stop < first.stop ? above.result : first.result;
+}
+
+template <int BlockSize>
+template <Executor Exec>
+auto IncrementalCholesky<BlockSize>::compute_part(std::span<const Index> nodes, std::span<const Index> places,
+                                                  Index stop, Workshop& workshop, const Exec& executor) -> PartResult {
+  std::unique_ptr<Assembly> assembly;
+  {
+    const std::scoped_lock lock(workshop.memory);
+    if (!workshop.idle.empty()) {
+      assembly = std::move(workshop.idle.back());
+      workshop.idle.pop_back();
+    }
+  }
+  if (assembly == nullptr) assembly = std::make_unique<Assembly>(size());
+  for (const Index place : places) {
+    if (place >= stop) break;
+    const Index node = nodes[static_cast<std::size_t>(place)];
+    const FactorizationResult result = compute(node, *assembly, &workshop.memory, executor);
+    if (!result.ok()) return {place, result};
+    forget_updates(node, &workshop.memory);
+  }
+  const std::scoped_lock lock(workshop.memory);
+  workshop.idle.push_back(std::move(assembly));
+  return {stop, {}};
+}
+
+}  // namespace chainslam
