@@ -87,25 +87,6 @@ TEST_SUITE("sparse/arena") {
     CHECK(arena.capacity() < 4 * elements);
   }
 
-  TEST_CASE("what an array is shrunk by is free for others") {
-    detail::Arena<double> arena;
-    double* const array = arena.take(30000);
-    array[99] = 7.0;
-    const Offset capacity = arena.capacity();
-    const Offset used = arena.used();
-    arena.shrink(array, 100);
-    CHECK(used - arena.used() == 29900);
-    double* const other = arena.take(29000);
-    std::fill_n(other, 29000, 1.0);
-    CHECK(array[99] == 7.0);
-    CHECK(arena.capacity() == capacity);
-    arena.give_back(array, 100);
-    arena.give_back(other, 29000);
-    CHECK(arena.used() == 0);
-    CHECK(arena.take(30000) != nullptr);
-    CHECK(arena.capacity() == capacity);
-  }
-
   TEST_CASE("when all is given back, the largest pieces are whole again") {
     detail::Arena<double> arena;
     std::vector<double*> small;
@@ -134,10 +115,6 @@ TEST_SUITE("sparse/arena") {
           for (double& number : expected[i]) number = rng.uniform();
           arrays[i] = arena.take(size, owner);
           std::ranges::copy(expected[i], arrays[i]);
-        } else if (rng.uniform_index(3) == 0) {
-          const Offset less = rng.uniform_index(to_index(count)) + 1;
-          arena.shrink(arrays[i], less);
-          expected[i].resize(static_cast<std::size_t>(less));
         } else {
           CHECK(std::equal(expected[i].begin(), expected[i].end(), arrays[i]));
           arena.give_back(arrays[i], count);

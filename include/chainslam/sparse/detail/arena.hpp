@@ -55,18 +55,6 @@ class Arena {
     set_free(block);
   }
 
-  /// Gives all back but the first `count` elements, which stay where they are.
-  void shrink(T* array, Offset count) {
-    std::byte* const block = reinterpret_cast<std::byte*>(array) - front;
-    Header head = read<Header>(block);
-    const std::size_t words = words_for(count), rest = head.size - words;
-    if (rest < smallest_block) return;
-    head.size = static_cast<std::uint32_t>(words);
-    write(block, head);
-    write(block + words * word, Header{static_cast<std::uint32_t>(rest), head.size & 0x7fffffffU, 0});
-    set_free(block + words * word);
-  }
-
   /// Where more than a sixteenth of what is used lies idle between arrays, moves some of these together, by half
   /// of what was taken since the last call: what is free gathers at the pieces' ends.
   ///

@@ -11,22 +11,25 @@
 
 namespace chainslam::detail {
 
-/// The numbers of one front of a multifrontal factorisation, in one array: its columns of the factor and their part of
-/// the right-hand side, and then, for the parent, what they leave to later columns (the update) and of these.
+/// The numbers of one front of a multifrontal factorisation, in two arrays: its columns of the factor and their part of
+/// the right-hand side, which stay, and what is there while it is computed and for the parent (the update).
 ///
 /// A front has `columns` block columns of its own and `rows` block rows below them. The panel holds its columns,
 /// column-major, all rows. The update is a lower triangle by block columns, each with the rows from its diagonal on.
 template <int B>
 class Front {
  public:
-  Front(double* data, Index columns, Index rows) : data_(data), columns_(columns), rows_(rows) {}
+  /// @param update  null where it is not kept: the front is then as it was computed, and cannot be computed anew.
+  Front(double* data, double* update, Index columns, Index rows)
+      : data_(data), update_(update), columns_(columns), rows_(rows) {}
 
+  /// Numbers that stay.
   [[nodiscard]] static Offset size(Index columns, Index rows) {
-    return update_start(columns, rows) + Offset{rows} * (Offset{rows} + 1) / 2 * B * B;
+    return (Offset{columns} * 2 + Offset{columns + rows} * B * Offset{columns}) * B;
   }
-  /// All but what is there for the parent, which comes last.
-  [[nodiscard]] static Offset size_without_update(Index columns, Index rows) {
-    return right_start(columns, rows) + Offset{columns} * B;
+  /// Numbers of the update.
+  [[nodiscard]] static Offset update_size(Index columns, Index rows) {
+    return update_start(columns, rows) + Offset{rows} * (Offset{rows} + 1) / 2 * B * B;
   }
   /// Multiplications of a factorisation.
   [[nodiscard]] static double work(Index columns, Index rows) {
@@ -40,8 +43,10 @@ class Front {
   /// Distance between the columns of the panel.
   [[nodiscard]] Offset stride() const { return Offset{height()} * B; }
 
-  /// Minus the gradient of all that is eliminated here; `substitute_forward` makes it what back-substitution needs.
-  [[nodiscard]] double* right() const { return data_ + right_start(columns_, rows_); }
+  /// Minus the gradient of all that is eliminated here and of the rows, the own part as it is before elimination.
+  [[nodiscard]] double* right() const { return update_; }
+  /// Its own part as back-substitution needs it, after `substitute_forward`.
+  [[nodiscard]] double* own_right() const { return panel() + Offset{columns_} * B * stride(); }
   /// Of the factor's diagonal, after elimination.
   [[nodiscard]] double* reciprocals() const { return data_; }
   /// Diagonal of the matrix before any elimination, as far as it is known here. Of own columns: before elimination.
@@ -50,7 +55,10 @@ class Front {
   }
   [[nodiscard]] double* panel() const { return data_ + Offset{columns_} * B; }
 
-  void set_zero() const { std::fill_n(data_, size(columns_, rows_), 0.0); }
+  void set_zero() const {
+    std::fill_n(data_, size(columns_, rows_), 0.0);
+    std::fill_n(update_, update_size(columns_, rows_), 0.0);
+  }
 
   struct Block {
     double* data;
@@ -77,6 +85,10 @@ class Front {
 
   /// Applies the factor's inverse to the own part of a right-hand side and subtracts it from the rest.
   void substitute_forward(double* right_side) const { own().substitute_forward(right_side); }
+  void substitute_forward() const {
+    own().substitute_forward(right());
+    std::copy_n(right(), Offset{columns_} * B, own_right());
+  }
 
   /// First half of the backward substitution: subtracts what the rows' solution, behind the own part of `x`, takes.
   void subtract_rows(double* x) const {
@@ -142,16 +154,11 @@ class Front {
     }
   }
 
-  [[nodiscard]] static Offset right_start(Index columns, Index rows) {
-    return Offset{columns} * B + Offset{columns + rows} * B * Offset{columns} * B;
-  }
-  [[nodiscard]] static Offset update_start(Index columns, Index rows) {
-    return right_start(columns, rows) + Offset{columns + 2 * rows} * B;
-  }
+  [[nodiscard]] static Offset update_start(Index columns, Index rows) { return Offset{columns + 2 * rows} * B; }
   [[nodiscard]] double* row_scales() const { return right() + Offset{columns_ + rows_} * B; }
 
   [[nodiscard]] double* update(Index column) const {
-    return data_ + update_start(columns_, rows_) +
+    return update_ + update_start(columns_, rows_) +
            (Offset{column} * rows_ - Offset{column} * (Offset{column} - 1) / 2) * B * B;
   }
   [[nodiscard]] Offset update_stride(Index column) const { return Offset{rows_ - column} * B; }
@@ -163,6 +170,7 @@ class Front {
   }
 
   double* data_;
+  double* update_;
   Index columns_;
   Index rows_;
 };

@@ -30,12 +30,12 @@ class FrontTree {
     Index rows = 0;
     Index waits_for = 0;  ///< children that are not ready
     Stale stale = Stale::none;
-    bool has_update = false;     ///< whether its numbers include what it leaves to its parent
     Index* variables = nullptr;  ///< own columns, then rows
     double* data = nullptr;
-    double lowered = 0.0;  ///< what its elimination lowers the squared error by
-    double excess = 0.0;   ///< what keeping an old solution of its columns raises it by
-    double work = 0.0;     ///< multiplications of its factorisation and all below
+    double* update = nullptr;  ///< what it leaves to its parent; null where that is not kept
+    double lowered = 0.0;      ///< what its elimination lowers the squared error by
+    double excess = 0.0;       ///< what keeping an old solution of its columns raises it by
+    double work = 0.0;         ///< multiplications of its factorisation and all below
   };
 
   void add_variable() { node_of_.push_back(-1); }
@@ -74,25 +74,25 @@ class FrontTree {
 
   /// The numbers alone: not initialised when they are taken again.
   void release_numbers(Index node) {
-    numbers_.give_back(nodes_[node].data, size(node));
+    if (has_update(node)) release_update(node);
+    panels_.give_back(nodes_[node].data, panel_size(node));
     nodes_[node].data = nullptr;
   }
+  /// Takes what is not there.
   void take_numbers(Index node) {
-    nodes_[node].has_update = true;
-    nodes_[node].data = numbers_.take(size(node), node);
+    Node& of = nodes_[node];
+    if (of.data == nullptr) of.data = panels_.take(panel_size(node), node);
+    if (of.update == nullptr) of.update = updates_.take(update_size(node), node);
   }
-  /// Gives the memory of its update alone back; all numbers are lost when they are taken again.
   void release_update(Index node) {
-    nodes_[node].has_update = false;
-    numbers_.shrink(nodes_[node].data, size(node));
+    updates_.give_back(nodes_[node].update, update_size(node));
+    nodes_[node].update = nullptr;
   }
+  [[nodiscard]] bool has_update(Index node) const { return nodes_[node].update != nullptr; }
   /// Moves some fronts' numbers together, where much lies idle between them.
   void compact() {
-    numbers_.compact([&](Index node, double* data) { nodes_[node].data = data; });
-  }
-  [[nodiscard]] Offset size(Index node) const {
-    const Node& of = nodes_[node];
-    return of.has_update ? Front<B>::size(of.columns, of.rows) : Front<B>::size_without_update(of.columns, of.rows);
+    panels_.compact([&](Index node, double* data) { nodes_[node].data = data; });
+    updates_.compact([&](Index node, double* update) { nodes_[node].update = update; });
   }
   [[nodiscard]] bool has_numbers(Index node) const { return nodes_[node].data != nullptr; }
 
@@ -108,7 +108,8 @@ class FrontTree {
   void drop_children(Index node) { nodes_[node].first_child = nodes_[node].last_child = -1; }
 
   [[nodiscard]] Front<B> front(Index node) const {
-    return Front<B>(nodes_[node].data, nodes_[node].columns, nodes_[node].rows);
+    const Node& of = nodes_[node];
+    return Front<B>(of.data, of.update, of.columns, of.rows);
   }
   [[nodiscard]] std::span<const Index> variables(Index node) const {
     return {nodes_[node].variables, static_cast<std::size_t>(nodes_[node].columns + nodes_[node].rows)};
@@ -139,7 +140,7 @@ class FrontTree {
       out.put(saved.lowered);
       out.put(saved.excess);
       out.put(saved.work);
-      out.put(static_cast<std::uint8_t>(saved.has_update));
+      out.put(static_cast<std::uint8_t>(has_update(node)));
     }
     std::vector<Index> unused = free_.vector();
     unused.insert(unused.end(), released.begin(), released.end());
@@ -172,20 +173,27 @@ class FrontTree {
 
   /// Bytes taken from the system for numbers and lists.
   [[nodiscard]] Offset bytes() const {
-    return numbers_.capacity() * static_cast<Offset>(sizeof(double)) +
+    return (panels_.capacity() + updates_.capacity()) * static_cast<Offset>(sizeof(double)) +
            lists_.capacity() * static_cast<Offset>(sizeof(Index));
   }
   /// Of those, what holds numbers and lists.
   [[nodiscard]] Offset used_bytes() const {
-    return numbers_.used() * static_cast<Offset>(sizeof(double)) + lists_.used() * static_cast<Offset>(sizeof(Index));
+    return (panels_.used() + updates_.used()) * static_cast<Offset>(sizeof(double)) +
+           lists_.used() * static_cast<Offset>(sizeof(Index));
   }
 
  private:
+  [[nodiscard]] Offset panel_size(Index node) const { return Front<B>::size(nodes_[node].columns, nodes_[node].rows); }
+  [[nodiscard]] Offset update_size(Index node) const {
+    return Front<B>::update_size(nodes_[node].columns, nodes_[node].rows);
+  }
+
   Table<Index> node_of_;
   Table<Node> nodes_;
   Table<Index> free_;
   Arena<Index> lists_;
-  Arena<double, true> numbers_;
+  Arena<double, true> panels_;
+  Arena<double, true> updates_;  ///< apart, since they come and go and panels stay
 };
 
 }  // namespace chainslam::detail

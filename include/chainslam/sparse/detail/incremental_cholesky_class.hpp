@@ -64,7 +64,7 @@ class IncrementalCholesky {
     double reorder_share = 0.3;
     /// In subtrees whose factorisation takes less than this share of a mean update's multiplications, what a front
     /// leaves to its parent is not kept, but computed again when the parent is.
-    double forgotten_share = 0.2;
+    double forgotten_share = 1.0;
     /// A factorisation of fewer multiplications than this (a few tenths of a millisecond) is not worth waking threads.
     double least_shared_work = 2e6;
   };
@@ -275,20 +275,19 @@ class IncrementalCholesky {
     affected_.push_back(variable);
   }
 
-  /// Lists the nodes whose parents are due and will not find what they leave to them: it was not kept. Children first.
-  /// @param due  visits the parents.
-  template <class ForEachNode>
-  void list_recalled(ForEachNode&& due);
+  /// Lists the nodes on the stack and below, as far as `descends` says of a child, children first.
+  template <class Descends>
+  void list_below(detail::Table<Index>& nodes, Descends&& descends);
   /// Gives up what the children of a node in a small subtree have left, once it is taken.
   void forget_updates(Index node, std::mutex* memory = nullptr);
 
-  /// Lists the nodes that stay in the tree and are stale, children first.
+  /// Lists the nodes that stay in the tree and are stale, and before each those below that have not kept what it needs
+  /// of them: these are computed again, to the same bits.
   void list_refreshed();
 
   /// Orders the affected variables and makes their nodes.
   void order_affected();
   void create_nodes();
-  void sort_fresh();
 
   /// Assembles a node's front and factorises it.
   /// @param memory  null where no other thread computes.

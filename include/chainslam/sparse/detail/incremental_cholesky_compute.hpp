@@ -11,18 +11,20 @@
 
 namespace chainslam {
 
+/// Each node right after those below it, so that what they leave to it waits no longer than it must.
 template <int BlockSize>
-template <class ForEachNode>
-void IncrementalCholesky<BlockSize>::list_recalled(ForEachNode&& due) {
-  recalled_.clear();
-  const auto list_children = [&](Index node) {
+template <class Descends>
+void IncrementalCholesky<BlockSize>::list_below(detail::Table<Index>& nodes, Descends&& descends) {
+  nodes.clear();
+  while (stack_.size() > 0) {
+    const Index node = stack_.back();
+    stack_.pop_back();
+    nodes.push_back(node);
     for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
-      if (tree_[child].stale == Stale::none && !tree_[child].has_update) recalled_.push_back(child);
+      if (descends(child)) stack_.push_back(child);
     }
-  };
-  due(list_children);
-  for (Offset k = 0; k < recalled_.size(); ++k) list_children(recalled_[k]);
-  std::reverse(recalled_.begin(), recalled_.end());
+  }
+  std::reverse(nodes.begin(), nodes.end());
 }
 
 template <int BlockSize>
@@ -35,7 +37,7 @@ void IncrementalCholesky<BlockSize>::forget_updates(Index node, std::mutex* memo
     return;
   const auto lock = memory == nullptr ? std::unique_lock<std::mutex>() : std::unique_lock(*memory);
   for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
-    if (tree_[child].has_update) tree_.release_update(child);
+    if (tree_.has_update(child)) tree_.release_update(child);
   }
 }
 
@@ -43,9 +45,8 @@ template <int BlockSize>
 template <Executor Exec>
 FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node, Assembly& assembly, std::mutex* memory,
                                                             const Exec& executor) {
-  if (!tree_[node].has_update) {
+  if (!tree_.has_update(node)) {
     const auto lock = memory == nullptr ? std::unique_lock<std::mutex>() : std::unique_lock(*memory);
-    if (tree_.has_numbers(node)) tree_.release_numbers(node);
     tree_.take_numbers(node);
   }
   assembly.assemble(tree_, terms_, fixed_, node);
@@ -53,9 +54,10 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node, Assembly
   const Index bad = front.eliminate(options_.pivot_tolerance, executor);
   if (bad != -1)
     return {FactorizationStatus::not_positive_definite, tree_.columns(node)[static_cast<std::size_t>(bad)]};
-  front.substitute_forward(front.right());
+  front.substitute_forward();
+  const double* const right = front.own_right();
   double lowered = 0.0;
-  for (Offset k = 0; k < Offset{front.columns()} * BlockSize; ++k) lowered += front.right()[k] * front.right()[k];
+  for (Offset k = 0; k < Offset{front.columns()} * BlockSize; ++k) lowered += right[k] * right[k];
   tree_[node].lowered = lowered;
   return {};
 }

@@ -23,7 +23,12 @@ void IncrementalCholesky<BlockSize>::rollback() {
       if (tree_.has_numbers(node)) visit(node);
     }
   };
-  list_recalled(for_each_due);
+  for_each_due([&](Index node) {
+    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
+      if (!tree_.has_update(child)) stack_.push_back(child);
+    }
+  });
+  list_below(recalled_, [&](Index child) { return !tree_.has_update(child); });
   for (const Index node : recalled_) static_cast<void>(compute(node));
   for (Offset k = recomputed_.size() - 1; k >= 0; --k) {
     if (tree_.has_numbers(recomputed_[k])) static_cast<void>(compute(recomputed_[k]));

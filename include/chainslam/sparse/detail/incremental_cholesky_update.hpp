@@ -17,14 +17,9 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize(const Exec& execut
   written_.clear();
   const double multiplications_before = work_.multiplications;
   promote_heavy();
-  list_recalled([&](auto&& visit) {
-    for (const Index node : stale_) visit(node);
-  });
-  FactorizationResult result = compute_all(recalled_.range(0, recalled_.size()), executor);  // to the bits of before
   collect_affected();
   list_refreshed();
-  for (const Index node : ready_) journal_.add(detail::Change::node_numbers, node);
-  if (result.ok()) result = compute_all(ready_.range(0, ready_.size()), executor);
+  FactorizationResult result = compute_all(ready_.range(0, ready_.size()), executor);
   if (result.ok() && affected_.size() > 0) {
     order_affected();
     result = compute_all(fresh_.range(0, fresh_.size()), executor);
@@ -136,15 +131,13 @@ void IncrementalCholesky<BlockSize>::list_near() {
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::list_refreshed() {
   for (const Index node : stale_) {
-    if (tree_[node].stale != Stale::order && tree_[node].parent != -1) ++tree_[tree_[node].parent].waits_for;
+    const Index parent = tree_[node].parent;
+    if (tree_[node].stale == Stale::numbers && (parent == -1 || tree_[parent].stale == Stale::order))
+      stack_.push_back(node);
   }
-  ready_.clear();
-  for (const Index node : stale_) {
-    if (tree_[node].stale != Stale::order && tree_[node].waits_for == 0) ready_.push_back(node);
-  }
-  for (Offset k = 0; k < ready_.size(); ++k) {
-    const Index parent = tree_[ready_[k]].parent;
-    if (parent != -1 && --tree_[parent].waits_for == 0 && tree_[parent].stale != Stale::order) ready_.push_back(parent);
+  list_below(ready_, [&](Index child) { return tree_[child].stale == Stale::numbers || !tree_.has_update(child); });
+  for (const Index node : ready_) {
+    if (tree_[node].stale == Stale::numbers) journal_.add(detail::Change::node_numbers, node);
   }
 }
 
@@ -188,25 +181,10 @@ void IncrementalCholesky<BlockSize>::create_nodes() {
   }
   for (Index e = 0; e < to_index(orphans_.size()); ++e)
     tree_.append_child(fresh_[plan_.front_of_element(e)], orphans_[e]);
-  sort_fresh();
-}
-
-/// Each node right after those below it, so that what they leave to it waits no longer than it must.
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::sort_fresh() {
-  ready_.clear();
   for (const Index node : fresh_) {
     if (tree_[node].parent == -1) stack_.push_back(node);
   }
-  while (stack_.size() > 0) {
-    const Index node = stack_.back();
-    stack_.pop_back();
-    ready_.push_back(node);
-    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
-      if (!tree_.has_numbers(child)) stack_.push_back(child);  // the others are not new
-    }
-  }
-  std::reverse_copy(ready_.begin(), ready_.end(), fresh_.begin());
+  list_below(fresh_, [&](Index child) { return !tree_.has_update(child); });  // the others are neither new nor missed
 }
 
 template <int BlockSize>
@@ -219,7 +197,7 @@ void IncrementalCholesky<BlockSize>::substitute(Index node) {
   gathered_.resize(front.stride() + own);
   double* const x = gathered_.data();
   double* const old = x + front.stride();
-  std::copy_n(front.right(), own, x);
+  std::copy_n(front.own_right(), own, x);
   for (std::size_t k = 0; k < variables.size(); ++k)
     std::copy_n(solution(variables[k]).data(), BlockSize, (k < columns ? old : x) + static_cast<Offset>(k) * BlockSize);
   front.subtract_rows(x);
