@@ -65,7 +65,7 @@ class IncrementalSmoother {
     const Key key = origins_.add(initial);
     estimates_.add(initial);
     estimate(key);
-    changes_.push_back({ChangeKind::value_added, key, {}, 0.0});
+    changes_.push_back({ChangeKind::value_added, key, 0.0});
     return key;
   }
 
@@ -82,7 +82,7 @@ class IncrementalSmoother {
     if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
     if (term >= to_index(off_.size())) off_.resize(static_cast<std::size_t>(term) + 1, 0.0);
     touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
-    changes_.push_back({ChangeKind::factor_added, term, {}, 0.0});
+    changes_.push_back({ChangeKind::factor_added, term, 0.0});
     if (!components_outdated_) components_.connect(factor, origins_);
     return id;
   }
@@ -255,9 +255,8 @@ class IncrementalSmoother {
   };
   struct Change {
     ChangeKind kind;
-    Index id;      ///< key or term
-    Group origin;  ///< before
-    double look;   ///< or weight, how far a term is off, or number of a constraint's multipliers, before
+    Index id;     ///< key or term
+    double look;  ///< or weight, how far a term is off, or number of a constraint's multipliers, before
   };
 
   void require_known(Key key) const {
@@ -294,7 +293,7 @@ class IncrementalSmoother {
     set_off(term, 0.0);
     solver_.remove_term(term);
     pools_.visit_pool(place.type, [&](auto& pool) { pool.set_alive(place.slot, false); });
-    changes_.push_back({ChangeKind::factor_removed, term, {}, 0.0});
+    changes_.push_back({ChangeKind::factor_removed, term, 0.0});
   }
   void weigh_term(Index term, double weight) {
     const auto place = pools_.place(term);
@@ -383,6 +382,7 @@ class IncrementalSmoother {
   std::vector<char> touched_;  ///< of each term
   std::vector<Index> touched_terms_;
   std::vector<Change> changes_;
+  std::vector<Group> origins_before_;       ///< of those that were moved, in their order
   std::vector<double> multipliers_before_;  ///< of constraints that were tightened since the last update
   detail::HeldComponents<Group> components_;
   bool components_outdated_ = false;

@@ -71,8 +71,7 @@ void IncrementalSmoother<Group, Extra...>::tighten() {
   pools_.for_each([&](const auto& entry) {
     using F = std::remove_cvref_t<decltype(entry.factor)>;
     if constexpr (detail::is_constraint<F>) {
-      changes_.push_back(
-          {ChangeKind::factor_tightened, entry.term, {}, static_cast<double>(multipliers_before_.size())});
+      changes_.push_back({ChangeKind::factor_tightened, entry.term, static_cast<double>(multipliers_before_.size())});
       const auto& before = entry.factor.multipliers;
       multipliers_before_.insert(multipliers_before_.end(), before.data(), before.data() + before.size());
       pools_.template pool<F>().factor(pools_.place(entry.term).slot).tighten(estimates_);

@@ -17,7 +17,8 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
   for (const Key key : keys) {
     if (moved[static_cast<std::size_t>(key)] != 0) continue;
     moved[static_cast<std::size_t>(key)] = 1;
-    changes_.push_back({ChangeKind::origin_moved, key, origins_[key], look_[static_cast<std::size_t>(key)]});
+    origins_before_.push_back(origins_[key]);
+    changes_.push_back({ChangeKind::origin_moved, key, look_[static_cast<std::size_t>(key)]});
     origins_[key] = motion * origins_[key];
     estimate(key);
   }

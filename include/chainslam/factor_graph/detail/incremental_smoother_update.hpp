@@ -57,6 +57,7 @@ void IncrementalSmoother<Group, Extra...>::begin() {
     pools_.visit_pool(place.type, [&](auto& pool) { pool.release(place.slot); });
   }
   changes_.clear();
+  origins_before_.clear();
   multipliers_before_.clear();
   waiting_before_ = waiting_;
   far_before_ = far_;
@@ -116,7 +117,8 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
       marginalized_[static_cast<std::size_t>(change.id)] = 0;
       break;
     case ChangeKind::origin_moved:
-      origins_[change.id] = change.origin;
+      origins_[change.id] = origins_before_.back();
+      origins_before_.pop_back();
       look_[static_cast<std::size_t>(change.id)] = change.look;
       break;
     case ChangeKind::judged:
@@ -207,7 +209,7 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::set_off(Index term, double off) {
   double& before = off_[static_cast<std::size_t>(term)];
   if (off == before) return;
-  changes_.push_back({ChangeKind::judged, term, {}, before});
+  changes_.push_back({ChangeKind::judged, term, before});
   waiting_gap_ += off - before;
   before = off;
 }
@@ -216,7 +218,8 @@ void IncrementalSmoother<Group, Extra...>::set_off(Index term, double off) {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& origin) {
   const auto i = static_cast<std::size_t>(key);
-  changes_.push_back({ChangeKind::origin_moved, key, origins_[key], look_[i]});
+  origins_before_.push_back(origins_[key]);
+  changes_.push_back({ChangeKind::origin_moved, key, look_[i]});
   stop_waiting(key);
   look_[i] = options_.first_look;
   origins_[key] = origin;
@@ -356,7 +359,7 @@ void IncrementalSmoother<Group, Extra...>::set_weight(const FactorId& id, double
   const double before = this->weight(id);
   if (weight == before) return;
   begin();
-  changes_.push_back({ChangeKind::factor_weighed, term, {}, before});
+  changes_.push_back({ChangeKind::factor_weighed, term, before});
   weigh_term(term, weight);
   touch(term);
 }
@@ -370,7 +373,7 @@ double IncrementalSmoother<Group, Extra...>::weight(const FactorId& id) const {
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::set_look(Key key, double look) {
-  changes_.push_back({ChangeKind::looked, key, Group(), look_[static_cast<std::size_t>(key)]});
+  changes_.push_back({ChangeKind::looked, key, look_[static_cast<std::size_t>(key)]});
   look_[static_cast<std::size_t>(key)] = look;
 }
 
