@@ -12,6 +12,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "chainslam/core/thread_pool.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/lie/se2.hpp"
 #include "pose_graphs.hpp"
@@ -235,6 +236,29 @@ BENCHMARK(growth)
     ->Iterations(1)
     ->Unit(benchmark::kSecond);
 
+/// A step of `converge` at the optimum: all is linearised and factorised anew. Of the wall, two threads and one.
+template <class Pose>
+void full_step(benchmark::State& state, const FactorGraph<Pose>& graph) {
+  const ThreadPool pool(2);
+  IncrementalSmoother<Pose> one, two;
+  one.append(graph);
+  two.append(graph);
+  if (!one.converge().ok() || !two.converge({}, pool).ok()) throw std::runtime_error("converge failed");
+  if (one.values() != two.values()) throw std::runtime_error("two threads give other bits");
+  bench::versus<bench::WallTime>(
+      state, [&] { return two.converge({}, pool).iterations; },
+      bench::Peer{"one_thread", [&] { return one.converge().iterations; }});
+}
+
+template <class Pose>
+void add_full_step(const std::string& graph_name, const G2oRecords<Pose>& records) {
+  const auto graph = std::make_shared<const FactorGraph<Pose>>(bench::graph_of(records));
+  benchmark::RegisterBenchmark(("factor_graph/two_threads/" + graph_name).c_str(),
+                               [graph](benchmark::State& state) { full_step(state, *graph); })
+      ->UseManualTime()
+      ->Unit(benchmark::kMillisecond);
+}
+
 template <class Pose>
 void add_bench(const std::string& graph, const G2oRecords<Pose>& records, Habit habit) {
   const auto steps = std::make_shared<const std::vector<Step<Pose>>>(steps_of(records));
@@ -258,6 +282,9 @@ const bool registered = [] {
   };
   for (const char* graph : graphs) add(graph, Habit::plain);
   for (const char* graph : anxious_graphs) add(graph, Habit::anxious);
+  for (const char* graph : {"ms5x2000", "sphere2500", "torus3D"}) {
+    if (const auto file = bench::real_pose_graph(graph)) add_full_step(graph, file->spatial);
+  }
   return true;
 }();
 
