@@ -301,13 +301,16 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     std::vector<double> seconds_by_round;
     std::size_t points = 0, memory = 0;
     std::optional<SE3d> T_world_odom;
-    double error = 0;
+    const double way = 28.4 * times;  // metres
+    double error = 0, error_in_map = 0;
     int frames = 0;
     timespec last{};
     repeat(trip, round_time, times, odometry, [&](const Frame& frame) {
       const SE3d truth = trip.truth(frame.time);
       if (!T_world_odom) T_world_odom = truth * frame.T_odom_body.inverse();
-      error = std::max(error, (truth.translation() - *T_world_odom * frame.T_odom_body.translation()).norm());
+      const auto off = [&](const SE3d& T) { return (truth.translation() - *T_world_odom * T.translation()).norm(); };
+      error = std::max(error, off(frame.T_odom_body));
+      error_in_map = std::max(error_in_map, off(odometry.T_odom_map().inverse() * frame.T_odom_body));
       if (++frames % trip.scans != 0) return;
       timespec now{};
       clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
@@ -323,12 +326,16 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
                      seconds_by_round.begin() + 2 * tenth);
     std::nth_element(seconds_by_round.end() - tenth, seconds_by_round.end() - tenth / 2, seconds_by_round.end());
     const double early = *(seconds_by_round.begin() + tenth * 3 / 2), late = *(seconds_by_round.end() - tenth / 2);
-    MESSAGE(frames, " frames, lost ", odometry.counts().lost_scans, ", max error ", error, " m, map ", points, " to ",
-            odometry.local_map().size(), " points, ", memory, " to ", odometry.local_map().memory(), " bytes, ",
-            1e3 * early / trip.scans, " to ", 1e3 * late / trip.scans, " ms a scan");
+    MESSAGE(frames, " frames, lost ", odometry.counts().lost_scans, ", max error ", error, " m, in the map ",
+            error_in_map, " m, map ", points, " to ", odometry.local_map().size(), " points, ", memory, " to ",
+            odometry.local_map().memory(), " bytes, ", 1e3 * early / trip.scans, " to ", 1e3 * late / trip.scans,
+            " ms a scan");
     CHECK(frames == times * trip.scans);
     CHECK(odometry.counts().lost_scans == 0);
-    CHECK(error < 0.1);
+    // Its map holds the body for ever. Levelled, each step is turned by what gravity's direction is taken for then: a
+    // thousandth of a degree off makes 1.5 m of the 100 km of twelve hours.
+    CHECK(error_in_map < 0.1);
+    CHECK(error < 0.1 + 2e-5 * way);
     CHECK(odometry.local_map().memory() == memory);
     CHECK(static_cast<double>(odometry.local_map().size()) < 1.05 * static_cast<double>(points));
     CHECK(late < (full ? 1.5 : 3.0) * early);  // of minutes, what else the machine does is a large part
