@@ -283,8 +283,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
     CHECK(one.values() == other.values());
   }
 
-  TEST_CASE("any number of threads gives the same bits" *
-            doctest::test_suite("threads: factor_graph/incremental_smoother")) {
+  TEST_CASE("any number of threads gives the same bits") {
     Rng rng(9);
     const FactorGraph<SE3d> graph = random_graph<SE3d>(rng, 250, 0.05);
     const auto converged = [&](const auto& executor) {
