@@ -265,7 +265,7 @@ auto LidarInertialOdometry<Map, Kernel>::registered(const Sweep& sweep, const E&
     first_.reset();
     return found;
   }
-  constexpr double poor = 10;  // of the least signal that counts: the scan hardly tells a velocity
+  constexpr double poor = 20;  // of the least signal that counts: the scan hardly tells a velocity
   if (first_ && imu_start_.at_rest && found.match.signal[0] < poor * options_.scan_to_map.min_signal) {
     motion_.assume_rest();
     found = attempt(sweep, Vector6d::Zero(), error, executor);

@@ -36,7 +36,7 @@ struct LidarInertialOdometryOptions {
   double redeskew_distance = 0.06;  ///< metres of skew left after the update that call for a second pass
   Index max_lost_scans = 10;        ///< in a row; then the local map starts anew where the body is believed to be
   InertialMotionOptions motion{};
-  ScanToMap<Kernel> scan_to_map{};
+  ScanToMap<Kernel> scan_to_map{.min_signal = 1.5};  ///< less than by itself: the prediction is weighed against it
   ScanMeasurementOptions scan{};
   IterationRule iteration{.max_iterations = 12, .step_tolerance = 1e-3};
   double residual_variance = 0;        ///< m^2; 0: learnt from the residuals
