@@ -52,8 +52,9 @@ void add_odometry(Configuration& configuration, OdometrySourceKind& source, Lida
                     {{"lidar", OdometrySourceKind::lidar},
                      {"lidar_inertial", OdometrySourceKind::lidar_inertial},
                      {"fast_lio2", OdometrySourceKind::fast_lio2}},
-                    {.help = "lidar: scans, with the gyroscope where there is one. lidar_inertial: an iterated filter "
-                             "that takes the accelerometer, too. fast_lio2: the same as it was published."});
+                    {.help = "lidar_inertial: an iterated filter of scans and inertial readings, of scans alone where "
+                             "there are none. fast_lio2: the same as it was published. lidar: scans, and the "
+                             "gyroscope's rotation."});
   configuration.add("odometry.min_range", odometry.filter.min_range,
                     {.unit = "m", .min = 0, .max = 100, .help = "Nearer points are the carrier's own body."});
   configuration.add("odometry.max_range", odometry.filter.max_range,
@@ -65,8 +66,9 @@ void add_odometry(Configuration& configuration, OdometrySourceKind& source, Lida
   configuration.add(
       "odometry.map_radius", odometry.map_radius,
       {.unit = "m", .min = 5, .max = 2000, .help = "Half the edge of the local map's cube around the body."});
-  configuration.add("odometry.max_iterations", odometry.scan_to_map.max_iterations,
-                    {.min = 1, .max = 1000, .help = "Steps of the registration of a scan to the local map."});
+  configuration.add(
+      "odometry.max_iterations", odometry.scan_to_map.max_iterations,
+      {.min = 1, .max = 1000, .help = "Steps of the registration of a scan to the local map, by source = lidar."});
   configuration.add(
       "odometry.residual_scale", odometry.scan_to_map.residual_scale,
       {.unit = "m", .min = 0.001, .max = 10, .help = "Distances to planes beyond this count for little."});

@@ -35,7 +35,7 @@ struct MapperOptions {
   datasets::DatasetOptions dataset;
   Preset preset = Preset::best;
   Platform platform = Platform::nclt;
-  OdometrySourceKind odometry_source = OdometrySourceKind::lidar;
+  OdometrySourceKind odometry_source = OdometrySourceKind::lidar_inertial;
   LidarOdometryOptions<> odometry;
   KeyframeOptions keyframes;
   BackEndParts back_end;

@@ -61,8 +61,9 @@ void map_town(unsigned seed) {
   std::printf("FIGURE town, seed %u: back end per keyframe %s; peak memory %.0f MB\n", seed,
               cost["per_keyframe"].dump().c_str(), chained["peak_memory_bytes"].get<double>() / 1e6);
   CHECK(accepted(chained, "chained") >= 30);
-  CHECK(rmse(chained, "optimised") < rmse(chained, "odometry"));
-  CHECK(rmse(chained, "inter_session", "rpe") < 0.3);
+  CHECK(rmse(chained, "optimised") < 0.5 * rmse(chained, "odometry"));
+  CHECK(rmse(chained, "optimised") < 0.1);
+  CHECK(rmse(chained, "inter_session", "rpe") < 0.02);
   if (!full()) return;
 
   const nlohmann::json unchained =
