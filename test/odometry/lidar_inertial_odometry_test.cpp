@@ -139,8 +139,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(none.max_error < 0.05);
   }
 
-  TEST_CASE("the same bits on one thread and on two" *
-            doctest::test_suite("threads: odometry/lidar_inertial_odometry")) {
+  TEST_CASE("the same bits on one thread and on two") {
     InertialTrip trip = strolling();
     trip.scans = 12;
     const std::vector<Packet> packets = trip.packets();

@@ -3,12 +3,10 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
 #include <memory>
 #include <stdexcept>
-#include <thread>
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
@@ -101,8 +99,7 @@ struct ScannedRound : Round {
 }  // namespace
 
 TEST_SUITE("slam/back_end") {
-  TEST_CASE("round the block, closing the loop cuts the drift to a fifth, and threads do not change a bit" *
-            doctest::test_suite("threads: slam/back_end")) {
+  TEST_CASE("round the block, closing the loop cuts the drift to a fifth, and threads do not change a bit") {
     const ScannedRound round;
     const auto back_end = round.run(Serial{});
     const SlamMap& map = back_end->map();
@@ -263,33 +260,6 @@ TEST_SUITE("slam/back_end") {
     CHECK(back_end.map().closures.empty());
     CHECK_FALSE(back_end.map().refusals.empty());
     CHECK(back_end.map().keyframes.size() == round.truth.size());
-  }
-
-  TEST_CASE("readers on other threads see whole maps while keyframes are added" *
-            doctest::test_suite("threads: slam/back_end")) {
-    const Round round;
-    std::vector<LoopClosure> script;
-    for (Index to = 2; to < to_index(round.truth.size()); to += 2)
-      script.push_back(measured(0, to, round.between(0, to)));
-    PlainBackEnd back_end({}, {script});
-    std::atomic<bool> done = false;
-    std::size_t seen = 0, torn = 0;
-    std::jthread reader([&] {
-      do {
-        const auto map = back_end.snapshot();
-        const std::size_t steps = map->keyframes.empty() ? 0 : map->keyframes.size() - 1;
-        if (map->keyframes.size() < seen || map->odometry.size() != steps) ++torn;
-        seen = map->keyframes.size();
-        if (const auto frame = back_end.T_map_odom(); frame && !frame->translation().allFinite()) ++torn;
-      } while (!done);
-    });
-    for (std::size_t i = 0; i < round.truth.size(); ++i) back_end.add(round.keyframe(i));
-    const auto last = back_end.finish();
-    done = true;
-    reader.join();
-    CHECK(torn == 0);
-    CHECK(last->keyframes.size() == round.truth.size());
-    CHECK(back_end.snapshot() == last);
   }
 }
 

@@ -318,8 +318,7 @@ TEST_SUITE("slam: several sessions") {
       CHECK((closure.from.value < per_session || closure.from.value >= 2 * per_session));
   }
 
-  TEST_CASE("by way of a pipeline the map is the same to the bit" *
-            doctest::test_suite("threads: slam: several sessions")) {
+  TEST_CASE("by way of a pipeline the map is the same to the bit") {
     const DrivesRoundTheBlock drives(3);
     auto by_hand = gnss_back_end(drives);
     for (Index session = 0; session < 3; ++session) drives.drive(by_hand, session);
