@@ -17,7 +17,7 @@
 namespace chainslam {
 
 struct InertialMotionOptions {
-  ImuProcess process{.up_walk = 3.5e-4};
+  ImuProcess process{.up_walk = 3.5e-4};  ///< twice that lets heights wander, a quarter loses bent maps
   ImuRecordOptions imu{};
   ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
   double start_speed = 5;    ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
