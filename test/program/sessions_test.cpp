@@ -62,6 +62,7 @@ void map_town(unsigned seed) {
               cost["per_keyframe"].dump().c_str(), chained["peak_memory_bytes"].get<double>() / 1e6);
   CHECK(accepted(chained, "chained") >= 30);
   CHECK(rmse(chained, "optimised") < 0.5 * rmse(chained, "odometry"));
+  // Of seeds 1 to 5 0.026 to 0.068 m and 7 to 10 mm when written.
   CHECK(rmse(chained, "optimised") < 0.1);
   CHECK(rmse(chained, "inter_session", "rpe") < 0.02);
   if (!full()) return;
