@@ -26,6 +26,7 @@
 #include "chainslam/core/observer.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/snapshot.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/core/timestamp.hpp"

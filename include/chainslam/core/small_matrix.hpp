@@ -1,0 +1,96 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace chainslam {
+
+// Products, transposes and blocks of small matrices of fixed size: one function for each shape, where Eigen's
+// expressions make dozens of types, which take a hundred times as long to compile. Column by column; sums run in order
+// of the inner index, whatever the instruction set.
+
+/// A B
+template <class Scalar, int Rows, int Inner, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> product(const Eigen::Matrix<Scalar, Rows, Inner>& A,
+                                                           const Eigen::Matrix<Scalar, Inner, Columns>& B) {
+  Eigen::Matrix<Scalar, Rows, Columns> C;
+  const Scalar *a = A.data(), *b = B.data();
+  Scalar* c = C.data();
+  if constexpr (Rows <= 3) {  // unrolled as a whole: one sum after another, all in registers
+#pragma GCC unroll 6
+    for (int j = 0; j < Columns; ++j) {
+#pragma GCC unroll 3
+      for (int i = 0; i < Rows; ++i) {
+        Scalar sum = a[i] * b[j * Inner];
+#pragma GCC unroll 6
+        for (int k = 1; k < Inner; ++k) sum += a[i + k * Rows] * b[k + j * Inner];
+        c[i + j * Rows] = sum;
+      }
+    }
+  } else {  // a column of sums at a time, which vectorizes
+    for (int j = 0; j < Columns; ++j) {
+      Scalar column[Rows];
+#pragma GCC unroll 6
+      for (int i = 0; i < Rows; ++i) column[i] = a[i] * b[j * Inner];
+#pragma GCC unroll 6
+      for (int k = 1; k < Inner; ++k) {
+#pragma GCC unroll 6
+        for (int i = 0; i < Rows; ++i) column[i] += a[i + k * Rows] * b[k + j * Inner];
+      }
+#pragma GCC unroll 6
+      for (int i = 0; i < Rows; ++i) c[i + j * Rows] = column[i];
+    }
+  }
+  return C;
+}
+
+/// A^T
+template <class Scalar, int Rows, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Columns, Rows> transposed(const Eigen::Matrix<Scalar, Rows, Columns>& A) {
+  Eigen::Matrix<Scalar, Columns, Rows> T;
+#pragma GCC unroll 6
+  for (int j = 0; j < Columns; ++j) {
+#pragma GCC unroll 6
+    for (int i = 0; i < Rows; ++i) T.data()[j + i * Columns] = A.data()[i + j * Rows];
+  }
+  return T;
+}
+
+/// A B^T
+template <class Scalar, int Rows, int Inner, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> product_transposed(
+    const Eigen::Matrix<Scalar, Rows, Inner>& A, const Eigen::Matrix<Scalar, Columns, Inner>& B) {
+  return product(A, transposed(B));
+}
+
+/// A^T B
+template <class Scalar, int Rows, int Inner, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> transposed_product(
+    const Eigen::Matrix<Scalar, Inner, Rows>& A, const Eigen::Matrix<Scalar, Inner, Columns>& B) {
+  return product(transposed(A), B);
+}
+
+/// The block of A whose first entry is A(row, column).
+template <int BlockRows, int BlockColumns, class Scalar, int Rows, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, BlockRows, BlockColumns> block_of(const Eigen::Matrix<Scalar, Rows, Columns>& A,
+                                                                      int row, int column) {
+  Eigen::Matrix<Scalar, BlockRows, BlockColumns> block;
+#pragma GCC unroll 6
+  for (int j = 0; j < BlockColumns; ++j) {
+#pragma GCC unroll 6
+    for (int i = 0; i < BlockRows; ++i) block.data()[i + j * BlockRows] = A.data()[row + i + (column + j) * Rows];
+  }
+  return block;
+}
+
+/// Overwrites the block of A whose first entry is A(row, column).
+template <class Scalar, int Rows, int Columns, int BlockRows, int BlockColumns>
+void set_block(Eigen::Matrix<Scalar, Rows, Columns>& A, int row, int column,
+               const Eigen::Matrix<Scalar, BlockRows, BlockColumns>& block) {
+#pragma GCC unroll 6
+  for (int j = 0; j < BlockColumns; ++j) {
+#pragma GCC unroll 6
+    for (int i = 0; i < BlockRows; ++i) A.data()[row + i + (column + j) * Rows] = block.data()[i + j * BlockRows];
+  }
+}
+
+}  // namespace chainslam

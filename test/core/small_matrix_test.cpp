@@ -1,0 +1,52 @@
+#include "chainslam/core/small_matrix.hpp"
+
+#include <doctest/doctest.h>
+
+#include "support/property.hpp"
+
+namespace chainslam::test {
+namespace {
+
+template <int Rows, int Inner, int Columns>
+void check_products(Rng& rng) {
+  const auto random = [&]<class Matrix>(Matrix matrix) {
+    for (Eigen::Index i = 0; i < matrix.size(); ++i) matrix.data()[i] = rng.normal();
+    return matrix;
+  };
+  const auto A = random(Eigen::Matrix<double, Rows, Inner>());
+  const auto B = random(Eigen::Matrix<double, Inner, Columns>());
+  const Eigen::Matrix<double, Rows, Columns> expected = A * B;
+  const Eigen::Matrix<double, Inner, Rows> A_transposed = A.transpose();
+  const Eigen::Matrix<double, Columns, Inner> B_transposed = B.transpose();
+  CHECK((product(A, B) - expected).norm() < 1e-14 * A.norm() * B.norm());
+  CHECK(product_transposed(A, B_transposed) == product(A, B));
+  CHECK(transposed_product(A_transposed, B) == product(A, B));
+  CHECK(transposed(A) == A_transposed);
+}
+
+}  // namespace
+
+TEST_SUITE("core/small_matrix") {
+  TEST_CASE("products and transposes are Eigen's") {
+    for_all(50, [](Rng& rng, int) {
+      check_products<3, 3, 3>(rng);
+      check_products<3, 3, 1>(rng);
+      check_products<1, 3, 3>(rng);
+      check_products<2, 3, 6>(rng);
+      check_products<6, 6, 6>(rng);
+      check_products<6, 1, 6>(rng);
+      check_products<26, 9, 4>(rng);
+    });
+  }
+
+  TEST_CASE("a block that was set is what is read, and nothing else has changed") {
+    Eigen::Matrix<double, 5, 7> A = Eigen::Matrix<double, 5, 7>::Random(), before = A;
+    const Eigen::Matrix<double, 2, 3> block{{1, 2, 3}, {4, 5, 6}};
+    set_block(A, 3, 4, block);
+    CHECK(block_of<2, 3>(A, 3, 4) == block);
+    before.block<2, 3>(3, 4) = block;
+    CHECK(A == before);
+  }
+}
+
+}  // namespace chainslam::test
