@@ -14,7 +14,7 @@ fail() {
 
 packages_build="g++ cmake ninja-build pkg-config libeigen3-dev"
 packages_program="libtomlplusplus-dev libcli11-dev nlohmann-json3-dev libgeographiclib-dev libpng-dev libjs-three libzstd-dev libxxhash-dev liblz4-dev libbz2-dev libsqlite3-dev"
-packages_test="doctest-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
+packages_test="doctest-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip time"
 packages_sanitizers="clang-14 libclang-rt-14-dev"
 packages_bench="libbenchmark-dev libboost-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
 packages_peers="libpcl-dev libopen3d-dev libceres-dev libfmt-dev liblz4-dev"
