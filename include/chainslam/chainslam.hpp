@@ -17,6 +17,7 @@
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/channel.hpp"
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/executor.hpp"

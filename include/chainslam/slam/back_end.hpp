@@ -8,8 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/snapshot.hpp"
+#include "chainslam/core/thread_pool.hpp"
 #include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/gnss_interpolator.hpp"
 #include "chainslam/slam/loop_closer.hpp"
@@ -75,23 +77,10 @@ class BackEnd {
 
   /// Adds a map that was saved before: its sessions count as earlier ones. If it is the first, its keyframes keep their
   /// numbers; a later one's follow those that are here.
-  void load(const SlamMap& map) {
-    const Index known = to_index(graph_.map().closures.size());
-    withdraw();
-    in_session_ = false;
-    graph_.load(map);
-    for (Index i = known; i < to_index(graph_.map().closures.size()); ++i)
-      connect(graph_.map().closures[static_cast<std::size_t>(i)], i);
-  }
+  void load(const SlamMap& map);
 
   /// Keyframes added from now on are of a new session. Without a call, the first keyframe begins one without a name.
-  void begin_session(std::string name) {
-    withdraw();
-    gnss_ = GnssInterpolator();  // the clocks of two drives have nothing in common
-    graph_.begin_session(std::move(name));
-    in_session_ = true;
-    index_positions();
-  }
+  void begin_session(std::string name);
 
   /// Takes the next keyframe of the session, tries to close loops with it and to join its frame with others, and
   /// optimises if that succeeds.
@@ -99,43 +88,14 @@ class BackEnd {
   /// @throws std::invalid_argument if its time is not later than the session's last, or if T_odom_body is not finite;
   /// the map is then as it was.
   template <Executor E = Serial>
-  KeyframeId add(Keyframe keyframe, const E& executor = {}) {
-    if (!in_session_) {
-      MapGraph<Kernel>::require_finite(keyframe);
-      begin_session({});
-    }
-    const KeyframeId id = graph_.append(std::move(keyframe));
-    const Keyframe& added = map().keyframes.back();
-    positions_.append(id, added.T_map_body.translation());
-    gnss_.add(id, added.time);
-    if (take(closer_.close(map().keyframes, positions_, executor), -1, true, executor)) optimise();
-    try_merge(id, executor);
-    publish_frame();
-    return id;
-  }
+  KeyframeId add(Keyframe keyframe, const E& executor = {});
 
   /// Takes a GNSS fix, which keyframes around its time get a position from; they may then join two frames.
   template <Executor E = Serial>
-  void add(const GnssFix& fix, const E& executor = {}) {
-    std::vector<KeyframeId> located;
-    gnss_.add(fix, [&](KeyframeId id, const GnssFix& interpolated) {
-      graph_.set_gnss(id, interpolated);
-      located.push_back(id);
-    });
-    for (const KeyframeId id : located) try_merge(id, executor);
-    if (!located.empty()) publish_frame();
-  }
+  void add(const GnssFix& fix, const E& executor = {});
 
   /// Optimises to the end and hands out the map.
-  [[nodiscard]] std::shared_ptr<const SlamMap> finish() {
-    withdraw();
-    if (!map().closures.empty()) {
-      counts_.end = graph_.converge();
-      count_optimisation(counts_.end.ok());
-    }
-    publish_frame();
-    return snapshot();
-  }
+  [[nodiscard]] std::shared_ptr<const SlamMap> finish();
 
   /// The map as it is; owned by the back end, to be read on the thread that adds.
   [[nodiscard]] const SlamMap& map() const { return graph_.map(); }
@@ -180,113 +140,23 @@ class BackEnd {
   /// @param cause  the closure that made the search, -1 if none.
   /// @returns whether anything was accepted.
   template <Executor E>
-  bool take(std::vector<LoopClosure> tried, Index cause, bool chain, const E& executor) {
-    counts_.alignments += to_index(tried.size());
-    bool accepted = false;
-    for (LoopClosure& closure : tried) {
-      closure.cause = cause;
-      if (closure.verdict != ClosureVerdict::accepted) {
-        graph_.refuse(closure);
-        continue;
-      }
-      closure_graph_.resize(to_index(map().keyframes.size()));
-      if (closure_graph_.connected(closure.from.value, closure.to.value)) continue;  // a merge has measured it already
-      std::vector<LoopClosure> chained;
-      if (chain)
-        chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
-      counts_.alignments += to_index(chained.size());
-      const Index position = accept(closure);
-      accepted = true;
-      for (LoopClosure& one : chained) {
-        one.cause = position;
-        if (one.verdict == ClosureVerdict::accepted)
-          accept(one);
-        else
-          graph_.refuse(one);
-      }
-    }
-    return accepted;
-  }
+  bool take(std::vector<LoopClosure> tried, Index cause, bool chain, const E& executor);
 
   /// Looks for `query` in sessions of other frames, and joins the frames if it is found.
   template <Executor E>
-  void try_merge(KeyframeId query, const E& executor) {
-    if constexpr (!std::same_as<Merger, NoMerging>) {
-      if (keyframe(query).session != session().id) return;
-      std::vector<LoopClosure> accepted;
-      for (const LoopClosure& closure : merger_.attempt(map(), query, closer_, executor)) {
-        if (closure.verdict == ClosureVerdict::accepted)
-          accepted.push_back(closure);
-        else
-          graph_.refuse(closure);
-      }
-      if (!accepted.empty()) merge(accepted, executor);
-    }
-  }
+  void try_merge(KeyframeId query, const E& executor);
 
   /// Joins the frames that `closures` connect, by the newest of them, and searches along the aligned session again.
   template <Executor E>
-  void merge(const std::vector<LoopClosure>& closures, const E& executor) {
-    const LoopClosure& newest = closures.back();
-    const Keyframe& j = keyframe(newest.from);
-    const Keyframe& i = keyframe(newest.to);
-    const SE3d T_there_here = j.T_map_body * newest.T_from_to * i.T_map_body.inverse();
-    const SessionId here = graph_.frame(i), there = graph_.frame(j);
-    std::vector<bool> joined;
-    for (const Session& session : map().sessions) joined.push_back(session.frame == there);
-    if (there < here)  // the earlier frame stays
-      graph_.join(there, here, T_there_here);
-    else
-      graph_.join(here, there, T_there_here.inverse());
-    ++counts_.merges;
-    Index position = -1;
-    for (const LoopClosure& closure : closures) position = accept(closure);
-    optimise();
-    recheck(joined, position, executor);
-  }
+  void merge(const std::vector<LoopClosure>& closures, const E& executor);
 
   /// Direct and chained closures of the whole current session with those that have come into its frame.
   template <Executor E>
-  void recheck(const std::vector<bool>& joined, Index cause, const E& executor) {
-    double travelled = options_.recheck_travel;
-    const Session current = session();
-    PositionIndex others;
-    const auto index_others = [&] {
-      others.rebuild(map().keyframes,
-                     [&](const Keyframe& one) { return joined[static_cast<std::size_t>(one.session.value)]; });
-    };
-    index_others();
-    for (Index i = current.first_keyframe; i < current.end_keyframe(); ++i) {
-      if (i > current.first_keyframe)
-        travelled += (keyframe(KeyframeId{i - 1}).T_odom_body.inverse() * keyframe(KeyframeId{i}).T_odom_body)
-                         .translation()
-                         .norm();
-      if (travelled < options_.recheck_travel) continue;
-      travelled = 0;
-      if (!take(closer_.search(map().keyframes, others, KeyframeId{i}, executor), cause, options_.chain_in_recheck,
-                executor))
-        continue;
-      optimise();
-      index_others();
-    }
-  }
+  void recheck(const std::vector<bool>& joined, Index cause, const E& executor);
 
-  void optimise() {
-    counts_.last = graph_.optimise();
-    count_optimisation(counts_.last.ok());
-  }
-
-  void count_optimisation(bool succeeded) {
-    ++counts_.optimisations;
-    if (!succeeded) ++counts_.failed_optimisations;
-    index_positions();
-  }
-
-  void publish_frame() {
-    if (map().keyframes.empty()) return;
-    const Keyframe& newest = map().keyframes.back();
-    T_map_odom_.store(std::make_shared<const SE3d>(newest.T_map_body * newest.T_odom_body.inverse()));
-  }
+  void optimise();
+  void count_optimisation(bool succeeded);
+  void publish_frame();
 
   BackEndOptions options_;
   Closer closer_;
@@ -300,5 +170,187 @@ class BackEnd {
   BackEndCounts counts_;
   Snapshot<SE3d> T_map_odom_;
 };
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+void BackEnd<Closer, Chainer, Merger, Kernel>::load(const SlamMap& map) {
+  const Index known = to_index(graph_.map().closures.size());
+  withdraw();
+  in_session_ = false;
+  graph_.load(map);
+  for (Index i = known; i < to_index(graph_.map().closures.size()); ++i)
+    connect(graph_.map().closures[static_cast<std::size_t>(i)], i);
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+void BackEnd<Closer, Chainer, Merger, Kernel>::begin_session(std::string name) {
+  withdraw();
+  gnss_ = GnssInterpolator();  // the clocks of two drives have nothing in common
+  graph_.begin_session(std::move(name));
+  in_session_ = true;
+  index_positions();
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+template <Executor E>
+KeyframeId BackEnd<Closer, Chainer, Merger, Kernel>::add(Keyframe keyframe, const E& executor) {
+  if (!in_session_) {
+    MapGraph<Kernel>::require_finite(keyframe);
+    begin_session({});
+  }
+  const KeyframeId id = graph_.append(std::move(keyframe));
+  const Keyframe& added = map().keyframes.back();
+  positions_.append(id, added.T_map_body.translation());
+  gnss_.add(id, added.time);
+  if (take(closer_.close(map().keyframes, positions_, executor), -1, true, executor)) optimise();
+  try_merge(id, executor);
+  publish_frame();
+  return id;
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+template <Executor E>
+void BackEnd<Closer, Chainer, Merger, Kernel>::add(const GnssFix& fix, const E& executor) {
+  std::vector<KeyframeId> located;
+  gnss_.add(fix, [&](KeyframeId id, const GnssFix& interpolated) {
+    graph_.set_gnss(id, interpolated);
+    located.push_back(id);
+  });
+  for (const KeyframeId id : located) try_merge(id, executor);
+  if (!located.empty()) publish_frame();
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+std::shared_ptr<const SlamMap> BackEnd<Closer, Chainer, Merger, Kernel>::finish() {
+  withdraw();
+  if (!map().closures.empty()) {
+    counts_.end = graph_.converge();
+    count_optimisation(counts_.end.ok());
+  }
+  publish_frame();
+  return snapshot();
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+template <Executor E>
+bool BackEnd<Closer, Chainer, Merger, Kernel>::take(std::vector<LoopClosure> tried, Index cause, bool chain,
+                                                    const E& executor) {
+  counts_.alignments += to_index(tried.size());
+  bool accepted = false;
+  for (LoopClosure& closure : tried) {
+    closure.cause = cause;
+    if (closure.verdict != ClosureVerdict::accepted) {
+      graph_.refuse(closure);
+      continue;
+    }
+    closure_graph_.resize(to_index(map().keyframes.size()));
+    if (closure_graph_.connected(closure.from.value, closure.to.value)) continue;  // a merge has measured it already
+    std::vector<LoopClosure> chained;
+    if (chain)
+      chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
+    counts_.alignments += to_index(chained.size());
+    const Index position = accept(closure);
+    accepted = true;
+    for (LoopClosure& one : chained) {
+      one.cause = position;
+      if (one.verdict == ClosureVerdict::accepted)
+        accept(one);
+      else
+        graph_.refuse(one);
+    }
+  }
+  return accepted;
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+template <Executor E>
+void BackEnd<Closer, Chainer, Merger, Kernel>::try_merge(KeyframeId query, const E& executor) {
+  if constexpr (!std::same_as<Merger, NoMerging>) {
+    if (keyframe(query).session != session().id) return;
+    std::vector<LoopClosure> accepted;
+    for (const LoopClosure& closure : merger_.attempt(map(), query, closer_, executor)) {
+      if (closure.verdict == ClosureVerdict::accepted)
+        accepted.push_back(closure);
+      else
+        graph_.refuse(closure);
+    }
+    if (!accepted.empty()) merge(accepted, executor);
+  }
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+template <Executor E>
+void BackEnd<Closer, Chainer, Merger, Kernel>::merge(const std::vector<LoopClosure>& closures, const E& executor) {
+  const LoopClosure& newest = closures.back();
+  const Keyframe& j = keyframe(newest.from);
+  const Keyframe& i = keyframe(newest.to);
+  const SE3d T_there_here = j.T_map_body * newest.T_from_to * i.T_map_body.inverse();
+  const SessionId here = graph_.frame(i), there = graph_.frame(j);
+  std::vector<bool> joined;
+  for (const Session& session : map().sessions) joined.push_back(session.frame == there);
+  if (there < here)  // the earlier frame stays
+    graph_.join(there, here, T_there_here);
+  else
+    graph_.join(here, there, T_there_here.inverse());
+  ++counts_.merges;
+  Index position = -1;
+  for (const LoopClosure& closure : closures) position = accept(closure);
+  optimise();
+  recheck(joined, position, executor);
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+template <Executor E>
+void BackEnd<Closer, Chainer, Merger, Kernel>::recheck(const std::vector<bool>& joined, Index cause,
+                                                       const E& executor) {
+  double travelled = options_.recheck_travel;
+  const Session current = session();
+  PositionIndex others;
+  const auto index_others = [&] {
+    others.rebuild(map().keyframes,
+                   [&](const Keyframe& one) { return joined[static_cast<std::size_t>(one.session.value)]; });
+  };
+  index_others();
+  for (Index i = current.first_keyframe; i < current.end_keyframe(); ++i) {
+    if (i > current.first_keyframe)
+      travelled += (keyframe(KeyframeId{i - 1}).T_odom_body.inverse() * keyframe(KeyframeId{i}).T_odom_body)
+                       .translation()
+                       .norm();
+    if (travelled < options_.recheck_travel) continue;
+    travelled = 0;
+    if (!take(closer_.search(map().keyframes, others, KeyframeId{i}, executor), cause, options_.chain_in_recheck,
+              executor))
+      continue;
+    optimise();
+    index_others();
+  }
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+void BackEnd<Closer, Chainer, Merger, Kernel>::optimise() {
+  counts_.last = graph_.optimise();
+  count_optimisation(counts_.last.ok());
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+void BackEnd<Closer, Chainer, Merger, Kernel>::count_optimisation(bool succeeded) {
+  ++counts_.optimisations;
+  if (!succeeded) ++counts_.failed_optimisations;
+  index_positions();
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+void BackEnd<Closer, Chainer, Merger, Kernel>::publish_frame() {
+  if (map().keyframes.empty()) return;
+  const Keyframe& newest = map().keyframes.back();
+  T_map_odom_.store(std::make_shared<const SE3d>(newest.T_map_body * newest.T_odom_body.inverse()));
+}
+
+#ifdef CHAINSLAM_COMPILED
+extern template class BackEnd<>;
+extern template KeyframeId BackEnd<>::add(Keyframe, const Serial&);
+extern template void BackEnd<>::add(const GnssFix&, const Serial&);
+extern template KeyframeId BackEnd<>::add(Keyframe, const ThreadPool&);
+extern template void BackEnd<>::add(const GnssFix&, const ThreadPool&);
+#endif
 
 }  // namespace chainslam

@@ -1,6 +1,7 @@
 // A tree of points that stay, by nanoflann.
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <nanoflann.hpp>
 #include <vector>
 
@@ -19,7 +20,7 @@ int main() {
   using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, Points>, Points, 3>;
   const Points points{std::vector<Eigen::Vector3f>(100, Eigen::Vector3f::Zero())};
   const Tree tree(3, points);
-  std::array<Tree::IndexType, 5> found;
+  std::array<std::uint32_t, 5> found;
   std::array<float, 5> distances;
   return static_cast<int>(tree.knnSearch(points.all[0].data(), 5, found.data(), distances.data()));
 }
