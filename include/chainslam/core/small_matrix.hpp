@@ -93,4 +93,19 @@ void set_block(Eigen::Matrix<Scalar, Rows, Columns>& A, int row, int column,
   }
 }
 
+/// The symmetric matrix of which this is the upper triangle, row by row.
+template <class Scalar>
+[[nodiscard]] Eigen::Matrix<Scalar, 3, 3> symmetric_matrix(Scalar xx, Scalar xy, Scalar xz, Scalar yy, Scalar yz,
+                                                           Scalar zz) {
+  Eigen::Matrix<Scalar, 3, 3> S;
+  Scalar* s = S.data();
+  s[0] = xx;
+  s[4] = yy;
+  s[8] = zz;
+  s[1] = s[3] = xy;
+  s[2] = s[6] = xz;
+  s[5] = s[7] = yz;
+  return S;
+}
+
 }  // namespace chainslam
