@@ -57,15 +57,15 @@ template <class Scalar, int Rows, int Columns>
 
 /// A B^T
 template <class Scalar, int Rows, int Inner, int Columns>
-[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> product_transposed(
-    const Eigen::Matrix<Scalar, Rows, Inner>& A, const Eigen::Matrix<Scalar, Columns, Inner>& B) {
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> product_transposed(const Eigen::Matrix<Scalar, Rows, Inner>& A,
+                                                                      const Eigen::Matrix<Scalar, Columns, Inner>& B) {
   return product(A, transposed(B));
 }
 
 /// A^T B
 template <class Scalar, int Rows, int Inner, int Columns>
-[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> transposed_product(
-    const Eigen::Matrix<Scalar, Inner, Rows>& A, const Eigen::Matrix<Scalar, Inner, Columns>& B) {
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> transposed_product(const Eigen::Matrix<Scalar, Inner, Rows>& A,
+                                                                      const Eigen::Matrix<Scalar, Inner, Columns>& B) {
   return product(transposed(A), B);
 }
 
