@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "chainslam/cloud/transform.hpp"
-#include "chainslam/registration/icp.hpp"
+#include "chainslam/registration/align.hpp"
 
 int main() {
   using namespace chainslam;

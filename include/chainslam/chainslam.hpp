@@ -125,6 +125,7 @@
 #include "chainslam/odometry/scan_filter.hpp"
 #include "chainslam/odometry/scan_measurement.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
+#include "chainslam/registration/align.hpp"
 #include "chainslam/registration/coarse_to_fine.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/consistency_graph.hpp"

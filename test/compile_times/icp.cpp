@@ -1,5 +1,5 @@
 // ICP of two clouds of a type of one's own.
-#include <chainslam/registration/icp.hpp>
+#include <chainslam/registration/align.hpp>
 #include <vector>
 
 struct Return {

@@ -6,6 +6,7 @@
 
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/registration/align.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"

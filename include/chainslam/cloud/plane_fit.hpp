@@ -6,6 +6,7 @@
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/cloud/symmetric_eigen.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 
 namespace chainslam {
 
@@ -34,7 +35,7 @@ struct PlaneFit {
   }
   /// l0 / (l0 + l1 + l2) in [0, 1/3], the surface variation (Pauly et al. 2002).
   [[nodiscard]] double curvature() const {
-    const double sum = eigenvalues.sum();
+    const double sum = eigenvalues[0] + eigenvalues[1] + eigenvalues[2];
     return sum > 0 ? eigenvalues[0] / sum : 0.0;
   }
 };
@@ -44,15 +45,15 @@ struct PlaneFit {
   // A second axis 1e-4 as long as the first is a line: no more than the rounding of float coordinates.
   constexpr double line_ratio = 1e-8;
   PlaneFit fit;
-  if (!is_finite(mean.sum()) || !is_finite(covariance.sum())) {
+  if (!is_finite(mean) || !is_finite(covariance)) {
     fit.status = PlaneStatus::not_finite;
     return fit;
   }
   const SymmetricEigen3 eigen = symmetric_eigen(covariance);
   fit.centroid = mean;
-  fit.eigenvalues = eigen.values.cwiseMax(0.0);
-  fit.normal = eigen.vectors.col(0);
-  fit.tangent = eigen.vectors.col(2);
+  for (int i = 0; i < 3; ++i) fit.eigenvalues[i] = std::max(eigen.values[i], 0.0);
+  fit.normal = block_of<3, 1>(eigen.vectors, 0, 0);
+  fit.tangent = block_of<3, 1>(eigen.vectors, 0, 2);
   fit.offset = -fit.normal.dot(mean);
   fit.status = fit.eigenvalues[1] > line_ratio * fit.eigenvalues[2] ? PlaneStatus::good : PlaneStatus::degenerate;
   return fit;
@@ -81,9 +82,8 @@ template <Cloud Points>
     yz += d[1] * d[2];
     zz += d[2] * d[2];
   }
-  Eigen::Matrix3d covariance;
-  covariance << xx, xy, xz, xy, yy, yz, xz, yz, zz;
-  return fit_plane(mean, covariance * inverse_count);
+  return fit_plane(mean, symmetric_matrix(xx * inverse_count, xy * inverse_count, xz * inverse_count,
+                                          yy * inverse_count, yz * inverse_count, zz * inverse_count));
 }
 
 }  // namespace chainslam

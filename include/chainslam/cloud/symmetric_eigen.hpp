@@ -8,6 +8,8 @@
 #include <numbers>
 #include <utility>
 
+#include "chainslam/core/small_matrix.hpp"
+
 namespace chainslam {
 
 /// Eigenvalues, ascending, and unit eigenvectors (columns, right-handed) of a symmetric 3x3 matrix.
@@ -33,13 +35,45 @@ namespace detail {
   return half_det >= 0 ? p * x : -p * x;
 }
 
+[[nodiscard]] inline Eigen::Matrix3d less_on_diagonal(const Eigen::Matrix3d& m, double value) {
+  Eigen::Matrix3d less = m;
+  for (int i = 0; i < 3; ++i) less(i, i) -= value;
+  return less;
+}
+
 /// The null direction of a symmetric matrix of rank two: the longest cross product of two of its rows.
 [[nodiscard]] inline Eigen::Vector3d null_direction(const Eigen::Matrix3d& m) {
-  const Eigen::Vector3d r0 = m.col(0), r1 = m.col(1), r2 = m.col(2);
-  const Eigen::Vector3d c01 = r0.cross(r1), c12 = r1.cross(r2), c20 = r2.cross(r0);
-  const double n01 = c01.squaredNorm(), n12 = c12.squaredNorm(), n20 = c20.squaredNorm();
-  if (n01 >= n12 && n01 >= n20) return c01 * (1.0 / std::sqrt(n01));
-  return n12 >= n20 ? Eigen::Vector3d(c12 * (1.0 / std::sqrt(n12))) : Eigen::Vector3d(c20 * (1.0 / std::sqrt(n20)));
+  const Eigen::Vector3d r0 = block_of<3, 1>(m, 0, 0), r1 = block_of<3, 1>(m, 0, 1), r2 = block_of<3, 1>(m, 0, 2);
+  Eigen::Vector3d longest = r0.cross(r1);
+  double most = longest.squaredNorm();
+  for (const Eigen::Vector3d& other : {Eigen::Vector3d(r1.cross(r2)), Eigen::Vector3d(r2.cross(r0))}) {
+    const double squared = other.squaredNorm();
+    if (!(squared > most)) continue;
+    longest = other;
+    most = squared;
+  }
+  return (1.0 / std::sqrt(most)) * longest;
+}
+
+/// A unit vector across v.
+[[nodiscard]] inline Eigen::Vector3d unit_across(const Eigen::Vector3d& v) {
+  constexpr double much_smaller = 1e-12;
+  const double x = v[0], y = v[1], z = v[2];
+  const bool leans = std::abs(x) > much_smaller * std::abs(z) || std::abs(y) > much_smaller * std::abs(z);
+  const double first = leans ? x : z, second = y, length = std::sqrt(first * first + second * second);
+  return leans ? Eigen::Vector3d(-y / length, x / length, 0) : Eigen::Vector3d(0, -z / length, y / length);
+}
+
+/// With these eigenvectors, the second turned round if that is what it takes.
+[[nodiscard]] inline SymmetricEigen3 right_handed(const Eigen::Vector3d& values, const Eigen::Vector3d& first,
+                                                  const Eigen::Vector3d& second, const Eigen::Vector3d& third) {
+  const double side = third.dot(first.cross(second)) < 0 ? -1.0 : 1.0;
+  SymmetricEigen3 result;
+  result.values = values;
+  set_block(result.vectors, 0, 0, first);
+  set_block(result.vectors, 0, 1, Eigen::Vector3d(side * second));
+  set_block(result.vectors, 0, 2, third);
+  return result;
 }
 
 }  // namespace detail
@@ -51,23 +85,27 @@ namespace detail {
 /// matrices).
 /// @param matrix  finite; only the lower triangle is read.
 [[nodiscard]] inline SymmetricEigen3 symmetric_eigen(const Eigen::Matrix3d& matrix) {
-  const Eigen::Matrix3d full = matrix.selfadjointView<Eigen::Lower>();
-  const double scale = full.cwiseAbs().maxCoeff();
+  double scale = 0;
+  for (int column = 0; column < 3; ++column)
+    for (int row = column; row < 3; ++row) scale = std::max(scale, std::abs(matrix(row, column)));
   if (!(scale > 4 * std::numeric_limits<double>::min())) return {Eigen::Vector3d::Zero(), Eigen::Matrix3d::Identity()};
 
-  const Eigen::Matrix3d scaled = full * (1.0 / scale);
-  const double mean = scaled.trace() / 3.0;
-  const Eigen::Matrix3d shifted = scaled - mean * Eigen::Matrix3d::Identity();
+  const double inverse_scale = 1.0 / scale;
+  const Eigen::Matrix3d scaled =
+      symmetric_matrix(matrix(0, 0) * inverse_scale, matrix(1, 0) * inverse_scale, matrix(2, 0) * inverse_scale,
+                       matrix(1, 1) * inverse_scale, matrix(2, 1) * inverse_scale, matrix(2, 2) * inverse_scale);
+  const double mean = (scaled(0, 0) + scaled(1, 1) + scaled(2, 2)) / 3.0;
+  const Eigen::Matrix3d shifted = detail::less_on_diagonal(scaled, mean);
   const double p = std::sqrt(shifted.squaredNorm() / 6.0);
   if (!(p > 1e-16)) return {Eigen::Vector3d::Constant(mean * scale), Eigen::Matrix3d::Identity()};
 
   const double isolated = detail::isolated_eigenvalue(shifted, p);
-  const Eigen::Vector3d v = detail::null_direction(shifted - isolated * Eigen::Matrix3d::Identity());
-  const Eigen::Vector3d u = v.unitOrthogonal();
+  const Eigen::Vector3d v = detail::null_direction(detail::less_on_diagonal(shifted, isolated));
+  const Eigen::Vector3d u = detail::unit_across(v);
   const Eigen::Vector3d w = v.cross(u);
 
   // The 2x2 matrix [a c; c b] of the map in the basis (u, w), made diagonal by one Jacobi rotation of tangent t.
-  const Eigen::Vector3d scaled_u = scaled * u, scaled_w = scaled * w;
+  const Eigen::Vector3d scaled_u = product(scaled, u), scaled_w = product(scaled, w), scaled_v = product(scaled, v);
   const double a = u.dot(scaled_u), b = w.dot(scaled_w), c = u.dot(scaled_w);
   const double difference = b - a, root = std::sqrt(difference * difference + 4.0 * c * c);
   const double t = root > 0 ? 2.0 * c / (difference + (difference >= 0 ? root : -root)) : 0.0;
@@ -78,18 +116,9 @@ namespace detail {
     std::swap(low, high);
     minor.swap(major);
   }
-  const double alone = v.dot(scaled * v);
-
-  SymmetricEigen3 result;
-  if (isolated < 0) {
-    result.values = Eigen::Vector3d(alone, low, high) * scale;
-    result.vectors << v, minor, major;
-  } else {
-    result.values = Eigen::Vector3d(low, high, alone) * scale;
-    result.vectors << minor, major, v;
-  }
-  if (result.vectors.determinant() < 0) result.vectors.col(1) *= -1.0;
-  return result;
+  const double alone = v.dot(scaled_v);
+  return isolated < 0 ? detail::right_handed(scale * Eigen::Vector3d(alone, low, high), v, minor, major)
+                      : detail::right_handed(scale * Eigen::Vector3d(low, high, alone), minor, major, v);
 }
 
 }  // namespace chainslam

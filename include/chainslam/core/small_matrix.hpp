@@ -57,15 +57,15 @@ template <class Scalar, int Rows, int Columns>
 
 /// A B^T
 template <class Scalar, int Rows, int Inner, int Columns>
-[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> product_transposed(
-    const Eigen::Matrix<Scalar, Rows, Inner>& A, const Eigen::Matrix<Scalar, Columns, Inner>& B) {
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> product_transposed(const Eigen::Matrix<Scalar, Rows, Inner>& A,
+                                                                      const Eigen::Matrix<Scalar, Columns, Inner>& B) {
   return product(A, transposed(B));
 }
 
 /// A^T B
 template <class Scalar, int Rows, int Inner, int Columns>
-[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> transposed_product(
-    const Eigen::Matrix<Scalar, Inner, Rows>& A, const Eigen::Matrix<Scalar, Inner, Columns>& B) {
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> transposed_product(const Eigen::Matrix<Scalar, Inner, Rows>& A,
+                                                                      const Eigen::Matrix<Scalar, Inner, Columns>& B) {
   return product(transposed(A), B);
 }
 
@@ -91,6 +91,21 @@ void set_block(Eigen::Matrix<Scalar, Rows, Columns>& A, int row, int column,
 #pragma GCC unroll 6
     for (int i = 0; i < BlockRows; ++i) A.data()[row + i + (column + j) * Rows] = block.data()[i + j * BlockRows];
   }
+}
+
+/// The symmetric matrix of which this is the upper triangle, row by row.
+template <class Scalar>
+[[nodiscard]] Eigen::Matrix<Scalar, 3, 3> symmetric_matrix(Scalar xx, Scalar xy, Scalar xz, Scalar yy, Scalar yz,
+                                                           Scalar zz) {
+  Eigen::Matrix<Scalar, 3, 3> S;
+  Scalar* s = S.data();
+  s[0] = xx;
+  s[4] = yy;
+  s[8] = zz;
+  s[1] = s[3] = xy;
+  s[2] = s[6] = xz;
+  s[5] = s[7] = yz;
+  return S;
 }
 
 }  // namespace chainslam

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -137,26 +138,26 @@ template <class Scalar, Executor Exec = Serial>
 [[nodiscard]] FpfhFeatures estimate_fpfh(const PointCloud<float>& cloud, const Neighborhoods<Scalar>& neighborhoods,
                                          FpfhBlend blend = FpfhBlend::half_own, const Exec& executor = {}) {
   constexpr Index grain = 256;
-  constexpr Eigen::Index length = detail::HistogramRows::length;
+  constexpr std::size_t length = detail::HistogramRows::length;
   if (!cloud.empty() && !cloud.has_normals())
     throw std::invalid_argument("estimate_fpfh: the cloud has no normals; call estimate_normals first");
   if (neighborhoods.size() != to_index(cloud.size(), "cloud"))
     throw std::invalid_argument("estimate_fpfh: the neighbourhoods are of another cloud");
   const detail::HistogramRows histograms = detail::simplified_histograms(cloud, neighborhoods, executor);
-  FpfhFeatures features(length, neighborhoods.size());
+  FpfhFeatures features(static_cast<Eigen::Index>(length), neighborhoods.size());
   executor.for_chunks(neighborhoods.size(), grain, [&](Index begin, Index end) {
-    std::array<float, detail::HistogramRows::stride> mean;
+    std::array<float, detail::HistogramRows::stride> others;
     for (Index i = begin; i < end; ++i) {
       const auto at = static_cast<std::size_t>(i);
-      const Eigen::Map<const Eigen::Matrix<float, length, 1>> own(histograms[at]), others(mean.data());
-      features.col(i) = own;
+      const float* own = histograms[at];
+      float* feature = features.data() + at * length;
+      std::copy_n(own, length, feature);
       if (histograms.empty(at)) continue;
-      detail::mean_histogram(histograms, neighborhoods[i], blend, mean);
-      if (!(mean[length] > 0)) continue;  // no neighbour has one
-      if (blend == FpfhBlend::half_own)
-        features.col(i) = 0.5F * (own + others);
-      else
-        features.col(i) = others;
+      detail::mean_histogram(histograms, neighborhoods[i], blend, others);
+      if (!(others[length] > 0)) continue;  // no neighbour has one
+      const bool half_own = blend == FpfhBlend::half_own;
+      for (std::size_t bin = 0; bin < length; ++bin)
+        feature[bin] = half_own ? 0.5F * (own[bin] + others[bin]) : others[bin];
     }
   });
   return features;

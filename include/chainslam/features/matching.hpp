@@ -80,7 +80,7 @@ template <Executor Exec = Serial>
     throw std::invalid_argument("match_features: max_ratio must be in (0, 1], max_matches not negative");
   (void)to_index(std::max(source.cols(), target.cols()), "features");
   const bool with_ratio = options.max_ratio < 1 || options.max_matches > 0 || options.by_quality;
-  Eigen::VectorXf center, direction;
+  std::vector<float> center, direction;
   call_both(
       executor, [&] { center = detail::middle(target); }, [&] { direction = detail::spread(target); });
   detail::FeatureSet sources, targets;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <limits>
 #include <span>
@@ -12,6 +13,7 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/features/normals.hpp"
 #include "chainslam/search/concepts.hpp"
 
@@ -67,7 +69,8 @@ class Neighborhoods {
   template <class Search>
   void find(const Search& search, const Eigen::Vector3f& at, Index max_neighbors,
             std::vector<Neighbor<Scalar>>& found) const {
-    const Eigen::Matrix<Scalar, 3, 1> point = at.cast<Scalar>();
+    const Eigen::Matrix<Scalar, 3, 1> point(static_cast<Scalar>(at[0]), static_cast<Scalar>(at[1]),
+                                            static_cast<Scalar>(at[2]));
     found.clear();
     if (!is_finite(at)) return;
     if (max_neighbors == 0) return search.within(point, static_cast<Scalar>(radius_), found);
@@ -106,7 +109,9 @@ template <class Scalar>
   Index count = 0;
   for (const Neighbor<Scalar>& neighbor : neighbors) {
     if (!(static_cast<double>(neighbor.squared_distance) <= squared_radius)) continue;
-    const Eigen::Vector3d d = (cloud.positions[static_cast<std::size_t>(neighbor.index)] - center).cast<double>();
+    const Eigen::Vector3f& p = cloud.positions[static_cast<std::size_t>(neighbor.index)];
+    const std::array<double, 3> d{static_cast<double>(p[0] - center[0]), static_cast<double>(p[1] - center[1]),
+                                  static_cast<double>(p[2] - center[2])};
     x += d[0];
     y += d[1];
     z += d[2];
@@ -121,10 +126,12 @@ template <class Scalar>
   if (count < std::max(options.min_neighbors, Index{3})) return {};
   const double share = 1.0 / count;
   const Eigen::Vector3d mean(x * share, y * share, z * share);
-  Eigen::Matrix3d covariance;
-  covariance << xx, xy, xz, xy, yy, yz, xz, yz, zz;
-  covariance = covariance * share - mean * mean.transpose();
-  return fit_plane(center.cast<double>() + mean, covariance);
+  const auto about_mean = [&](double products, int row, int column) {
+    return products * share - mean[row] * mean[column];
+  };
+  const Eigen::Matrix3d covariance = symmetric_matrix(about_mean(xx, 0, 0), about_mean(xy, 0, 1), about_mean(xz, 0, 2),
+                                                      about_mean(yy, 1, 1), about_mean(yz, 1, 2), about_mean(zz, 2, 2));
+  return fit_plane(position(cloud, static_cast<std::size_t>(i)) + mean, covariance);
 }
 
 }  // namespace detail
@@ -156,8 +163,7 @@ NormalEstimates estimate_normals(PointCloud<float>& cloud, const Neighborhoods<S
         continue;
       }
       const auto at = static_cast<std::size_t>(i);
-      const bool away = plane.normal.dot(viewpoint - position(cloud, at)) < 0;
-      cloud.normals[at] = (away ? Eigen::Vector3d(-plane.normal) : plane.normal).cast<float>();
+      cloud.normals[at] = detail::turned_towards(viewpoint, position(cloud, at), plane.normal);
       estimates.planarity[at] = static_cast<float>(plane.planarity());
       estimates.curvature[at] = static_cast<float>(plane.curvature());
     }

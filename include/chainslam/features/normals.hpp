@@ -45,6 +45,14 @@ inline void check(const NormalOptions& options) {
     throw std::invalid_argument("estimate_normals: set neighbors > 0, or a finite radius > 0");
 }
 
+/// The normal of a surface at `p`, on the side that is seen from the viewpoint.
+[[nodiscard]] inline Eigen::Vector3f turned_towards(const Eigen::Vector3d& viewpoint, const Eigen::Vector3d& p,
+                                                    const Eigen::Vector3d& n) {
+  const double towards = n[0] * (viewpoint[0] - p[0]) + n[1] * (viewpoint[1] - p[1]) + n[2] * (viewpoint[2] - p[2]);
+  const double sign = towards < 0 ? -1.0 : 1.0;
+  return {static_cast<float>(sign * n[0]), static_cast<float>(sign * n[1]), static_cast<float>(sign * n[2])};
+}
+
 /// Where normals and what goes with them are written; of the estimates, those that have room.
 struct NormalWriter {
   PointCloud<float>& cloud;
@@ -69,8 +77,7 @@ struct NormalWriter {
         continue;
       }
       const Eigen::Vector3d n(eigen.vector[0][lane], eigen.vector[1][lane], eigen.vector[2][lane]);
-      const bool away = n.dot(viewpoint - position(cloud, i)) < 0;
-      cloud.normals[i] = (away ? Eigen::Vector3d(-n) : n).cast<float>();
+      cloud.normals[i] = turned_towards(viewpoint, position(cloud, i), n);
       if (estimates.planarity.empty()) continue;
       estimates.planarity[i] = static_cast<float>((l1 - l0) / l2);
       estimates.curvature[i] = static_cast<float>(l0 / (l0 + l1 + l2));
@@ -139,8 +146,9 @@ Index estimate_one_by_one(const Search& search, const NormalWriter& writer, cons
         PlaneLanes<Scalar> lanes;
         Index without = 0;
         for (Index i = begin; i < end; ++i) {
-          const Eigen::Matrix<Scalar, 3, 1> point =
-              writer.cloud.positions[static_cast<std::size_t>(i)].template cast<Scalar>();
+          const Eigen::Vector3f& at = writer.cloud.positions[static_cast<std::size_t>(i)];
+          const Eigen::Matrix<Scalar, 3, 1> point(static_cast<Scalar>(at[0]), static_cast<Scalar>(at[1]),
+                                                  static_cast<Scalar>(at[2]));
           if (options.neighbors > 0) {
             neighbors.resize(static_cast<std::size_t>(options.neighbors));
             neighbors.resize(

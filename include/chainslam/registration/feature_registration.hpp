@@ -124,7 +124,7 @@ struct FeatureRegistration {
     else
       estimate_normals(cloud, thinned.tree, normals, Eigen::Vector3d::Zero(), executor);
     for (std::size_t i = 0; i < thinned.seen_sides.size(); ++i)
-      if (cloud.normals[i].dot(thinned.seen_sides[i]) < 0) cloud.normals[i] = -cloud.normals[i];
+      if (cloud.normals[i].dot(thinned.seen_sides[i]) < 0) cloud.normals[i] *= -1.0F;
     FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);
     return {IndexedCloud<>(std::move(cloud), std::move(thinned.tree)), std::move(described)};
   }

@@ -10,7 +10,6 @@
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
-#include "chainslam/features/oriented_on_demand.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/icp_run.hpp"
 #include "chainslam/registration/detail/source_columns.hpp"
@@ -55,6 +54,7 @@ struct Icp {
   using MetricType = Metric;
   using KernelType = Kernel;
   using RejectorType = Rejector;
+  using PriorType = Prior;
 
   /// As many as unknowns.
   static constexpr Index least_points = 6;
@@ -149,8 +149,8 @@ struct Icp {
       if (last) return StopReason::small_step;
       run.measure(!pilot_only);
       if (pilot_only) continue;
-      if (step->template head<3>().norm() < translation_tolerance &&
-          step->template tail<3>().norm() < rotation_tolerance)
+      if (detail::translation_of(*step).norm() < translation_tolerance &&
+          detail::rotation_of(*step).norm() < rotation_tolerance)
         return StopReason::small_step;
       if (std::abs(run.mean_cost() - cost_before) < cost_tolerance * cost_before) return StopReason::small_improvement;
     }
@@ -196,7 +196,8 @@ struct Icp {
   void check(const Source& source, const Target& target, const SE3d& guess) const {
     if (!(max_distance > 0) || max_iterations < 0 || pilot < 1)
       throw std::invalid_argument("Icp: max_distance and pilot must be positive, max_iterations not negative");
-    if (!is_finite(guess.matrix())) throw std::invalid_argument("Icp: the guess is not finite");
+    if (!is_finite(guess.translation()) || !is_finite(guess.rotation().quaternion().coeffs()))
+      throw std::invalid_argument("Icp: the guess is not finite");
     constexpr Surface of_source = detail::source_surface<Metric>(), of_target = detail::target_surface<Metric>();
     if constexpr (requires { target.has_normals(); }) {
       if ((of_target == Surface::normal || Rejector::needs_normals) && target.size() > 0 && !target.has_normals())
@@ -232,18 +233,6 @@ template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
     if (oriented) return detail::robust_to_planes.align(source, target, guess, executor);
   }
   return PointToPointIcp{}.align(source, target, guess, executor);
-}
-
-/// The same for two clouds, in one go: indexes the target and estimates its normals where they are needed. Keep an
-/// `IndexedCloud` where several sources meet one target, and make large clouds smaller with `voxel_downsample`.
-template <Cloud Source, Cloud Target, Executor Exec = Serial>
-  requires(!NearestNeighborSearch<Target>)
-[[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess = {},
-                                const Exec& executor = {}) {
-  PointCloud<float> points;
-  points.positions.reserve(cloud_size(target));
-  for (std::size_t i = 0; i < cloud_size(target); ++i) points.positions.push_back(position_f(target, i));
-  return detail::robust_to_planes.align(source, OrientedOnDemand(std::move(points)), guess, executor);
 }
 
 }  // namespace chainslam

@@ -3,6 +3,7 @@
 #include <array>
 #include <concepts>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 
@@ -39,10 +40,10 @@ struct PosePrior {
   [[nodiscard]] PriorTerms evaluate(const SE3d& T) const {
     const double unit = pair_deviation * pair_deviation;
     const Vector6d off = T_target_source.local(T);
-    const Matrix6d J = SE3d::left_jacobian_inverse(-off);
-    const Vector6d pull = information * off;
-    return {.hessian = unit * J.transpose() * information * J,
-            .gradient = unit * J.transpose() * pull,
+    const Matrix6d Jt = transposed(SE3d::left_jacobian_inverse(-off));
+    const Vector6d pull = product(information, off);
+    return {.hessian = unit * product_transposed(product(Jt, information), Jt),
+            .gradient = unit * product(Jt, pull),
             .cost = unit * off.dot(pull)};
   }
 };

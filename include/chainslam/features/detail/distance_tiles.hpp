@@ -23,8 +23,9 @@ class DistanceTiles {
   static constexpr std::size_t tile_rows = 6, tile_columns = 2 * lane_count;
 
   template <Executor Exec>
-  DistanceTiles(const FeatureSet& rows, const FeatureSet& columns, const Eigen::VectorXf& center, const Exec& executor)
-      : length_(static_cast<std::size_t>(center.rows())),
+  DistanceTiles(const FeatureSet& rows, const FeatureSet& columns, const std::vector<float>& center,
+                const Exec& executor)
+      : length_(rows.length()),
         row_count_(static_cast<std::size_t>(rows.size())),
         column_count_(static_cast<std::size_t>(columns.size())),
         row_norms_(padded(rows.half_squared_norms(), tile_rows)),
@@ -161,9 +162,10 @@ struct NearestBothWays {
 /// Of the features of both sets the nearest of the other, from one pass over the distances that may matter.
 template <Executor Exec>
 [[nodiscard]] NearestBothWays nearest_both_ways(const FeatureSet& source, const FeatureSet& target,
-                                                const Eigen::VectorXf& center, bool with_second, const Exec& executor) {
+                                                const std::vector<float>& center, bool with_second,
+                                                const Exec& executor) {
   // A sum of n products is off by at most n eps |a| |b| <= n eps (|a|^2 + |b|^2) / 2; twice that, and the norms' own.
-  const float rounding = std::numeric_limits<float>::epsilon() * static_cast<float>(2 * center.rows() + 16);
+  const float rounding = std::numeric_limits<float>::epsilon() * static_cast<float>(2 * source.length() + 16);
   NearestBothWays found{NearestTable(source, target, rounding, with_second),
                         NearestTable(target, source, rounding, with_second)};
   if (source.size() == 0 || target.size() == 0) return found;

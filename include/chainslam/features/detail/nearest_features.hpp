@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <span>
@@ -14,57 +15,135 @@
 
 namespace chainslam::detail {
 
-/// Whether a feature says something: finite and not all zeros.
-[[nodiscard]] inline bool is_usable(float squared_norm) { return is_finite(squared_norm) && squared_norm > 0; }
+/// a . b, both filled up with zeros to whole registers.
+[[nodiscard]] inline float padded_product(const float* a, const float* b, std::size_t padded) {
+  FloatLanes sum{}, x, y;
+  for (std::size_t k = 0; k < padded; k += lane_count) {
+    load(a + k, x);
+    load(b + k, y);
+    sum += x * y;
+  }
+  float total = 0;
+  for (std::size_t lane = 0; lane < lane_count; ++lane) total += sum[lane];
+  return total;
+}
+
+/// out = a - b, of the same kind.
+inline void padded_difference(const float* a, const float* b, std::size_t padded, float* out) {
+  FloatLanes x, y;
+  for (std::size_t k = 0; k < padded; k += lane_count) {
+    load(a + k, x);
+    load(b + k, y);
+    store(x - y, out + k);
+  }
+}
+
+/// out += factor * a
+inline void add_padded(float factor, const float* a, std::size_t padded, float* out) {
+  FloatLanes x, y;
+  for (std::size_t k = 0; k < padded; k += lane_count) {
+    load(a + k, x);
+    load(out + k, y);
+    store(y + factor * x, out + k);
+  }
+}
+
+/// Features one after the other, each filled up with zeros to whole registers.
+class FeatureRows {
+ public:
+  FeatureRows() = default;
+  explicit FeatureRows(std::size_t length) : length_(length), stride_(whole_lanes(length)) {}
+  /// Of the columns each `step`-th, if it says something.
+  FeatureRows(const Eigen::Ref<const Eigen::MatrixXf>& features, Eigen::Index step)
+      : FeatureRows(static_cast<std::size_t>(features.rows())) {
+    for (Eigen::Index i = 0; i < features.cols(); i += step)
+      if (push_back_usable(features.data() + i * features.outerStride())) columns_.push_back(static_cast<Index>(i));
+  }
+
+  [[nodiscard]] std::size_t size() const { return columns_.size(); }
+  [[nodiscard]] std::size_t length() const { return length_; }
+  [[nodiscard]] std::size_t stride() const { return stride_; }
+  [[nodiscard]] const float* operator[](std::size_t k) const { return &values_[k * stride_]; }
+  /// The column that it was.
+  [[nodiscard]] Index column(std::size_t k) const { return columns_[k]; }
+
+  void push_back(const FeatureRows& from, std::size_t k) {
+    values_.insert(values_.end(), from[k], from[k] + stride_);
+    columns_.push_back(from.column(k));
+  }
+
+ private:
+  /// Whether it says something: it is finite and not all zeros.
+  bool push_back_usable(const float* feature) {
+    const std::size_t before = values_.size();
+    values_.resize(before + stride_);
+    float* const row = values_.data() + before;
+    std::copy_n(feature, length_, row);
+    const float squared_norm = padded_product(row, row, stride_);
+    if (is_finite(squared_norm) && squared_norm > 0) return true;
+    values_.resize(before);
+    return false;
+  }
+
+  std::size_t length_ = 0, stride_ = 0;
+  std::vector<float> values_;
+  std::vector<Index> columns_;
+};
+
+/// A sample of a matrix' columns, about so many.
+[[nodiscard]] inline FeatureRows sampled(const Eigen::Ref<const Eigen::MatrixXf>& features, Eigen::Index count) {
+  return {features, std::max<Eigen::Index>(features.cols() / count, 1)};
+}
 
 /// What many of the features look like, as those of flat ground do: of a sample of them the one with the nearest
 /// crowd. Taken off all, it leaves distances as they are, but makes the products of the crowd, and what rounding does
 /// to them, small: just where many are nearly the same.
-[[nodiscard]] inline Eigen::VectorXf middle(const Eigen::Ref<const Eigen::MatrixXf>& features) {
-  constexpr Eigen::Index most = 96, crowd = 12;
-  const Eigen::Index step = std::max<Eigen::Index>(features.cols() / most, 1);
-  std::vector<Eigen::Index> sample;
-  for (Eigen::Index i = 0; i < features.cols(); i += step)
-    if (is_usable(features.col(i).squaredNorm())) sample.push_back(i);
-  Eigen::VectorXf center = Eigen::VectorXf::Zero(features.rows());
+[[nodiscard]] inline std::vector<float> middle(const Eigen::Ref<const Eigen::MatrixXf>& features) {
+  constexpr Eigen::Index most = 96;
+  constexpr std::ptrdiff_t crowd = 12;
+  const FeatureRows sample = sampled(features, most);
+  std::vector<float> center(sample.stride()), difference(sample.stride()), distances(sample.size());
   float least = std::numeric_limits<float>::infinity();
-  std::vector<float> distances(sample.size());
-  for (const Eigen::Index i : sample) {
-    std::transform(sample.begin(), sample.end(), distances.begin(),
-                   [&](Eigen::Index j) { return (features.col(i) - features.col(j)).squaredNorm(); });
-    const auto place = distances.begin() + std::min<std::ptrdiff_t>(crowd, std::ssize(distances) - 1);
+  for (std::size_t i = 0; i < sample.size(); ++i) {
+    for (std::size_t j = 0; j < sample.size(); ++j) {
+      padded_difference(sample[i], sample[j], sample.stride(), difference.data());
+      distances[j] = padded_product(difference.data(), difference.data(), sample.stride());
+    }
+    const auto place = distances.begin() + std::min(crowd, std::ssize(distances) - 1);
     std::nth_element(distances.begin(), place, distances.end());
     if (!(*place < least)) continue;
     least = *place;
-    center = features.col(i);
+    center.assign(sample[i], sample[i] + sample.stride());
   }
   return center;
 }
 
 /// A unit vector along which the features differ most, about: the power method on a sample's covariance. Features whose
 /// shadows on it are far apart are at least as far apart themselves; for that, any unit vector would do.
-[[nodiscard]] inline Eigen::VectorXf spread(const Eigen::Ref<const Eigen::MatrixXf>& features) {
+[[nodiscard]] inline std::vector<float> spread(const Eigen::Ref<const Eigen::MatrixXf>& features) {
   constexpr Eigen::Index most = 500;
   constexpr int rounds = 20;
-  const Eigen::Index step = std::max<Eigen::Index>(features.cols() / most, 1);
-  std::vector<Eigen::Index> sample;
-  for (Eigen::Index i = 0; i < features.cols(); i += step)
-    if (is_usable(features.col(i).squaredNorm())) sample.push_back(i);
-  Eigen::VectorXf mean = Eigen::VectorXf::Zero(features.rows());
-  for (const Eigen::Index i : sample) mean += features.col(i) / static_cast<float>(sample.size());
-  Eigen::MatrixXf covariance = Eigen::MatrixXf::Zero(features.rows(), features.rows());
-  for (const Eigen::Index i : sample) {
-    const Eigen::VectorXf d = features.col(i) - mean;
-    covariance.noalias() += d * d.transpose();
+  const FeatureRows sample = sampled(features, most);
+  const std::size_t length = sample.length(), stride = sample.stride();
+  std::vector<float> mean(stride), difference(stride), covariance(length * stride);
+  for (std::size_t i = 0; i < sample.size(); ++i)
+    add_padded(1 / static_cast<float>(sample.size()), sample[i], stride, mean.data());
+  for (std::size_t i = 0; i < sample.size(); ++i) {
+    padded_difference(sample[i], mean.data(), stride, difference.data());
+    for (std::size_t row = 0; row < length; ++row)
+      add_padded(difference[row], difference.data(), stride, &covariance[row * stride]);
   }
-  Eigen::VectorXf direction = Eigen::VectorXf::Ones(features.rows());
+  std::vector<float> direction(stride), next(stride);
+  std::fill_n(direction.begin(), length, 1 / std::sqrt(static_cast<float>(length)));
   for (int round = 0; round < rounds; ++round) {
-    const Eigen::VectorXf next = covariance * direction;
-    const float length = next.norm();
-    if (!(length > 0) || !is_finite(length)) break;
-    direction = next / length;
+    for (std::size_t row = 0; row < length; ++row)
+      next[row] = padded_product(&covariance[row * stride], direction.data(), stride);
+    const float squared = padded_product(next.data(), next.data(), stride);
+    if (!(squared > 0) || !is_finite(squared)) break;
+    std::fill(direction.begin(), direction.end(), 0.0F);
+    add_padded(1 / std::sqrt(squared), next.data(), stride, direction.data());
   }
-  return direction.normalized();
+  return direction;
 }
 
 /// The features that say something, in the order of their shadows on a direction.
@@ -72,48 +151,48 @@ class FeatureSet {
  public:
   FeatureSet() = default;
   /// Of the columns those that are finite and not all zeros.
-  FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const Eigen::VectorXf& center,
-             const Eigen::VectorXf& direction) {
+  FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const std::vector<float>& center,
+             const std::vector<float>& direction) {
+    const FeatureRows usable(features, 1);
+    const std::size_t stride = usable.stride();
+    std::vector<float> difference(stride);
     std::vector<std::pair<float, Index>> order;
-    for (Eigen::Index i = 0; i < features.cols(); ++i)
-      if (is_usable(features.col(i).squaredNorm()))
-        order.emplace_back(direction.dot(features.col(i) - center), static_cast<Index>(i));
+    for (std::size_t k = 0; k < usable.size(); ++k) {
+      padded_difference(usable[k], center.data(), stride, difference.data());
+      order.emplace_back(padded_product(direction.data(), difference.data(), stride), static_cast<Index>(k));
+    }
     std::sort(order.begin(), order.end());
-    stride_ = whole_lanes(static_cast<std::size_t>(features.rows()));
-    values_.resize(order.size() * stride_);
-    for (std::size_t k = 0; k < order.size(); ++k) {
-      const Index i = order[k].second;
-      shadows_.push_back(order[k].first);
-      indices_.push_back(i);
-      std::copy_n(features.col(i).data(), features.rows(), &values_[k * stride_]);
-      half_squared_norms_.push_back(0.5F * (features.col(i) - center).squaredNorm());
+    rows_ = FeatureRows(usable.length());
+    for (const auto& [shadow, k] : order) {
+      shadows_.push_back(shadow);
+      rows_.push_back(usable, static_cast<std::size_t>(k));
+      padded_difference(usable[static_cast<std::size_t>(k)], center.data(), stride, difference.data());
+      half_squared_norms_.push_back(0.5F * padded_product(difference.data(), difference.data(), stride));
     }
   }
 
-  [[nodiscard]] Index size() const { return static_cast<Index>(indices_.size()); }
-  [[nodiscard]] Index index(Index k) const { return indices_[static_cast<std::size_t>(k)]; }
+  [[nodiscard]] Index size() const { return static_cast<Index>(rows_.size()); }
+  [[nodiscard]] std::size_t length() const { return rows_.length(); }
+  [[nodiscard]] Index index(Index k) const { return rows_.column(static_cast<std::size_t>(k)); }
   /// Feature k, filled up with zeros to `stride` numbers, a multiple of `lane_count`.
-  [[nodiscard]] const float* feature(Index k) const { return &values_[static_cast<std::size_t>(k) * stride_]; }
-  [[nodiscard]] std::size_t stride() const { return stride_; }
+  [[nodiscard]] const float* feature(Index k) const { return rows_[static_cast<std::size_t>(k)]; }
+  [[nodiscard]] std::size_t stride() const { return rows_.stride(); }
   [[nodiscard]] std::span<const float> half_squared_norms() const { return half_squared_norms_; }
   /// On the direction, from the center; ascending.
   [[nodiscard]] std::span<const float> shadows() const { return shadows_; }
   /// All features minus `center`, `width` side by side: element (row, k) of panel p at (p * rows + row) * width + k.
   /// The last panel is filled up with zeros.
-  [[nodiscard]] std::vector<float> panels(std::size_t width, const Eigen::VectorXf& center) const {
-    const auto rows = static_cast<std::size_t>(center.rows());
-    std::vector<float> packed((indices_.size() + width - 1) / width * width * rows);
-    for (std::size_t k = 0; k < indices_.size(); ++k)
+  [[nodiscard]] std::vector<float> panels(std::size_t width, const std::vector<float>& center) const {
+    const std::size_t rows = rows_.length();
+    std::vector<float> packed((rows_.size() + width - 1) / width * width * rows);
+    for (std::size_t k = 0; k < rows_.size(); ++k)
       for (std::size_t row = 0; row < rows; ++row)
-        packed[(k / width * rows + row) * width + k % width] =
-            values_[k * stride_ + row] - center[static_cast<Eigen::Index>(row)];
+        packed[(k / width * rows + row) * width + k % width] = rows_[k][row] - center[row];
     return packed;
   }
 
  private:
-  std::size_t stride_ = 0;
-  std::vector<float> values_;
-  std::vector<Index> indices_;
+  FeatureRows rows_;
   std::vector<float> half_squared_norms_, shadows_;
 };
 

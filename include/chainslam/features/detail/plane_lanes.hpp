@@ -13,7 +13,7 @@
 #include "chainslam/core/types.hpp"
 
 #if defined(__SSE2__)
-#include <immintrin.h>
+#include <emmintrin.h>
 #endif
 
 namespace chainslam::detail {

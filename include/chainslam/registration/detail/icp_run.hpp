@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/match_cache.hpp"
@@ -100,25 +101,25 @@ class IcpRun {
       matched_ = sums_.inliers;
     }
     sums_.information /= residuals_a_pair();
-    add_prior(sums_, T_target_source(rotation_, pivot_), at.rotation);
+    add_prior(sums_, T_target_source(rotation_, pivot_));
     system_ = RestrictedSystem(sums_, threshold_, icp_.free.mask());
   }
 
   /// A motion of the pivot, and about it, in the target's axes.
   void move(const Vector6d& step) {
-    rotation_ = SO3d::exp(step.tail<3>()) * rotation_;
-    pivot_ += step.head<3>();
+    rotation_ = turned(step);
+    pivot_ = shifted(step);
   }
 
   [[nodiscard]] Vector6d solve(double damping) const { return system_.step(damping); }
   [[nodiscard]] double cost() const { return sums_.cost; }
   [[nodiscard]] double mean_cost() const { return sums_.inliers > 0 ? sums_.cost / sums_.inliers : 0.0; }
   [[nodiscard]] double cost_after(const Vector6d& step) const {
-    const SO3d rotation = SO3d::exp(step.tail<3>()) * rotation_;
-    const Eigen::Vector3d pivot = pivot_ + step.head<3>();
+    const SO3d rotation = turned(step);
+    const Eigen::Vector3d pivot = shifted(step);
     const Placement at = placement(rotation, pivot);
     AlignmentEquations sums = sum(at);
-    add_prior(sums, T_target_source(rotation, pivot), at.rotation);
+    add_prior(sums, T_target_source(rotation, pivot));
     return sums.cost;
   }
 
@@ -129,7 +130,8 @@ class IcpRun {
   /// another match.
   [[nodiscard]] bool is_short(const Vector6d& step) const {
     const auto inliers = static_cast<double>(sums_.inliers);
-    const double moved = step.head<3>().squaredNorm() + step.tail<3>().squaredNorm() * sums_.squared_extent / inliers;
+    const double moved =
+        translation_of(step).squaredNorm() + rotation_of(step).squaredNorm() * sums_.squared_extent / inliers;
     return moved < 0.25 * sums_.squared_distance / inliers;
   }
   [[nodiscard]] Index left_out() const { return system_.left_out(); }
@@ -150,15 +152,12 @@ class IcpRun {
     result.mean_squared_error = sums_.squared_distance / inliers;
     result.mean_squared_residual = sums_.squared_residual / inliers;
     const Eigen::Matrix3d R = rotation_.matrix();
-    Matrix6d turn = Matrix6d::Zero();
-    turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R;
-    const Matrix6d from_source = turn * SE3d(SO3d(), -source_.pivot).adjoint();
-    const Matrix6d to_source = SE3d(SO3d(), source_.pivot).adjoint() * turn.transpose();
+    const Matrix6d to_source = tangent_to_source(rotation_);
     const double most = std::min(squared_max_distance_, largest_variance);
-    result.hessian = from_source.transpose() * system_.hessian() * from_source;
-    result.covariance = to_source * system_.covariance(residual_variance(), most) * to_source.transpose();
+    result.hessian = congruent(transposed(tangent_from_source(rotation_)), system_.hessian());
+    result.covariance = congruent(to_source, system_.covariance(residual_variance(), most));
     result.eigenvalues = system_.eigenvalues();
-    result.eigenvectors = turn.transpose() * system_.eigenvectors();
+    result.eigenvectors = system_.eigenvectors(R);
     result.localizability = system_.localizability(R, std::max(0.1 * threshold_, 1e-6));
     result.degenerate_directions = system_.left_out();
   }
@@ -183,7 +182,8 @@ class IcpRun {
         const auto& n = run.target_.normal(target(i));
         const Eigen::Vector3d normal(static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2]));
         const double lengths = std::sqrt(m.squaredNorm() * normal.squaredNorm());
-        if (lengths > 0 && is_finite(lengths)) return normal.dot(R * m) / lengths;
+        const Eigen::Vector3d turned = product(R, m);
+        if (lengths > 0 && is_finite(lengths)) return normal.dot(turned) / lengths;
       }
       return std::numeric_limits<double>::quiet_NaN();
     }
@@ -222,15 +222,31 @@ class IcpRun {
     });
   }
 
-  void add_prior(AlignmentEquations& sums, const SE3d& T, const Eigen::Matrix3d& R) const {
-    const PriorTerms terms = icp_.prior.evaluate(T);
-    Matrix6d to_source = SE3d(SO3d(), source_.pivot).adjoint();
-    to_source.leftCols<3>() = (to_source.leftCols<3>() * R.transpose()).eval();
-    to_source.rightCols<3>() = (to_source.rightCols<3>() * R.transpose()).eval();
-    sums.hessian += to_source.transpose() * terms.hessian * to_source;
-    sums.gradient += to_source.transpose() * terms.gradient;
-    sums.cost += terms.cost;
+  void add_prior(AlignmentEquations& sums, const SE3d& T) const {
+    if constexpr (!std::same_as<typename Icp::PriorType, NoPrior>) {
+      const PriorTerms terms = icp_.prior.evaluate(T);
+      const Matrix6d from_target = transposed(tangent_to_source(T.rotation()));
+      sums.hessian += congruent(from_target, terms.hessian);
+      sums.gradient += product(from_target, terms.gradient);
+      sums.cost += terms.cost;
+    }
   }
+
+  /// Takes tangents at T_target_source to motions of the pivot and about it, in the target's axes.
+  [[nodiscard]] Matrix6d tangent_from_source(const SO3d& rotation) const {
+    return SE3d(rotation, rotation * Eigen::Vector3d(-source_.pivot)).adjoint();
+  }
+  /// The inverse of that.
+  [[nodiscard]] Matrix6d tangent_to_source(const SO3d& rotation) const {
+    return SE3d(rotation.inverse(), source_.pivot).adjoint();
+  }
+  /// A S A'
+  [[nodiscard]] static Matrix6d congruent(const Matrix6d& A, const Matrix6d& S) {
+    return product_transposed(product(A, S), A);
+  }
+
+  [[nodiscard]] SO3d turned(const Vector6d& step) const { return SO3d::exp(rotation_of(step)) * rotation_; }
+  [[nodiscard]] Eigen::Vector3d shifted(const Vector6d& step) const { return pivot_ + translation_of(step); }
 
   [[nodiscard]] double share(Index points) const {
     return static_cast<double>(points) / static_cast<double>(source_.count);

@@ -6,9 +6,13 @@
 #include <cmath>
 
 #include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
+
+[[nodiscard]] inline Eigen::Vector3d translation_of(const Vector6d& step) { return block_of<3, 1>(step, 0, 0); }
+[[nodiscard]] inline Eigen::Vector3d rotation_of(const Vector6d& step) { return block_of<3, 1>(step, 3, 0); }
 
 /// Sums over pairs at one pose: the Gauss-Newton system and the figures of the result. Tangent [translation; rotation]
 /// of a motion of the source's pivot and about it, in the target's axes.
@@ -52,41 +56,37 @@ class RestrictedSystem {
       : gradient_(sums.gradient), weight_(sums.information) {
     const double extent = sums.inliers > 0 ? std::sqrt(sums.squared_extent / static_cast<double>(sums.inliers)) : 0.0;
     const double inverse_extent = extent > 0 ? 1.0 / extent : 0.0;
-    scale_ << Eigen::Vector3d::Ones(), Eigen::Vector3d::Constant(inverse_extent);
     for (int i = 0; i < 6; ++i) {
+      scale_[i] = i < 3 ? 1.0 : inverse_extent;
       if (free[static_cast<std::size_t>(i)]) continue;
       scale_[i] = 0;
       ++held_;
     }
-    if (weight_ > 0)
-      eigen_ = jacobi_eigen<double, 6>(scale_.asDiagonal() * sums.hessian * scale_.asDiagonal() / weight_);
+    if (weight_ > 0) eigen_ = jacobi_eigen<double, 6>(scaled(sums.hessian));
     for (first_told_ = 0; first_told_ < 6 && !(eigen_.values[first_told_] > threshold);) ++first_told_;
   }
 
   /// Directions that are free but not determined.
   [[nodiscard]] Index left_out() const { return static_cast<Index>(first_told_ - held_); }
   [[nodiscard]] const Vector6d& eigenvalues() const { return eigen_.values; }
-  /// Columns, rotations in metres.
-  [[nodiscard]] const Matrix6d& eigenvectors() const { return eigen_.vectors; }
 
   /// Where the normal equations lead, `damping` added to all eigenvalues.
   [[nodiscard]] Vector6d step(double damping) const {
     Vector6d sum = Vector6d::Zero();
     for (int i = first_told_; i < 6; ++i) {
-      const Vector6d direction = scale_.asDiagonal() * eigen_.vectors.col(i);
-      sum -= direction * (direction.dot(gradient_) / ((eigen_.values[i] + damping) * weight_));
+      const Vector6d along = direction(i);
+      sum -= (along.dot(gradient_) / ((eigen_.values[i] + damping) * weight_)) * along;
     }
     return sum;
   }
 
   /// The Hessian without the directions left out.
   [[nodiscard]] Matrix6d hessian() const {
-    Vector6d inverse_scale;
-    for (int i = 0; i < 6; ++i) inverse_scale[i] = scale_[i] > 0 ? 1.0 / scale_[i] : 0.0;
     Matrix6d sum = Matrix6d::Zero();
     for (int i = first_told_; i < 6; ++i) {
-      const Vector6d covector = inverse_scale.asDiagonal() * eigen_.vectors.col(i);
-      sum += covector * covector.transpose() * (eigen_.values[i] * weight_);
+      Vector6d covector;
+      for (int row = 0; row < 6; ++row) covector[row] = scale_[row] > 0 ? eigen_.vectors(row, i) / scale_[row] : 0.0;
+      add_square(sum, covector, eigen_.values[i] * weight_);
     }
     return sum;
   }
@@ -96,18 +96,24 @@ class RestrictedSystem {
   [[nodiscard]] Matrix6d covariance(double variance, double most) const {
     Matrix6d sum = Matrix6d::Zero();
     for (int i = 0; i < 6; ++i) {
-      const Vector6d direction = scale_.asDiagonal() * eigen_.vectors.col(i);
       const double along = i < first_told_ ? most : std::min(variance / (eigen_.values[i] * weight_), most);
-      sum += direction * direction.transpose() * along;
+      add_square(sum, direction(i), along);
     }
     return sum;
   }
 
-  /// Of each axis of the frame that `R` turns into the target's: 1 / (hessian per weight)^-1_ii, with no eigenvalue
-  /// below `least`, lest an axis that leans by a hair towards one that nothing is known of be lost with it.
-  [[nodiscard]] Vector6d localizability(const Eigen::Matrix3d& R, double least) const {
+  /// The eigenvectors in the axes of the frame that `R` turns into the target's.
+  [[nodiscard]] Matrix6d eigenvectors(const Eigen::Matrix3d& R) const {
     Matrix6d vectors;
-    vectors << R.transpose() * eigen_.vectors.topRows<3>(), R.transpose() * eigen_.vectors.bottomRows<3>();
+    for (const int row : {0, 3})
+      set_block(vectors, row, 0, transposed_product(R, block_of<3, 6>(eigen_.vectors, row, 0)));
+    return vectors;
+  }
+
+  /// Of each axis of that frame: 1 / (hessian per weight)^-1_ii, with no eigenvalue below `least`, lest an axis that
+  /// leans by a hair towards one that nothing is known of be lost with it.
+  [[nodiscard]] Vector6d localizability(const Eigen::Matrix3d& R, double least) const {
+    const Matrix6d vectors = eigenvectors(R);
     Vector6d result;
     for (int axis = 0; axis < 6; ++axis) {
       double variance = 0;
@@ -118,6 +124,26 @@ class RestrictedSystem {
   }
 
  private:
+  /// The Hessian per weight, rotations in metres.
+  [[nodiscard]] Matrix6d scaled(const Matrix6d& hessian) const {
+    Matrix6d result;
+    for (int column = 0; column < 6; ++column)
+      for (int row = 0; row < 6; ++row)
+        result(row, column) = scale_[row] * hessian(row, column) * scale_[column] / weight_;
+    return result;
+  }
+  /// Eigenvector i, rotations in radians.
+  [[nodiscard]] Vector6d direction(int i) const {
+    Vector6d result;
+    for (int row = 0; row < 6; ++row) result[row] = scale_[row] * eigen_.vectors(row, i);
+    return result;
+  }
+  /// sum += v v' factor
+  static void add_square(Matrix6d& sum, const Vector6d& v, double factor) {
+    for (int column = 0; column < 6; ++column)
+      for (int row = 0; row < 6; ++row) sum(row, column) += v[row] * v[column] * factor;
+  }
+
   Vector6d gradient_;
   double weight_;
   Vector6d scale_;

@@ -7,6 +7,7 @@
 #include <span>
 
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/match_columns.hpp"
 #include "chainslam/registration/detail/normal_equations.hpp"
@@ -59,12 +60,12 @@ class QuadSums {
     for (std::size_t i = 0; i < s.size(); ++i) s[i] = sums_[i].sum();
     AlignmentEquations result;
     Matrix6d& H = result.hessian;
-    Eigen::Matrix3d M, A, B;
-    M << s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5];
-    A << s[6], s[7], s[8], s[9], s[10], s[11], s[12], s[13], s[14];
-    B << s[15], s[16], s[17], s[16], s[18], s[19], s[17], s[19], s[20];
-    H << M, A.transpose(), A, B;
-    result.information = M.trace();
+    set_block(H, 0, 0, symmetric_matrix(s[0], s[1], s[2], s[3], s[4], s[5]));
+    for (int row = 0; row < 3; ++row)
+      for (int column = 0; column < 3; ++column)
+        H(3 + row, column) = H(column, 3 + row) = s[static_cast<std::size_t>(6 + 3 * row + column)];
+    set_block(H, 3, 3, symmetric_matrix(s[15], s[16], s[17], s[18], s[19], s[20]));
+    result.information = s[0] + s[3] + s[5];
     for (int i = 0; i < 6; ++i) result.gradient[i] = s[21 + static_cast<std::size_t>(i)];
     result.weight = s[27];
     result.weighted_square = s[28];
@@ -157,12 +158,15 @@ struct Pairs {
   /// One pair by a metric of the pairwise kind: M = G'G and M d = G'e.
   void evaluate_one(const Placement& at, Index i, int lane, const Eigen::Vector3d& y, PairTerms<Quad>& terms) const {
     const auto error = metric.error(target, matches.index(i), y + at.pivot);
-    const Eigen::Matrix3d M = error.gradient.transpose() * error.gradient;
-    const Eigen::Vector3d pull = error.gradient.transpose() * error.residual;
+    constexpr int rows = decltype(metric.error(target, 0, y))::rows;
+    const Eigen::Matrix<double, rows, 3> gradient = error.gradient;
+    const Eigen::Matrix<double, rows, 1> residual = error.residual;
+    const Eigen::Matrix3d M = transposed_product(gradient, gradient);
+    const Eigen::Vector3d pull = transposed_product(gradient, residual);
     constexpr std::array<std::array<int, 2>, 6> upper{{{0, 0}, {0, 1}, {0, 2}, {1, 1}, {1, 2}, {2, 2}}};
     for (std::size_t k = 0; k < 6; ++k) terms.information[k].set(lane, M(upper[k][0], upper[k][1]));
     for (std::size_t k = 0; k < 3; ++k) terms.pull[k].set(lane, pull[static_cast<Eigen::Index>(k)]);
-    terms.squared_residual.set(lane, error.residual.squaredNorm());
+    terms.squared_residual.set(lane, residual.squaredNorm());
   }
 
   void weigh(const Quad& squared_residual, Quad& weight, Quad& cost) const {

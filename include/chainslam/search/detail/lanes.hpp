@@ -8,11 +8,8 @@
 #include <limits>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/search/detail/intrinsics.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
-
-#if defined(__AVX__) || defined(__SSE2__)
-#include <immintrin.h>
-#endif
 
 namespace chainslam::detail {
 

@@ -7,9 +7,7 @@
 #include <limits>
 #include <type_traits>
 
-#if defined(__AVX__) || defined(__SSE2__)
-#include <immintrin.h>
-#endif
+#include "chainslam/search/detail/intrinsics.hpp"
 
 namespace chainslam::detail {
 

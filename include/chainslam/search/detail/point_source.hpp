@@ -40,10 +40,15 @@ template <int Dim, PointSource<Dim> Points>
 template <class Scalar, int Dim, PointSource<Dim> Points>
 [[nodiscard]] Eigen::Matrix<Scalar, Dim, 1> source_position(const Points& points, Index i) {
   const auto place = static_cast<std::size_t>(i);
+  Eigen::Matrix<Scalar, Dim, 1> rounded;
+  const auto round = [&](const auto& p) {
+    for (int axis = 0; axis < Dim; ++axis) rounded[axis] = static_cast<Scalar>(p[axis]);
+  };
   if constexpr (VectorRange<Points, Dim>)
-    return std::ranges::data(points)[place].template cast<Scalar>();
+    round(std::ranges::data(points)[place]);
   else
-    return chainslam::position(points, place).template cast<Scalar>();
+    round(CloudTraits<Points>::position(points, place));
+  return rounded;
 }
 
 }  // namespace chainslam::detail

@@ -1,0 +1,9 @@
+#pragma once
+
+// What a processor's registers can do, as far as this build may use it. Without AVX the narrow header will do: the
+// other takes as long to read as half of Eigen.
+#if defined(__AVX__)
+#include <immintrin.h>
+#elif defined(__SSE2__)
+#include <emmintrin.h>
+#endif
