@@ -1,29 +1,46 @@
 #!/usr/bin/env bash
 # Builds a user's project against the library as users may take it: installed, or as a folder of theirs; with --all by
 # FetchContent and by pkg-config and a bare compiler as well.
-# usage: test/consumer/run.sh BUILD-FOLDER [--all]
+# usage: test/consumer/run.sh BUILD-FOLDER [--all] [--library FOLDER]
+#   --library FOLDER  a build of the library with CHAINSLAM_COMPILED=ON, which is installed; without it header-only
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 source="$(cd "$here/../.." && pwd)"
-build="$1"
-ways="find_package add_subdirectory"
-[ "${2-}" = --all ] && ways="$ways fetch_content"
+build="$1" ways="find_package add_subdirectory" all=no library=""
+shift
+while [ $# -gt 0 ]; do
+  case "$1" in
+    --all) all=yes ways="$ways fetch_content" ;;
+    --library) library="$(cd "$2" && pwd)"; shift ;;
+    *) sed -n 4,5p "$0" >&2; exit 2 ;;
+  esac
+  shift
+done
 rm -rf "$build" && mkdir -p "$build"
 
-cmake -S "$source" -B "$build/library" -G Ninja -DCMAKE_INSTALL_PREFIX="$build/prefix" -DCHAINSLAM_BUILD_TESTS=OFF \
-  -DCHAINSLAM_BUILD_BENCH=OFF -DCHAINSLAM_BUILD_EXAMPLES=OFF
-cmake --build "$build/library"
-cmake --install "$build/library"
+if [ -z "$library" ]; then
+  cmake -S "$source" -B "$build/library" -G Ninja -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF \
+    -DCHAINSLAM_BUILD_EXAMPLES=OFF
+  cmake --build "$build/library"
+fi
+cmake --install "${library:-$build/library}" --prefix "$build/prefix"
 
 for how in $ways; do
   echo "== $how"
-  cmake -S "$here" -B "$build/$how" -G Ninja -DHOW="$how" -DCHAINSLAM_SOURCE="$source" -DCMAKE_PREFIX_PATH="$build/prefix"
+  cmake -S "$here" -B "$build/$how" -G Ninja -DHOW="$how" -DCHAINSLAM_SOURCE="$source" -DCMAKE_PREFIX_PATH="$build/prefix" \
+    ${library:+-DMORE_COMPONENTS=compiled}
   cmake --build "$build/$how"
   "$build/$how/consumer"
 done
 "$build/find_package/archive"
+if [ -n "$library" ]; then
+  echo "== header-only and compiled, the same bits"
+  for how in chainslam compiled; do "$build/find_package/results_$how" >"$build/results_$how.txt"; done
+  [ "$(wc -l <"$build/results_compiled.txt")" -gt 50 ]
+  diff "$build/results_chainslam.txt" "$build/results_compiled.txt"
+fi
 
-if [ "${2-}" = --all ]; then
+if [ "$all" = yes ]; then
   echo "== pkg-config and a bare compiler"
   flags="$(PKG_CONFIG_PATH="$build/prefix/share/pkgconfig" pkg-config --cflags chainslam)"
   # shellcheck disable=SC2086
