@@ -37,15 +37,15 @@ template <class Scalar, int N>
         const Scalar t = (slope < 0 ? Scalar(-1) : Scalar(1)) / (abs(slope) + sqrt(slope * slope + 1));
         const Scalar c = 1 / sqrt(t * t + 1);
         const Scalar s = t * c;
-        const auto rotate = [c, s](auto&& x, auto&& y) {
-          const auto old_x = x.eval();
+        const auto rotate = [c, s](Scalar& x, Scalar& y) {
+          const Scalar old_x = x;
           x = c * old_x - s * y;
-          y = s * old_x + c * y.eval();
+          y = s * old_x + c * y;
         };
-        rotate(a.col(p), a.col(q));
-        rotate(a.row(p), a.row(q));
+        for (int i = 0; i < N; ++i) rotate(a(i, p), a(i, q));
+        for (int i = 0; i < N; ++i) rotate(a(p, i), a(q, i));
         a(p, q) = a(q, p) = 0;
-        rotate(v.col(p), v.col(q));
+        for (int i = 0; i < N; ++i) rotate(v(i, p), v(i, q));
       }
     }
   }
@@ -61,7 +61,7 @@ template <class Scalar, int N>
   for (int i = 0; i < N; ++i) {
     const int from = order[static_cast<std::size_t>(i)];
     result.values[i] = a(from, from);
-    result.vectors.col(i) = v.col(from);
+    for (int row = 0; row < N; ++row) result.vectors(row, i) = v(row, from);
   }
   return result;
 }

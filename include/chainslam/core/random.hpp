@@ -12,8 +12,7 @@
 namespace chainslam {
 
 /// Random numbers that are the same for the same seed on every platform, compiler and C library, which the
-/// distributions of
-/// `<random>` are not.
+/// distributions of `<random>` are not.
 ///
 /// The generator is xoshiro256++ (Blackman and Vigna 2021), seeded through splitmix64 (Steele, Lea and Flood 2014).
 /// A generator is small: pass it by reference where draws follow one another, `fork` it where work is split.
@@ -63,16 +62,16 @@ class Rng {
 
   /// Normal with mean 0 and standard deviation 1, by the ziggurat (Marsaglia and Tsang 2000).
   double normal() {
-    constexpr const detail::Ziggurat& table = detail::ziggurat;
+    using Table = detail::Ziggurat;
     for (;;) {
       const std::uint64_t random = bits();
-      const std::size_t layer = random % table.layers;
-      const double sign = (random & table.layers) != 0 ? 1.0 : -1.0;
-      const double x = static_cast<double>(random >> 11) * 0x1p-53 * table.edges[layer];
-      if (x < table.edges[layer + 1]) return sign * x;  // inside the next layer's edge: under the curve for sure
+      const std::size_t layer = random % Table::layers;
+      const double sign = (random & Table::layers) != 0 ? 1.0 : -1.0;
+      const double x = static_cast<double>(random >> 11) * 0x1p-53 * Table::edges[layer];
+      if (x < Table::edges[layer + 1]) return sign * x;  // inside the next layer's edge: under the curve for sure
       if (layer == 0) return sign * normal_tail();
       const double height =
-          std::fma(uniform(), table.densities[layer + 1] - table.densities[layer], table.densities[layer]);
+          std::fma(uniform(), Table::densities[layer + 1] - Table::densities[layer], Table::densities[layer]);
       if (height < std::exp(-0.5 * x * x)) return sign * x;
     }
   }

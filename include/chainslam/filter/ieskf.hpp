@@ -1,11 +1,14 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/filter/concepts.hpp"
+#include "chainslam/filter/detail/state_matrix.hpp"
 #include "chainslam/lie/retract_jacobian.hpp"
 
 namespace chainslam {
@@ -78,9 +81,7 @@ class Ieskf {
   void predict(const Input& input, double dt) {
     const Transition<State> step = process.predict(state_, input, dt);
     state_ = step.state;
-    const Matrix moved = step.F * covariance_;
-    covariance_.noalias() = moved * step.F.transpose();
-    covariance_ = symmetric(covariance_ + step.Q);
+    covariance_ = detail::symmetric(Matrix(detail::congruent(step.F, covariance_) + step.Q));
   }
 
   /// Takes a measurement. Whatever the outcome, state and covariance stay finite.
@@ -88,22 +89,18 @@ class Ieskf {
   FilterReport<State> update(Measurement& measurement, const IterationRule& rule = {});
 
  private:
-  [[nodiscard]] static Matrix symmetric(const Matrix& m) { return 0.5 * (m + m.transpose()); }
-
-  /// L with P = L L^T, for P that may be singular.
-  [[nodiscard]] static Matrix square_root(const Matrix& P) {
-    const Eigen::LDLT<Matrix> factor(P);
-    Matrix root = factor.matrixL();
-    root = root * factor.vectorD().cwiseMax(0.0).cwiseSqrt().asDiagonal();
-    return factor.transpositionsP().transpose() * root;
+  /// (H^T R^-1 H + P^-1)^-1 for P = root root^T, as C C^T for the C returned.
+  [[nodiscard]] static Matrix posterior_root(const Matrix& root, const Matrix& information) {
+    const Matrix weighed = detail::times(information, root);
+    Matrix whitened = detail::symmetric(detail::times(transposed(root), weighed));
+    for (int i = 0; i < State::dof; ++i) whitened(i, i) += 1;
+    return detail::solved_right(root, detail::cholesky(whitened));
   }
 
-  /// (H^T R^-1 H + P^-1)^-1 for P = root root^T, as C^T C for the C returned.
-  [[nodiscard]] static Matrix posterior_root(const Matrix& root, const Matrix& information) {
-    const Matrix weighed = information * root;
-    Matrix whitened = root.transpose() * weighed;
-    whitened = symmetric(whitened) + Matrix::Identity();
-    return whitened.llt().matrixL().solve(root.transpose());
+  [[nodiscard]] static bool is_small(const Tangent& step, double tolerance) {
+    for (int i = 0; i < State::dof; ++i)
+      if (!(std::abs(step[i]) < tolerance)) return false;
+    return true;
   }
 
   State state_{};
@@ -114,7 +111,7 @@ template <Manifold State, class Process>
 template <MeasurementModel<State> Measurement>
 FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, const IterationRule& rule) {
   FilterReport<State> report;
-  const Matrix prior_root = square_root(covariance_);
+  const Matrix prior_root = detail::square_root(covariance_);
   State x = state_;
   Matrix covariance = covariance_;
   for (bool renew = false; report.iterations < rule.max_iterations;) {
@@ -126,25 +123,26 @@ FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, cons
       report.status = FilterStatus::no_information;
       return report;
     }
-    const Matrix C = posterior_root(J_inverse * prior_root, z.information);
-    const Matrix S = C.transpose() * C;
+    const Matrix C = posterior_root(detail::times(J_inverse, prior_root), z.information);
+    const Matrix S = detail::times_transposed(C, C);
     // FAST-LIO2, eq. 18, with K H = S H^T R^-1 H and K r = -S gradient.
-    const Tangent back = J_inverse * moved;
-    const Tangent step = S * (z.gradient + z.information * back) - back;
+    const Tangent back = detail::times(J_inverse, moved);
+    const Tangent pull = z.gradient + detail::times(z.information, back);
+    const Tangent step = detail::times(S, pull) - back;
     if (!is_finite(step) || !is_finite(S)) {
       report.status = FilterStatus::not_finite;
       return report;
     }
     if (report.iterations == 0) {
-      report.nis = z.squared_error - z.gradient.dot(S * z.gradient);
+      report.nis = z.squared_error - z.gradient.dot(detail::times(S, z.gradient));
       report.nis_residuals = z.residuals;
     }
     // The posterior lives where the step ends: IKFoM's reset, which later filters dropped.
     const Matrix reset = retract_jacobian(x, step);
     x = x.retract(step);
-    covariance = symmetric(reset * S * reset.transpose());
+    covariance = detail::symmetric(detail::congruent(reset, S));
     ++report.iterations;
-    renew = step.cwiseAbs().maxCoeff() < rule.step_tolerance;
+    renew = is_small(step, rule.step_tolerance);
     report.status = renew && z.settled ? FilterStatus::converged : FilterStatus::iteration_limit;
     if (report.status == FilterStatus::converged) break;
   }

@@ -6,6 +6,7 @@
 #include <tuple>
 #include <utility>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/lie/retract_jacobian.hpp"
 
@@ -52,7 +53,7 @@ class Product {
   /// The rows of a tangent that belong to part I.
   template <std::size_t I>
   [[nodiscard]] static typename Part<I>::Tangent segment(const Tangent& d) {
-    return d.template segment<Part<I>::dof>(offset<I>());
+    return block_of<Part<I>::dof, 1>(d, offset<I>(), 0);
   }
 
   [[nodiscard]] Product retract(const Tangent& d) const {
@@ -112,16 +113,16 @@ class Product {
   template <class Value>
   [[nodiscard]] static Tangent stack(Value&& value) {
     Tangent d;
-    for_each_part(
-        [&]<std::size_t I>() { d.template segment<Part<I>::dof>(offset<I>()) = value.template operator()<I>(); });
+    for_each_part([&]<std::size_t I>() {
+      set_block(d, offset<I>(), 0, typename Part<I>::Tangent(value.template operator()<I>()));
+    });
     return d;
   }
   template <class Value>
   [[nodiscard]] static Jacobian block_diagonal(Value&& value) {
     Jacobian matrix = Jacobian::Zero();
-    for_each_part([&]<std::size_t I>() {
-      matrix.template block<Part<I>::dof, Part<I>::dof>(offset<I>(), offset<I>()) = value.template operator()<I>();
-    });
+    for_each_part(
+        [&]<std::size_t I>() { set_block(matrix, offset<I>(), offset<I>(), value.template operator()<I>()); });
     return matrix;
   }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/lie/so3.hpp"
 
@@ -36,31 +37,35 @@ class S2 {
     const Scalar a = -one / (sign + direction_[2]);
     const Scalar b = direction_[0] * direction_[1] * a;
     Basis basis;
-    basis << one + sign * direction_[0] * direction_[0] * a, b,  //
-        sign * b, sign + direction_[1] * direction_[1] * a,      //
-        -sign * direction_[0], -direction_[1];
+    basis(0, 0) = one + sign * direction_[0] * direction_[0] * a;
+    basis(1, 0) = sign * b;
+    basis(2, 0) = -sign * direction_[0];
+    basis(0, 1) = b;
+    basis(1, 1) = sign + direction_[1] * direction_[1] * a;
+    basis(2, 1) = -direction_[1];
     return basis;
   }
 
   /// The point |d| radians along the great circle that starts towards basis() * d.
   [[nodiscard]] S2 retract(const Tangent& d) const {
     const Scalar x = d.squaredNorm();
-    const Vector3 moved = detail::cosine(x) * direction_ + detail::sinc(x) * (basis() * d);
-    return from_vector(moved);
+    const Vector3 along = product(basis(), d);
+    const Vector3 kept = detail::cosine(x) * direction_, way = detail::sinc(x) * along;
+    return from_vector(kept + way);
   }
 
   /// The tangent with retract(local(other)) = other, |d| <= pi. For the opposite point, which every direction reaches,
   /// the first basis vector is taken.
   [[nodiscard]] Tangent local(const S2& other) const {
     using std::atan2, std::sqrt;
-    const Tangent sine = basis().transpose() * other.direction_;
+    const Tangent sine = transposed_product(basis(), other.direction_);
     const Scalar cosine = direction_.dot(other.direction_);
     const Scalar squared = sine.squaredNorm();
-    if (cosine > detail::constant<Scalar>(0)) return sine * detail::atan_over_argument<Scalar>(squared, cosine);
+    if (cosine > detail::constant<Scalar>(0)) return detail::atan_over_argument<Scalar>(squared, cosine) * sine;
     if (!(squared > detail::constant<Scalar>(0)))
       return Tangent(detail::constant<Scalar>(std::numbers::pi_v<long double>), detail::constant<Scalar>(0));
     const Scalar length = sqrt(squared);
-    return sine * (atan2(length, cosine) / length);
+    return (atan2(length, cosine) / length) * sine;
   }
 
   /// d retract(d).local(retract(d + e)) / d e at e = 0: see `lie/retract_jacobian.hpp`.
@@ -68,8 +73,14 @@ class S2 {
     const Scalar x = d.squaredNorm();
     const auto [b, c, b_slope, c_slope] = detail::jacobian_coefficients<Scalar>(x);
     const Scalar sinc = detail::sinc(x);
-    const Vector3 arc = (c - b) * (basis() * d) - sinc * direction_;
-    return retract(d).basis().transpose() * (sinc * basis() + arc * d.transpose());
+    const Basis from = basis(), to = retract(d).basis();
+    const Vector3 along = product(from, d);
+    const Vector3 bent = (c - b) * along, kept = sinc * direction_;
+    const Vector3 arc = bent - kept;
+    Basis moved;
+    for (int j = 0; j < 2; ++j)
+      for (int i = 0; i < 3; ++i) moved(i, j) = sinc * from(i, j) + arc[i] * d[j];
+    return transposed_product(to, moved);
   }
 
   /// The direction turned by R.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/so3.hpp"
 
 namespace chainslam {
@@ -27,31 +28,30 @@ class SE3 {
 
   /// From the homogeneous matrix [R t; 0 1]; R as in `SO3::from_matrix`, the last row is not looked at.
   [[nodiscard]] static SE3 from_matrix(const Matrix4& T) {
-    return SE3(SO3<Scalar>::from_matrix(T.template topLeftCorner<3, 3>()), T.template topRightCorner<3, 1>());
+    return SE3(SO3<Scalar>::from_matrix(block_of<3, 3>(T, 0, 0)), block_of<3, 1>(T, 0, 3));
   }
 
   [[nodiscard]] static SE3 exp(const Tangent& xi) {
-    const Vector3 w = xi.template tail<3>();
-    const Vector3 v = xi.template head<3>();
+    const Vector3 v = linear(xi), w = angular(xi);
     const auto coefficients = detail::jacobian_coefficients<Scalar>(w.squaredNorm());
-    const Vector3 w_v = w.cross(v);
-    return SE3(SO3<Scalar>::exp(w), v + coefficients.b * w_v + coefficients.c * w.cross(w_v));
+    return SE3(SO3<Scalar>::exp(w), axial_product(v, coefficients.b, coefficients.c, w));
   }
 
   /// Rotation part within pi, see `SO3::log`.
   [[nodiscard]] Tangent log() const {
     const Vector3 w = rotation_.log();
-    const Vector3 w_t = w.cross(translation_);
+    const Vector3 v = axial_product(translation_, detail::constant<Scalar>(-0.5L),
+                                    detail::inverse_jacobian_coefficient<Scalar>(w.squaredNorm()), w);
     Tangent xi;
-    xi << translation_ - detail::constant<Scalar>(0.5L) * w_t +
-              detail::inverse_jacobian_coefficient<Scalar>(w.squaredNorm()) * w.cross(w_t),
-        w;
+    set_block(xi, 0, 0, v);
+    set_block(xi, 3, 0, w);
     return xi;
   }
 
   [[nodiscard]] SE3 inverse() const {
     const SO3<Scalar> inverse_rotation = rotation_.inverse();
-    return SE3(inverse_rotation, -(inverse_rotation * translation_));
+    const Vector3 back = inverse_rotation * translation_;
+    return SE3(inverse_rotation, -back);
   }
 
   [[nodiscard]] SE3 operator*(const SE3& other) const {
@@ -71,25 +71,25 @@ class SE3 {
 
   [[nodiscard]] Matrix4 matrix() const {
     Matrix4 T = Matrix4::Identity();
-    T.template topLeftCorner<3, 3>() = rotation_.matrix();
-    T.template topRightCorner<3, 1>() = translation_;
+    set_block(T, 0, 0, rotation_.matrix());
+    set_block(T, 0, 3, translation_);
     return T;
   }
 
   /// T exp(xi) T^-1 = exp(adjoint() xi)
   [[nodiscard]] Jacobian adjoint() const {
     const Matrix3 R = rotation_.matrix();
-    return blocks(R, detail::hat3<Scalar>(translation_) * R);
+    return blocks(R, product(detail::hat3<Scalar>(translation_), R));
   }
 
   /// exp(xi + d) = exp(left_jacobian(xi) d) * exp(xi) to first order.
   [[nodiscard]] static Jacobian left_jacobian(const Tangent& xi) {
-    return blocks(SO3<Scalar>::left_jacobian(xi.template tail<3>()), coupling(xi));
+    return blocks(SO3<Scalar>::left_jacobian(angular(xi)), coupling(xi));
   }
   /// Singular where the rotation is 2 pi.
   [[nodiscard]] static Jacobian left_jacobian_inverse(const Tangent& xi) {
-    const Matrix3 inverse = SO3<Scalar>::left_jacobian_inverse(xi.template tail<3>());
-    return blocks(inverse, -inverse * coupling(xi) * inverse);
+    const Matrix3 inverse = SO3<Scalar>::left_jacobian_inverse(angular(xi));
+    return blocks(inverse, -product(product(inverse, coupling(xi)), inverse));
   }
   /// exp(xi + d) = exp(xi) * exp(right_jacobian(xi) d) to first order.
   [[nodiscard]] static Jacobian right_jacobian(const Tangent& xi) { return left_jacobian(-xi); }
@@ -111,21 +111,40 @@ class SE3 {
  private:
   [[nodiscard]] static Jacobian blocks(const Matrix3& diagonal, const Matrix3& upper) {
     Jacobian matrix;
-    matrix << diagonal, upper, Matrix3::Zero(), diagonal;
+    set_block(matrix, 0, 0, diagonal);
+    set_block(matrix, 0, 3, upper);
+    set_block(matrix, 3, 0, Matrix3(Matrix3::Zero()));
+    set_block(matrix, 3, 3, diagonal);
     return matrix;
   }
 
   /// The block Q of the left Jacobian: the derivative of SO(3)'s left Jacobian at w in the direction of v. The same as
   /// Barfoot and Furgale 2014, eq. 102, shortened by hat(w) hat(v) hat(w) = -(w . v) hat(w).
   [[nodiscard]] static Matrix3 coupling(const Tangent& xi) {
-    const Vector3 v = xi.template head<3>();
-    const Vector3 w = xi.template tail<3>();
+    const Vector3 v = linear(xi), w = angular(xi);
     const auto coefficients = detail::jacobian_coefficients<Scalar>(w.squaredNorm());
     const Scalar twice_dot = detail::constant<Scalar>(2) * w.dot(v);
-    return coefficients.b * detail::hat3<Scalar>(v) +
-           coefficients.c * (detail::hat_product<Scalar>(w, v) + detail::hat_product<Scalar>(v, w)) -
-           twice_dot * (coefficients.b_slope * detail::hat3<Scalar>(w) +
-                        coefficients.c_slope * detail::hat_product<Scalar>(w, w));
+    const Matrix3 V = detail::hat3<Scalar>(v), W_V = detail::hat_product<Scalar>(w, v);
+    const Matrix3 slope = detail::axial_matrix<Scalar>(detail::constant<Scalar>(0), twice_dot * coefficients.b_slope,
+                                                       twice_dot * coefficients.c_slope, w);
+    Matrix3 Q;
+#pragma GCC unroll 3
+    for (int j = 0; j < 3; ++j)
+#pragma GCC unroll 3
+      for (int i = 0; i < 3; ++i)
+        Q(i, j) = coefficients.b * V(i, j) + coefficients.c * (W_V(i, j) + W_V(j, i)) - slope(i, j);
+    return Q;
+  }
+
+  [[nodiscard]] static Vector3 linear(const Tangent& xi) { return block_of<3, 1>(xi, 0, 0); }
+  [[nodiscard]] static Vector3 angular(const Tangent& xi) { return block_of<3, 1>(xi, 3, 0); }
+
+  /// v + b w x v + c w x (w x v)
+  [[nodiscard]] static Vector3 axial_product(const Vector3& v, const Scalar& b, const Scalar& c, const Vector3& w) {
+    const Vector3 w_v = w.cross(v);
+    const Vector3 first = b * w_v, second = c * w.cross(w_v);
+    const Vector3 sum = v + first;
+    return sum + second;
   }
 
   SO3<Scalar> rotation_;

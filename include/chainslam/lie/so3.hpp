@@ -47,15 +47,13 @@ class SO3 {
   /// The least rotation that turns the direction of `from` into that of `to`; half a turn about some axis across them
   /// where they are opposite. Neither may be zero.
   [[nodiscard]] static SO3 between(const Vector3& from, const Vector3& to) {
-    const Vector3 a = from.normalized(), b = to.normalized();
+    const Vector3 a = from / from.norm(), b = to / to.norm();
     const Vector3 half_way = a + b;
     if (!(half_way.squaredNorm() > std::numeric_limits<Scalar>::epsilon())) {
-      Eigen::Index least = 0;
-      a.cwiseAbs().minCoeff(&least);
-      const Vector3 across = a.cross(Vector3::Unit(least)).normalized();
+      const Vector3 across = most_across(a);
       return from_quaternion(Quaternion(Scalar(0), across.x(), across.y(), across.z()));
     }
-    const Vector3 h = half_way.normalized();
+    const Vector3 h = half_way / half_way.norm();
     const Vector3 axis = a.cross(h);
     return from_quaternion(Quaternion(a.dot(h), axis.x(), axis.y(), axis.z()));
   }
@@ -74,22 +72,33 @@ class SO3 {
     const bool flip = w < detail::constant<Scalar>(0);
     const Scalar abs_w = flip ? Scalar(-w) : w;
     const Scalar scale =
-        detail::constant<Scalar>(2) * detail::atan_over_argument<Scalar>(quaternion_.vec().squaredNorm(), abs_w);
-    return quaternion_.vec() * (flip ? Scalar(-scale) : scale);
+        detail::constant<Scalar>(2) * detail::atan_over_argument<Scalar>(vector().squaredNorm(), abs_w);
+    return (flip ? Scalar(-scale) : scale) * vector();
   }
 
-  [[nodiscard]] SO3 inverse() const { return SO3(quaternion_.conjugate()); }
+  [[nodiscard]] SO3 inverse() const {
+    return SO3(Quaternion(quaternion_.w(), -quaternion_.x(), -quaternion_.y(), -quaternion_.z()));
+  }
 
   [[nodiscard]] SO3 operator*(const SO3& other) const {
-    SO3 product(quaternion_ * other.quaternion_);
+    const Quaternion &a = quaternion_, &b = other.quaternion_;
+    const Scalar w = a.w() * b.w() - a.x() * b.x() - a.y() * b.y() - a.z() * b.z();
+    const Scalar x = a.w() * b.x() + a.x() * b.w() + a.y() * b.z() - a.z() * b.y();
+    const Scalar y = a.w() * b.y() + a.y() * b.w() + a.z() * b.x() - a.x() * b.z();
+    const Scalar z = a.w() * b.z() + a.z() * b.w() + a.x() * b.y() - a.y() * b.x();
     // One Newton step towards length 1: exact to rounding, as both factors are.
-    product.quaternion_.coeffs() *=
-        detail::constant<Scalar>(1.5L) - product.quaternion_.squaredNorm() * detail::constant<Scalar>(0.5L);
-    return product;
+    const Scalar squared = x * x + y * y + z * z + w * w;
+    const Scalar scale = detail::constant<Scalar>(1.5L) - squared * detail::constant<Scalar>(0.5L);
+    return SO3(Quaternion(scale * w, scale * x, scale * y, scale * z));
   }
   SO3& operator*=(const SO3& other) { return *this = *this * other; }
 
-  [[nodiscard]] Vector3 operator*(const Vector3& p) const { return quaternion_ * p; }
+  [[nodiscard]] Vector3 operator*(const Vector3& p) const {
+    const Scalar w = quaternion_.w(), x = quaternion_.x(), y = quaternion_.y(), z = quaternion_.z();
+    const Scalar half_a = y * p[2] - z * p[1], half_b = z * p[0] - x * p[2], half_c = x * p[1] - y * p[0];
+    const Scalar a = half_a + half_a, b = half_b + half_b, c = half_c + half_c;
+    return Vector3(p[0] + w * a + (y * c - z * b), p[1] + w * b + (z * a - x * c), p[2] + w * c + (x * b - y * a));
+  }
 
   /// *this * exp(w)
   [[nodiscard]] SO3 retract(const Tangent& w) const { return *this * exp(w); }
@@ -108,12 +117,12 @@ class SO3 {
   /// d exp: exp(w + d) = exp(left_jacobian(w) d) * exp(w) to first order.
   [[nodiscard]] static Jacobian left_jacobian(const Tangent& w) {
     const auto coefficients = detail::jacobian_coefficients<Scalar>(w.squaredNorm());
-    return Jacobian::Identity() + coefficients.b * hat(w) + coefficients.c * detail::hat_product<Scalar>(w, w);
+    return detail::axial_matrix<Scalar>(detail::constant<Scalar>(1), coefficients.b, coefficients.c, w);
   }
   /// Singular at |w| = 2 pi.
   [[nodiscard]] static Jacobian left_jacobian_inverse(const Tangent& w) {
-    return Jacobian::Identity() - detail::constant<Scalar>(0.5L) * hat(w) +
-           detail::inverse_jacobian_coefficient<Scalar>(w.squaredNorm()) * detail::hat_product<Scalar>(w, w);
+    return detail::axial_matrix<Scalar>(detail::constant<Scalar>(1), detail::constant<Scalar>(-0.5L),
+                                        detail::inverse_jacobian_coefficient<Scalar>(w.squaredNorm()), w);
   }
   /// exp(w + d) = exp(w) * exp(right_jacobian(w) d) to first order.
   [[nodiscard]] static Jacobian right_jacobian(const Tangent& w) { return left_jacobian(-w); }
@@ -125,7 +134,9 @@ class SO3 {
     using std::abs, std::sqrt;
     const Scalar squared = quaternion_.squaredNorm();
     const Scalar rounding = detail::constant<Scalar>(8 * static_cast<long double>(epsilon()));
-    if (abs(squared - detail::constant<Scalar>(1)) > rounding) quaternion_.coeffs() /= sqrt(squared);
+    if (!(abs(squared - detail::constant<Scalar>(1)) > rounding)) return;
+    const Scalar length = sqrt(squared);
+    for (int i = 0; i < 4; ++i) quaternion_.coeffs()[i] /= length;
   }
 
   template <class Other>
@@ -133,10 +144,27 @@ class SO3 {
     return SO3<Other>::from_quaternion(quaternion_.template cast<Other>());
   }
 
-  friend bool operator==(const SO3& a, const SO3& b) { return a.quaternion_.coeffs() == b.quaternion_.coeffs(); }
+  friend bool operator==(const SO3& a, const SO3& b) {
+    const Quaternion &p = a.quaternion_, &q = b.quaternion_;
+    return p.w() == q.w() && p.x() == q.x() && p.y() == q.y() && p.z() == q.z();
+  }
 
  private:
   explicit SO3(const Quaternion& unit) : quaternion_(unit) {}
+
+  [[nodiscard]] Vector3 vector() const { return Vector3(quaternion_.x(), quaternion_.y(), quaternion_.z()); }
+
+  /// A unit vector across a, and across the coordinate axis that is farthest from a.
+  [[nodiscard]] static Vector3 most_across(const Vector3& a) {
+    using std::abs;
+    int least = 0;
+    for (int i = 1; i < 3; ++i)
+      if (abs(a[i]) < abs(a[least])) least = i;
+    Vector3 axis = Vector3::Zero();
+    axis[least] = detail::constant<Scalar>(1);
+    const Vector3 across = a.cross(axis);
+    return across / across.norm();
+  }
 
   static constexpr auto epsilon() {
     if constexpr (std::is_floating_point_v<Scalar>)
@@ -156,12 +184,15 @@ template <class Scalar>
 SO3<Scalar> SO3<Scalar>::from_matrix(const Matrix3& R) {
   const Scalar one = detail::constant<Scalar>(1);
   Eigen::Matrix<Scalar, 4, 1> q;  // x, y, z, w, each times the largest of them
-  const Scalar trace = R.trace();
+  const Scalar trace = R(0, 0) + R(1, 1) + R(2, 2);
   int pivot = 0;
   for (int i = 1; i < 3; ++i)
     if (R(i, i) > R(pivot, pivot)) pivot = i;
   if (trace > R(pivot, pivot)) {
-    q << R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1), one + trace;
+    q[0] = R(2, 1) - R(1, 2);
+    q[1] = R(0, 2) - R(2, 0);
+    q[2] = R(1, 0) - R(0, 1);
+    q[3] = one + trace;
   } else {
     const int next = (pivot + 1) % 3;
     const int last = (pivot + 2) % 3;

@@ -5,56 +5,189 @@
 
 namespace chainslam::detail {
 
-/// exp, log and sqrt for constant expressions. A compiler folds each operation by itself and rounds it as IEEE 754
-/// says, so that tables made here have the same bits under every compiler, flag and C library. Good to a few units of
-/// the last place over the ziggurat's range.
-constexpr double constant_exp(double x) {
-  constexpr int halvings = 6;
-  const double reduced = x / (1 << halvings);
-  double term = 1.0;
-  double sum = 1.0;
-  for (int n = 1; n < 20; ++n) sum += term *= reduced / n;
-  for (int i = 0; i < halvings; ++i) sum *= sum;
-  return sum;
-}
-
-constexpr double constant_log(double x) {  // by Newton's method on exp(y) = x, for x in (0, 1]
-  double y = x - 1.0;
-  for (int i = 0; i < 60; ++i) y += x / constant_exp(y) - 1.0;
-  return y;
-}
-
-constexpr double constant_sqrt(double x) {
-  double root = x > 1.0 ? x : 1.0;
-  for (int i = 0; i < 60; ++i) root = 0.5 * (root + x / root);
-  return root;
-}
-
 /// The right half of the normal density exp(-x^2 / 2), cut into layers of equal area (Marsaglia and Tsang 2000, section
-/// 2).
+/// 2). Written out, so that the numbers have the same bits under every compiler, flag and C library, and cost no time
+/// to compile; a test computes them again.
 struct Ziggurat {
   static constexpr std::size_t layers = 128;
   static constexpr double tail_start = 3.442619855899;  ///< Marsaglia and Tsang 2000, for 128 layers
   static constexpr double layer_area = 9.91256303526217e-3;
 
-  std::array<double, layers + 1> edges{};      ///< right edge of layer i; edges[0] is the base's, had it no tail
-  std::array<double, layers + 1> densities{};  ///< exp(-edges[i]^2 / 2)
-
-  constexpr Ziggurat() {
-    const double density_at_tail = constant_exp(-0.5 * tail_start * tail_start);
-    edges[0] = layer_area / density_at_tail;
-    densities[0] = 0.0;
-    edges[1] = tail_start;
-    densities[1] = density_at_tail;
-    for (std::size_t i = 2; i < layers; ++i) {
-      densities[i] = densities[i - 1] + layer_area / edges[i - 1];
-      edges[i] = constant_sqrt(-2.0 * constant_log(densities[i]));
-    }
-    edges[layers] = 0.0;
-    densities[layers] = 1.0;
-  }
+  /// Right edge of layer i; edges[0] is the base's, had it no tail.
+  static constexpr std::array<double, layers + 1> edges{
+      0x1.db4668fe7e47bp+1, 0x1.b8a7c476d2be8p+1, 0x1.9c8e0c7c8098cp+1,
+      0x1.8aa73e440ffbap+1, 0x1.7d45eb36eb842p+1, 0x1.7279dd4ac3f96p+1,
+      0x1.695c2be68edc4p+1, 0x1.616dff7c8f54ap+1, 0x1.5a61edf7e8f3fp+1,
+      0x1.54052012a049cp+1, 0x1.4e3456b0e3a18p+1, 0x1.48d61806d601p+1,
+      0x1.43d75b60bca2p+1,  0x1.3f29848d3b415p+1, 0x1.3ac11b8e206dep+1,
+      0x1.3694f3a3740d8p+1, 0x1.329d9725e32f8p+1, 0x1.2ed4df809956ap+1,
+      0x1.2b35aa5ebee35p+1, 0x1.27bba2b5dbc9p+1,  0x1.246317a6b53cp+1,
+      0x1.2128dd36bdeffp+1, 0x1.1e0a342cf08f4p+1, 0x1.1b04b731f6bd2p+1,
+      0x1.18164be0c1c3p+1,  0x1.153d16d45743ep+1, 0x1.12777201834fap+1,
+      0x1.0fc3e4d95f27cp+1, 0x1.0d211dd28b00ep+1, 0x1.0a8ded0ec3714p+1,
+      0x1.08093fe3e40fp+1,  0x1.05921d1c4d768p+1, 0x1.0327a1cc4cf54p+1,
+      0x1.00c8fea1720d6p+1, 0x1.fceaeb2ca5efcp+0, 0x1.f858aff31cbd5p+0,
+      0x1.f3da09746081ep+0, 0x1.ef6dcddc7d38ep+0, 0x1.eb12e91486b9bp+0,
+      0x1.e6c85a849affp+0,  0x1.e28d331c67225p+0, 0x1.de609397e09a2p+0,
+      0x1.da41aaf79a33p+0,  0x1.d62fb52580b64p+0, 0x1.d229f9bfeefdcp+0,
+      0x1.ce2fcb05f8c3p+0,  0x1.ca4084e091e2ep+0, 0x1.c65b8c04dbabap+0,
+      0x1.c2804d2c6b165p+0, 0x1.beae3c60cd0d6p+0, 0x1.bae4d457ee10cp+0,
+      0x1.b72395df5b72p+0,  0x1.b36a075498d6cp+0, 0x1.afb7b428fe786p+0,
+      0x1.ac0c2c6fc6388p+0, 0x1.a867047516e45p+0, 0x1.a4c7d45d01a31p+0,
+      0x1.a12e37c98335ap+0, 0x1.9d99cd86b58abp+0, 0x1.9a0a373c73f38p+0,
+      0x1.967f1924c7afep+0, 0x1.92f819c682bdp+0,  0x1.8f74e1b37c6a2p+0,
+      0x1.8bf51b49ef314p+0, 0x1.88787278810a4p+0, 0x1.84fe9484873b2p+0,
+      0x1.81872fd21db59p+0, 0x1.7e11f3adaeb68p+0, 0x1.7a9e90168b8e6p+0,
+      0x1.772cb58a39dc1p+0, 0x1.73bc14d01a2c9p+0, 0x1.704c5ec50cb8p+0,
+      0x1.6cdd4426b8894p+0, 0x1.696e755e16b7cp+0, 0x1.65ffa248e0183p+0,
+      0x1.62907a0176ec4p+0, 0x1.5f20aaa4dfc0ap+0, 0x1.5bafe1165482ap+0,
+      0x1.583dc8bff31e8p+0, 0x1.54ca0b4ffd348p+0, 0x1.515450720f44dp+0,
+      0x1.4ddc3d83a5b8ap+0, 0x1.4a617543306bcp+0, 0x1.46e39778de044p+0,
+      0x1.436240982ad8p+0,  0x1.3fdd09591d292p+0, 0x1.3c538647ef7a4p+0,
+      0x1.38c54749b902ap+0, 0x1.3531d7146a436p+0, 0x1.3198ba982d922p+0,
+      0x1.2df97057e7efap+0, 0x1.2a536fae30e3p+0,  0x1.26a627fb9d10bp+0,
+      0x1.22f0ffbaa1e4bp+0, 0x1.1f335374a10ebp+0, 0x1.1b6c7492c9734p+0,
+      0x1.179ba80463ffap+0, 0x1.13c024b2c7ec2p+0, 0x1.0fd911b97f23p+0,
+      0x1.0be58456ff49bp+0, 0x1.07e47d87a40ebp+0, 0x1.03d4e7391c59ap+0,
+      0x1.ff6b21fffe2fep-1, 0x1.f70a5866c8efep-1, 0x1.ee848e9568266p-1,
+      0x1.e5d6909f51b52p-1, 0x1.dcfccc51c59c6p-1, 0x1.d3f340dda6114p-1,
+      0x1.cab56ac6a386cp-1, 0x1.c13e2b014e80ap-1, 0x1.b787a7c516ea6p-1,
+      0x1.ad8b2506a1336p-1, 0x1.a340d1baf5ad5p-1, 0x1.989f85c753aafp-1,
+      0x1.8d9c6a9d35e14p-1, 0x1.822a858af0e07p-1, 0x1.763a1600eec98p-1,
+      0x1.69b7b213f3efbp-1, 0x1.5c8afdbf0212cp-1, 0x1.4e94c08c0ba78p-1,
+      0x1.3fabee1911c9cp-1, 0x1.2f98d6bb4f408p-1, 0x1.1e0ce6b59697ep-1,
+      0x1.0a936da5e555cp-1, 0x1.e8e576e43fcaap-2, 0x1.b4c8fece48e76p-2,
+      0x1.73949184db92cp-2, 0x1.16db47e193bcp-2,  0};
+  /// exp(-edges[i]^2 / 2)
+  static constexpr std::array<double, layers + 1> densities{0,
+                                                            0x1.5de9e33726f3ep-9,
+                                                            0x1.6ba8b0ffb628ep-8,
+                                                            0x1.1a9b6b3fc1941p-7,
+                                                            0x1.83f4bed1933a6p-7,
+                                                            0x1.f10084764516ep-7,
+                                                            0x1.309cee4e09987p-6,
+                                                            0x1.6a23fa9d5f27bp-6,
+                                                            0x1.a4f57a25d9cc6p-6,
+                                                            0x1.e0f951d57e239p-6,
+                                                            0x1.0f0e539c89b7ap-5,
+                                                            0x1.2e282b724adb2p-5,
+                                                            0x1.4dc3fcbd99706p-5,
+                                                            0x1.6ddc9dd1fe24dp-5,
+                                                            0x1.8e6db483bc1bfp-5,
+                                                            0x1.af738c17a5018p-5,
+                                                            0x1.d0eaf6339586bp-5,
+                                                            0x1.f2d13368bd12bp-5,
+                                                            0x1.0a91f09183c33p-4,
+                                                            0x1.1bf075c20aa01p-4,
+                                                            0x1.2d8341133a33fp-4,
+                                                            0x1.3f4987896ad72p-4,
+                                                            0x1.514297b239a66p-4,
+                                                            0x1.636dd69e8c21dp-4,
+                                                            0x1.75cabd60e5dc7p-4,
+                                                            0x1.8858d6f54ff3ap-4,
+                                                            0x1.9b17be7e63ef7p-4,
+                                                            0x1.ae071dc7af29ap-4,
+                                                            0x1.c126ac011776fp-4,
+                                                            0x1.d4762ca983a66p-4,
+                                                            0x1.e7f56ea105fc9p-4,
+                                                            0x1.fba44b5c4de99p-4,
+                                                            0x1.07c1531a2b4a3p-3,
+                                                            0x1.11c835e71b733p-3,
+                                                            0x1.1be6c8cbda97bp-3,
+                                                            0x1.261d0aaaebe7ep-3,
+                                                            0x1.306afe619315p-3,
+                                                            0x1.3ad0aa9dd7fb1p-3,
+                                                            0x1.454e19baa0e7fp-3,
+                                                            0x1.4fe359a138241p-3,
+                                                            0x1.5a907baface6fp-3,
+                                                            0x1.655594a396d65p-3,
+                                                            0x1.7032bc88d677dp-3,
+                                                            0x1.7b280eabfd4cdp-3,
+                                                            0x1.8635a99016388p-3,
+                                                            0x1.915baee792c05p-3,
+                                                            0x1.9c9a43902c108p-3,
+                                                            0x1.a7f18f918fb71p-3,
+                                                            0x1.b361be1eb8031p-3,
+                                                            0x1.beeafd99d7125p-3,
+                                                            0x1.ca8d7f9ac2038p-3,
+                                                            0x1.d64978f7cf9edp-3,
+                                                            0x1.e21f21d123345p-3,
+                                                            0x1.ee0eb59e61879p-3,
+                                                            0x1.fa18733ed27ap-3,
+                                                            0x1.031e4e85fb6acp-2,
+                                                            0x1.093dbc774f1acp-2,
+                                                            0x1.0f6aa83b46d03p-2,
+                                                            0x1.15a5387a66042p-2,
+                                                            0x1.1bed95cc5752ep-2,
+                                                            0x1.2243eac7e2076p-2,
+                                                            0x1.28a864146108dp-2,
+                                                            0x1.2f1b307ccfea9p-2,
+                                                            0x1.359c810485cc6p-2,
+                                                            0x1.3c2c88fdb8dep-2,
+                                                            0x1.42cb7e21e8c62p-2,
+                                                            0x1.497998ac51ebp-2,
+                                                            0x1.503713768fb4ep-2,
+                                                            0x1.57042c17986e8p-2,
+                                                            0x1.5de12305426fap-2,
+                                                            0x1.64ce3bb887d9dp-2,
+                                                            0x1.6bcbbcd4c4738p-2,
+                                                            0x1.72d9f0523037ap-2,
+                                                            0x1.79f923abe118ap-2,
+                                                            0x1.8129a811a7666p-2,
+                                                            0x1.886bd29e2263cp-2,
+                                                            0x1.8fbffc9176161p-2,
+                                                            0x1.97268391186cdp-2,
+                                                            0x1.9e9fc9ed3ad2p-2,
+                                                            0x1.a62c36ec664f1p-2,
+                                                            0x1.adcc371df417cp-2,
+                                                            0x1.b5803cb422f33p-2,
+                                                            0x1.bd48bfe6a41f4p-2,
+                                                            0x1.c5263f5e989d7p-2,
+                                                            0x1.cd1940ad1b157p-2,
+                                                            0x1.d52250cd9b95fp-2,
+                                                            0x1.dd4204b582996p-2,
+                                                            0x1.e578f9f2c9384p-2,
+                                                            0x1.edc7d75b7711fp-2,
+                                                            0x1.f62f4dd0454b7p-2,
+                                                            0x1.feb0191503b1fp-2,
+                                                            0x1.03a58060e6688p-1,
+                                                            0x1.08006ca84ddecp-1,
+                                                            0x1.0c6942a5bbcb1p-1,
+                                                            0x1.10e07b5015e5ep-1,
+                                                            0x1.1566980fb8bb7p-1,
+                                                            0x1.19fc239747fb7p-1,
+                                                            0x1.1ea1b2d9efcc2p-1,
+                                                            0x1.2357e62428f97p-1,
+                                                            0x1.281f6a5d24478p-1,
+                                                            0x1.2cf8fa78591c3p-1,
+                                                            0x1.31e5612065d0bp-1,
+                                                            0x1.36e57aa698272p-1,
+                                                            0x1.3bfa374538798p-1,
+                                                            0x1.41249dc646456p-1,
+                                                            0x1.4665cea500fc3p-1,
+                                                            0x1.4bbf07c6c218ep-1,
+                                                            0x1.5131a8efe618ap-1,
+                                                            0x1.56bf39249a247p-1,
+                                                            0x1.5c696d348e893p-1,
+                                                            0x1.62322fc593a6cp-1,
+                                                            0x1.681bab4ebdc2dp-1,
+                                                            0x1.6e2856a006c2ap-1,
+                                                            0x1.745b04d027f33p-1,
+                                                            0x1.7ab6f9c656c2dp-1,
+                                                            0x1.814005219cc87p-1,
+                                                            0x1.87faa61a73a01p-1,
+                                                            0x1.8eec3c5bbfb4ep-1,
+                                                            0x1.961b4c1afe596p-1,
+                                                            0x1.9d8fdfaec7c07p-1,
+                                                            0x1.a55418110d2bdp-1,
+                                                            0x1.ad750b7255a38p-1,
+                                                            0x1.b6042cf903cd5p-1,
+                                                            0x1.bf19b6810e623p-1,
+                                                            0x1.c8d923f9e0692p-1,
+                                                            0x1.d37a74ffb7e5fp-1,
+                                                            0x1.df6071934c0b6p-1,
+                                                            0x1.ed5cf060d53e1p-1,
+                                                            1};
 };
-
-inline constexpr Ziggurat ziggurat;
 
 }  // namespace chainslam::detail

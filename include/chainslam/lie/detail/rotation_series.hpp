@@ -22,14 +22,14 @@ template <class Scalar>
 inline constexpr std::size_t series_terms = 11;
 
 /// (-1)^k / (2k + First)!, times k + 1 if Weighted: coefficients of x^k.
-template <int First, bool Weighted>
-[[nodiscard]] constexpr std::array<long double, series_terms> alternating_coefficients() {
-  std::array<long double, series_terms> coefficients{};
+template <int First, bool Weighted, class Number = long double>
+[[nodiscard]] constexpr std::array<Number, series_terms> alternating_coefficients() {
+  std::array<Number, series_terms> coefficients{};
   for (std::size_t k = 0; k < series_terms; ++k) {
     long double factorial = 1;
     for (std::size_t i = 2; i <= 2 * k + First; ++i) factorial *= static_cast<long double>(i);
     const long double weight = Weighted ? static_cast<long double>(k + 1) : 1.0L;
-    coefficients[k] = (k % 2 == 0 ? weight : -weight) / factorial;
+    coefficients[k] = static_cast<Number>((k % 2 == 0 ? weight : -weight) / factorial);
   }
   return coefficients;
 }
@@ -37,9 +37,11 @@ template <int First, bool Weighted>
 /// sum_k (-1)^k w_k x^k / (2k + First)! with w_k = 1, or k + 1 if Weighted. A function of theta^2, hence smooth at 0.
 template <int First, bool Weighted, class Scalar>
 [[nodiscard]] constexpr Scalar alternating_series(const Scalar& x) {
-  constexpr std::array<long double, series_terms> coefficients = alternating_coefficients<First, Weighted>();
-  Scalar sum = constant<Scalar>(coefficients[series_terms - 1]);
-  for (std::size_t k = series_terms - 1; k-- > 0;) sum = sum * x + constant<Scalar>(coefficients[k]);
+  // Rounded when compiled: to load and round a long double costs more than the sum.
+  using Number = std::conditional_t<std::is_floating_point_v<Scalar>, Scalar, double>;
+  constexpr std::array<Number, series_terms> coefficients = alternating_coefficients<First, Weighted, Number>();
+  Scalar sum(coefficients[series_terms - 1]);
+  for (std::size_t k = series_terms - 1; k-- > 0;) sum = sum * x + Scalar(coefficients[k]);
   return sum;
 }
 
@@ -122,7 +124,10 @@ template <class Scalar>
 [[nodiscard]] Eigen::Matrix<Scalar, 3, 3> hat3(const Eigen::Matrix<Scalar, 3, 1>& w) {
   const Scalar zero = constant<Scalar>(0);
   Eigen::Matrix<Scalar, 3, 3> matrix;
-  matrix << zero, -w[2], w[1], w[2], zero, -w[0], -w[1], w[0], zero;
+  matrix(0, 0) = matrix(1, 1) = matrix(2, 2) = zero;
+  matrix(2, 1) = w[0], matrix(1, 2) = -w[0];
+  matrix(0, 2) = w[1], matrix(2, 0) = -w[1];
+  matrix(1, 0) = w[2], matrix(0, 1) = -w[2];
   return matrix;
 }
 
@@ -130,9 +135,30 @@ template <class Scalar>
 template <class Scalar>
 [[nodiscard]] Eigen::Matrix<Scalar, 3, 3> hat_product(const Eigen::Matrix<Scalar, 3, 1>& a,
                                                       const Eigen::Matrix<Scalar, 3, 1>& b) {
-  Eigen::Matrix<Scalar, 3, 3> product = b * a.transpose();
-  product.diagonal().array() -= a.dot(b);
+  const Scalar dot = a.dot(b);
+  Eigen::Matrix<Scalar, 3, 3> product;
+#pragma GCC unroll 3
+  for (int j = 0; j < 3; ++j) {
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) product(i, j) = b[i] * a[j];
+    product(j, j) -= dot;
+  }
   return product;
+}
+
+/// one I + b W + c W^2 with W = hat(w): a matrix that commutes with rotations about w.
+template <class Scalar>
+[[nodiscard]] Eigen::Matrix<Scalar, 3, 3> axial_matrix(const Scalar& one, const Scalar& b, const Scalar& c,
+                                                       const Eigen::Matrix<Scalar, 3, 1>& w) {
+  const Eigen::Matrix<Scalar, 3, 3> W = hat3<Scalar>(w), W2 = hat_product<Scalar>(w, w);
+  Eigen::Matrix<Scalar, 3, 3> matrix;
+#pragma GCC unroll 3
+  for (int j = 0; j < 3; ++j) {
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) matrix(i, j) = b * W(i, j) + c * W2(i, j);
+    matrix(j, j) += one;
+  }
+  return matrix;
 }
 
 }  // namespace chainslam::detail
