@@ -15,11 +15,20 @@ namespace chainslam {
 /// `to_index`.
 using Index = std::int32_t;
 
+namespace detail {
+
+/// Apart, so that each place that narrows a size does not carry the message's making.
+[[noreturn]] [[gnu::cold]] [[gnu::noinline]] inline void refuse_size(const char* what) {
+  throw std::invalid_argument(std::string(what) + " exceeds 2^31 - 1");
+}
+
+}  // namespace detail
+
 /// Narrows a size to `Index`.
 /// @throws std::invalid_argument if it does not fit; `what` names the thing that was too large.
 template <std::integral Size>
 [[nodiscard]] constexpr Index to_index(Size size, const char* what = "size") {
-  if (!std::in_range<Index>(size)) throw std::invalid_argument(std::string(what) + " exceeds 2^31 - 1");
+  if (!std::in_range<Index>(size)) detail::refuse_size(what);
   return static_cast<Index>(size);
 }
 

@@ -287,7 +287,11 @@ template <class Graph, class Method, class Solver>
   BatchOptimization<Graph, Solver> optimization(graph, solver);
   OptimizeReport report = optimization.run(method);
   if (report.ok()) graph.set_values(optimization.take_values());
-  if (report.status == OptimizeStatus::singular) report.free = OpenDirections(graph).find();
+  if (report.status == OptimizeStatus::singular) {
+    NormalEquations<Graph> equations(graph);
+    equations.linearize(graph, graph.values());
+    report.free = open_parts<typename Graph::Value>(equations, graph.values());
+  }
   return report;
 }
 

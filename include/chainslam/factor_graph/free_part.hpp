@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdio>
+#include <numeric>
 #include <string>
 
 #include "chainslam/core/types.hpp"
@@ -34,9 +35,9 @@ namespace detail {
 }
 
 /// "(0.6 0 -0.8; 0 0 0.1)"
-[[nodiscard]] inline std::string direction_text(const FreePart& part, const Eigen::VectorXd& direction) {
+[[nodiscard]] inline std::string direction_text(const FreePart& part, const double* direction) {
   std::string text = "(";
-  for (Eigen::Index k = 0; k < direction.size(); ++k) {
+  for (Eigen::Index k = 0; k < part.directions.rows(); ++k) {
     std::array<char, 32> number{};
     std::snprintf(number.data(), number.size(), "%.2g", std::abs(direction[k]) < 1e-6 ? 0.0 : direction[k]);
     text += (k == 0 ? "" : k == part.translations ? "; " : " ") + std::string(number.data());
@@ -51,37 +52,39 @@ namespace detail {
 [[nodiscard]] inline std::string describe(const FreePart& part) {
   constexpr double rounding = 1e-6;
   const auto rows = part.directions.rows();
-  const Eigen::MatrixXd projector = part.directions * part.directions.transpose();
   std::string text;
   const auto append = [&](const std::string& more) { text += (text.empty() ? "" : ", ") + more; };
+  const auto motions = part.directions.cols();
   Eigen::MatrixXd rest = part.directions;
+  const auto dot = [&](const double* a, const double* b) { return std::inner_product(a, a + rows, b, 0.0); };
   const auto name_axes = [&](Eigen::Index begin, Eigen::Index end, const char* all) {
     std::string names;
     Eigen::Index count = 0;
     for (Eigen::Index axis = begin; axis < end; ++axis) {
-      if (projector(axis, axis) < 1.0 - rounding) continue;
-      rest.row(axis).setZero();
+      double along = 0.0;  // how much of the axis the motions cover
+      for (Eigen::Index k = 0; k < motions; ++k) along += part.directions(axis, k) * part.directions(axis, k);
+      if (along < 1.0 - rounding) continue;
+      for (Eigen::Index k = 0; k < motions; ++k) rest(axis, k) = 0.0;
       names += (count++ == 0 ? "" : ", ") + detail::axis_name(part, static_cast<int>(axis));
     }
     if (count > 0) append(count == end - begin && count > 1 ? all : names);
   };
   name_axes(0, part.translations, "translation");
   name_axes(part.translations, rows, "rotation");
-  for (Eigen::Index k = 0; k < rest.cols(); ++k) {  // what is left, orthonormal again
-    for (Eigen::Index other = 0; other < k; ++other) rest.col(k) -= rest.col(other).dot(rest.col(k)) * rest.col(other);
-    const double length = rest.col(k).norm();
-    if (length < rounding) {
-      rest.col(k).setZero();
-      continue;
+  for (Eigen::Index k = 0; k < motions; ++k) {  // what is left, orthonormal again
+    double* const direction = rest.data() + k * rows;
+    for (const double* other = rest.data(); other != direction; other += rows) {
+      const double along = dot(other, direction);
+      for (Eigen::Index row = 0; row < rows; ++row) direction[row] -= along * other[row];
     }
-    rest.col(k) /= length;
-    append(detail::direction_text(part, rest.col(k)));
+    const double length = std::sqrt(dot(direction, direction));
+    for (Eigen::Index row = 0; row < rows; ++row) direction[row] = length < rounding ? 0.0 : direction[row] / length;
+    if (length >= rounding) append(detail::direction_text(part, direction));
   }
   const std::string of = part.variables == 1 ? "" : " (" + std::to_string(part.variables) + " variables)";
   const std::string place = part.at == part.key ? "" : ", as seen at variable " + std::to_string(part.at);
-  return "variable " + std::to_string(part.key) + of + " is free in " + text + " (" +
-         std::to_string(part.directions.cols()) + (part.directions.cols() == 1 ? " direction" : " directions") + place +
-         ")";
+  return "variable " + std::to_string(part.key) + of + " is free in " + text + " (" + std::to_string(motions) +
+         (motions == 1 ? " direction" : " directions") + place + ")";
 }
 
 }  // namespace chainslam

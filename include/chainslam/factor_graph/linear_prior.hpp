@@ -31,7 +31,7 @@ struct LinearPrior {
 
   [[nodiscard]] Eigen::VectorXd residual(const Values<Group>& values) const {
     Eigen::VectorXd result = offset;
-    for (std::size_t k = 0; k < variables.size(); ++k) result += block(k) * points[k].local(values[variables[k]]);
+    for (std::size_t k = 0; k < variables.size(); ++k) add_step(k, points[k].local(values[variables[k]]), result);
     return result;
   }
 
@@ -39,8 +39,8 @@ struct LinearPrior {
     Linearized result{offset, {}};
     for (std::size_t k = 0; k < variables.size(); ++k) {
       const typename Group::Tangent step = points[k].local(values[variables[k]]);
-      result.residual += block(k) * step;
-      result.jacobians.push_back(block(k) * Group::right_jacobian_inverse(step));
+      add_step(k, step, result.residual);
+      result.jacobians.push_back(turned_block(k, Group::right_jacobian_inverse(step)));
     }
     return result;
   }
@@ -52,8 +52,29 @@ struct LinearPrior {
   }
 
  private:
-  [[nodiscard]] auto block(std::size_t k) const {
-    return sqrt_information.template middleCols<Group::dof>(static_cast<Eigen::Index>(k) * Group::dof);
+  /// Of a variable, column-major.
+  [[nodiscard]] const double* block(std::size_t k) const {
+    return sqrt_information.data() + static_cast<Eigen::Index>(k) * Group::dof * offset.size();
+  }
+  void add_step(std::size_t k, const typename Group::Tangent& step, Eigen::VectorXd& sum) const {
+    const double* from = block(k);
+    for (int column = 0; column < Group::dof; ++column) {
+      for (Eigen::Index row = 0; row < offset.size(); ++row) sum.data()[row] += *from++ * step[column];
+    }
+  }
+  /// A variable's block times a matrix.
+  [[nodiscard]] Eigen::Matrix<double, rows, Group::dof> turned_block(std::size_t k,
+                                                                     const typename Group::Jacobian& turn) const {
+    Eigen::Matrix<double, rows, Group::dof> turned(offset.size(), Group::dof);
+    double* to = turned.data();
+    for (int column = 0; column < Group::dof; ++column) {
+      for (Eigen::Index row = 0; row < offset.size(); ++row, ++to) {
+        *to = 0.0;
+        for (int inner = 0; inner < Group::dof; ++inner)
+          *to += block(k)[inner * offset.size() + row] * turn(inner, column);
+      }
+    }
+    return turned;
   }
 };
 static_assert(Factor<LinearPrior<SE3d>>);

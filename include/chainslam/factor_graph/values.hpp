@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cassert>
 #include <span>
 #include <stdexcept>
@@ -50,5 +51,15 @@ class Values {
  private:
   std::vector<Group> values_;
 };
+
+namespace detail {
+
+/// Ascending, each once.
+inline void sort_unique(std::vector<Key>& keys) {
+  std::sort(keys.begin(), keys.end());
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+}
+
+}  // namespace detail
 
 }  // namespace chainslam

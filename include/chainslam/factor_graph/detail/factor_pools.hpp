@@ -15,6 +15,7 @@
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/detail/packed_factor.hpp"
 #include "chainslam/factor_graph/detail/state_archive.hpp"
 
@@ -33,19 +34,92 @@ struct FactorId {
 
 namespace chainslam::detail {
 
-/// Factors of one type that come and go. Places are used again, with another generation.
-template <Factor F>
-class FactorPool {
-  using Packed = PackedFactor<F>;
-  using Shared = typename Packed::Shared;
-
+/// Which places of a pool are taken, and by what. Places are used again, with another generation.
+class FactorPlaces {
+ public:
   struct Place {
-    Packed packed{};
-    double weight = 1.0;
-    Index term = -1;
+    double weight = 1.0;  ///< of the factor's squared residual
+    Index term = -1;      ///< the factor's number in the linear system
     Index generation = 0;
     bool alive = false;
   };
+
+  void set_alive(Index slot, bool alive) {
+    at_place(slot).alive = alive;
+    alive_ += alive ? 1 : -1;
+  }
+  void set_weight(Index slot, double weight) { at_place(slot).weight = weight; }
+  [[nodiscard]] const Place& place(Index slot) const { return places_[static_cast<std::size_t>(slot)]; }
+  [[nodiscard]] Index term(Index slot) const { return place(slot).term; }
+  [[nodiscard]] Index generation(Index slot) const { return place(slot).generation; }
+  /// Places, be they taken or not.
+  [[nodiscard]] Index places() const { return to_index(places_.size()); }
+  [[nodiscard]] Index alive() const { return alive_; }
+  [[nodiscard]] bool contains(const FactorId& id) const {
+    return id.slot >= 0 && id.slot < places() && place(id.slot).alive && generation(id.slot) == id.generation;
+  }
+
+ protected:
+  /// A place for a factor that is there from now on.
+  [[nodiscard]] Index take_place(Index term) {
+    ++alive_;
+    Index slot = places();
+    if (free_.empty()) {
+      places_.emplace_back();
+    } else {
+      slot = free_.back();
+      free_.pop_back();
+    }
+    at_place(slot) = {1.0, term, generation(slot), true};
+    return slot;
+  }
+  void release_place(Index slot) {
+    ++at_place(slot).generation;
+    free_.push_back(slot);
+  }
+  [[nodiscard]] Place& at_place(Index slot) { return places_[static_cast<std::size_t>(slot)]; }
+
+  std::deque<Place> places_;  ///< grows without a copy, in time and in memory
+  std::vector<Index> free_;
+  Index alive_ = 0;
+};
+
+/// What the type of a factor says of all of them.
+struct FactorTraits {
+  bool holds_in_place = false;
+  bool left_invariant = false;
+  bool weighable = false;
+};
+
+/// A pool of factors on variables of one type, whatever the factors' type.
+template <class Group>
+class AnyFactorPool : public FactorPlaces {
+ public:
+  /// Of each factor that is there.
+  [[nodiscard]] virtual FactorTraits traits() const = 0;
+  /// As `write_linearization`; the factor's weight left out of account.
+  virtual void linearize(Index slot, const Values<Group>& values, Kernels kernels, double* numbers) const = 0;
+  /// The residual, scaled by the root of the kernel's weight; the factor's weight left out of account.
+  virtual void residual(Index slot, const Values<Group>& values, double* residual) const = 0;
+  /// Lets the place of a factor that is not alive be used again.
+  virtual void release(Index slot) = 0;
+
+ protected:
+  AnyFactorPool() = default;
+  AnyFactorPool(const AnyFactorPool&) = default;
+  AnyFactorPool(AnyFactorPool&&) = default;
+  AnyFactorPool& operator=(const AnyFactorPool&) = default;
+  AnyFactorPool& operator=(AnyFactorPool&&) = default;
+  ~AnyFactorPool() = default;
+};
+
+/// Factors of one type that come and go.
+template <Factor F>
+class FactorPool final : public AnyFactorPool<typename F::Value> {
+  using Group = typename F::Value;
+  using Packed = PackedFactor<F>;
+  using Shared = typename Packed::Shared;
+  using typename FactorPlaces::Place;
 
  public:
   using Type = F;
@@ -54,163 +128,171 @@ class FactorPool {
     decltype(std::declval<const Packed&>().unpacked(std::declval<const Shared&>())) factor;
     double weight;  ///< of its squared residual
     Index term;     ///< its number in the linear system
-    Index generation;
     bool alive;
   };
 
   /// @returns the factor's place.
   [[nodiscard]] Index add(const F& factor, Index term) {
-    ++alive_;
-    Index slot = to_index(places_.size());
-    if (free_.empty()) {
-      places_.emplace_back();
-    } else {
-      slot = free_.back();
-      free_.pop_back();
-    }
-    Place& place = at_place(slot);
-    place = {Packed(factor, shared_), 1.0, term, place.generation, true};
+    const Index slot = this->take_place(term);
+    const auto at = static_cast<std::size_t>(slot);
+    if (at == factors_.size()) factors_.emplace_back();
+    factors_[at] = Packed(factor, shared_);
     return slot;
   }
-  void set_alive(Index slot, bool alive) {
-    at_place(slot).alive = alive;
-    alive_ += alive ? 1 : -1;
-  }
   /// To be changed in place; its keys stay. For types that are kept as they are.
-  [[nodiscard]] F& factor(Index slot) { return at_place(slot).packed.factor; }
-  void set_weight(Index slot, double weight) { at_place(slot).weight = weight; }
-  /// Lets the place of a factor that is not alive be used again.
-  void release(Index slot) {
-    ++at_place(slot).generation;
-    at_place(slot).packed.give_back(shared_);
-    free_.push_back(slot);
+  [[nodiscard]] F& factor(Index slot) { return factors_[static_cast<std::size_t>(slot)].factor; }
+  [[nodiscard]] Entry at(Index slot) const {
+    const Place& place = this->place(slot);
+    return {factors_[static_cast<std::size_t>(slot)].unpacked(shared_), place.weight, place.term, place.alive};
   }
-  [[nodiscard]] Entry at(Index slot) const { return entry(places_[static_cast<std::size_t>(slot)]); }
-  [[nodiscard]] Index term(Index slot) const { return places_[static_cast<std::size_t>(slot)].term; }
-  [[nodiscard]] Index generation(Index slot) const { return places_[static_cast<std::size_t>(slot)].generation; }
-  [[nodiscard]] Index alive() const { return alive_; }
-  [[nodiscard]] bool contains(const FactorId& id) const {
-    return id.slot >= 0 && id.slot < to_index(places_.size()) && places_[static_cast<std::size_t>(id.slot)].alive &&
-           generation(id.slot) == id.generation;
+
+  [[nodiscard]] FactorTraits traits() const override {
+    return {holds_in_place<F>, is_left_invariant<F>, is_weighable<F>};
+  }
+  void linearize(Index slot, const Values<Group>& values, Kernels kernels, double* numbers) const override {
+    write_linearization<F>(factors_[static_cast<std::size_t>(slot)].unpacked(shared_), values, kernels, numbers);
+  }
+  void residual(Index slot, const Values<Group>& values, double* residual) const override {
+    write_residual<F>(factors_[static_cast<std::size_t>(slot)].unpacked(shared_), values, residual);
+  }
+  void release(Index slot) override {
+    this->release_place(slot);
+    factors_[static_cast<std::size_t>(slot)].give_back(shared_);
   }
 
   /// visit(entry) for each factor that is there.
   template <class Visit>
   void for_each(Visit&& visit) const {
-    for (const Place& place : places_) {
-      if (place.alive) visit(entry(place));
-    }
-  }
-
-  /// visit(place, term) for each factor that is there.
-  template <class Visit>
-  void for_each_slot(Visit&& visit) const {
-    Index slot = 0;
-    for (const Place& place : places_) {
-      if (place.alive) visit(slot, place.term);
-      ++slot;
+    for (Index slot = 0; slot < this->places(); ++slot) {
+      if (this->place(slot).alive) visit(at(slot));
     }
   }
 
   /// @param released  places that are taken as if they had been released, in this order.
   void save(ByteSink& out, std::span<const Index> released) const {
     StateWriter write(out);
-    out.put(static_cast<std::uint64_t>(places_.size()));
-    Index slot = 0;
-    for (const Place& place : places_) {
-      const auto more = static_cast<Index>(std::count(released.begin(), released.end(), slot++));
+    out.put(static_cast<std::uint64_t>(factors_.size()));
+    for (Index slot = 0; slot < this->places(); ++slot) {
+      const Place& place = this->place(slot);
+      const auto more = static_cast<Index>(std::count(released.begin(), released.end(), slot));
       out.put(place.alive ? place.term : Index{-1});
       out.put(place.generation + more);
       if (!place.alive) continue;
       out.put(place.weight);
-      const F& factor = place.packed.unpacked(shared_);
+      const F& factor = factors_[static_cast<std::size_t>(slot)].unpacked(shared_);
       F::visit_members(factor, write);
     }
-    std::vector<Index> unused = free_;
+    std::vector<Index> unused = this->free_;
     unused.insert(unused.end(), released.begin(), released.end());
     out.put_list(unused);
   }
   /// What `save` wrote, into an empty pool.
   void load(ByteSource& in) {
     StateReader read(in);
-    places_.resize(in.take<std::uint64_t>());
-    for (Place& place : places_) {
+    this->places_.resize(in.take<std::uint64_t>());
+    factors_.resize(this->places_.size());
+    for (std::size_t slot = 0; slot < factors_.size(); ++slot) {
+      Place& place = this->places_[slot];
       place.term = in.take<Index>();
       place.generation = in.take<Index>();
       place.alive = place.term >= 0;
       if (!place.alive) continue;
-      ++alive_;
+      ++this->alive_;
       place.weight = in.take<double>();
       F factor;
       F::visit_members(factor, read);
-      place.packed = Packed(factor, shared_);
+      factors_[slot] = Packed(factor, shared_);
     }
-    in.take_list(free_);
+    in.take_list(this->free_);
   }
 
  private:
-  [[nodiscard]] Place& at_place(Index slot) { return places_[static_cast<std::size_t>(slot)]; }
-  [[nodiscard]] Entry entry(const Place& place) const {
-    return {place.packed.unpacked(shared_), place.weight, place.term, place.generation, place.alive};
-  }
-
-  std::deque<Place> places_;  ///< grows without a copy, in time and in memory
+  std::deque<Packed> factors_;  ///< of each place
   [[no_unique_address]] Shared shared_;
-  std::vector<Index> free_;
-  Index alive_ = 0;
 };
 
 /// A pool for each type of factor, and which factor each term of the linear system comes from.
-template <Factor... Factors>
+template <Factor First, Factor... Others>
 class FactorPools {
+  using Group = typename First::Value;
+
  public:
   struct Place {
     Index type = -1;
     Index slot = -1;
   };
 
-  static constexpr std::size_t types = sizeof...(Factors);
-  [[nodiscard]] static std::uint64_t fingerprint() { return detail::fingerprint<Factors...>(); }
+  static constexpr Index types = 1 + static_cast<Index>(sizeof...(Others));
+  [[nodiscard]] static std::uint64_t fingerprint() { return detail::fingerprint<First, Others...>(); }
 
   template <Factor F>
-  static constexpr bool has = (std::is_same_v<F, Factors> || ...);
+  static constexpr bool has = std::is_same_v<F, First> || (std::is_same_v<F, Others> || ...);
 
   template <Factor F>
   FactorId add(const F& factor, Index term) {
-    auto& pool = std::get<FactorPool<F>>(pools_);
+    auto& pool = this->pool<F>();
     const Index slot = pool.add(factor, term);
     set_place(term, {type_of<F>(), slot});
     return {type_of<F>(), slot, pool.generation(slot)};
   }
 
   [[nodiscard]] bool contains(const FactorId& id) const {
-    bool found = false;
-    visit_pool(id.type, [&](const auto& pool) { found = pool.contains(id); });
-    return found;
+    return id.type >= 0 && id.type < types && pool(id.type).contains(id);
   }
   [[nodiscard]] Place place(Index term) const { return of_term_[static_cast<std::size_t>(term)]; }
 
-  /// visit(pool) with the pool of one type.
-  template <class Visit>
-  void visit_pool(Index type, Visit&& visit) {
-    Index k = 0;
-    std::apply([&](auto&... pools) { ((k++ == type ? visit(pools) : void()), ...); }, pools_);
+  /// The pool of one type.
+  [[nodiscard]] const AnyFactorPool<Group>& pool(Index type) const {
+    return std::apply(
+        [type](const auto&... pools) -> const AnyFactorPool<Group>& {
+          const std::array<const AnyFactorPool<Group>*, types> all{&pools...};
+          return *all[static_cast<std::size_t>(type)];
+        },
+        pools_);
   }
-  template <class Visit>
-  void visit_pool(Index type, Visit&& visit) const {
-    Index k = 0;
-    std::apply([&](const auto&... pools) { ((k++ == type ? visit(pools) : void()), ...); }, pools_);
+  [[nodiscard]] AnyFactorPool<Group>& pool(Index type) {
+    return const_cast<AnyFactorPool<Group>&>(std::as_const(*this).pool(type));
   }
-  /// visit(entry) with the factor of a term.
-  template <class Visit>
-  void visit_term(Index term, Visit&& visit) const {
-    const Place at = place(term);
-    visit_pool(at.type, [&](const auto& pool) { visit(pool.at(at.slot)); });
+  template <Factor F>
+  [[nodiscard]] FactorPool<F>& pool() {
+    return std::get<FactorPool<F>>(pools_);
   }
   /// visit(entry) for each factor, type by type.
   template <class Visit>
   void for_each(Visit&& visit) const {
     std::apply([&](const auto&... pools) { (pools.for_each(visit), ...); }, pools_);
+  }
+  /// visit(pool) with each type's pool.
+  template <class Visit>
+  void for_each_pool(Visit&& visit) {
+    std::apply([&](auto&... pools) { (visit(pools), ...); }, pools_);
+  }
+
+  /// Calls visit(term) for each factor, type by type.
+  template <class Visit>
+  void for_each_term(Visit&& visit) const {
+    for (Index type = 0; type < types; ++type) {
+      const FactorPlaces& places = pool(type);
+      for (Index slot = 0; slot < places.places(); ++slot) {
+        if (places.place(slot).alive) visit(places.term(slot));
+      }
+    }
+  }
+
+  /// Writes a term's numbers as its factor counts: its kernel applied, scaled by the root of its weight.
+  /// @param size  how many they are.
+  void linearize(Index term, const Values<Group>& values, double* numbers, Offset size) const {
+    const Place at = place(term);
+    const AnyFactorPool<Group>& of_type = pool(at.type);
+    of_type.linearize(at.slot, values, Kernels::applied, numbers);
+    scale(of_type.place(at.slot).weight, numbers, size);
+  }
+  /// Writes a term's residual alone, likewise.
+  void residual(Index term, const Values<Group>& values, double* residual, Offset rows) const {
+    const Place at = place(term);
+    const AnyFactorPool<Group>& of_type = pool(at.type);
+    of_type.residual(at.slot, values, residual);
+    scale(of_type.place(at.slot).weight, residual, rows);
   }
 
   /// @param released  places of each type that are taken as if they had been released, in this order.
@@ -219,58 +301,44 @@ class FactorPools {
     std::apply([&](const auto&... pools) { (pools.save(out, released[type++]), ...); }, pools_);
   }
   void load(ByteSource& in) {
-    Index type = 0;
-    std::apply([&](auto&... pools) { (load_pool(pools, type++, in), ...); }, pools_);
+    std::apply([&](auto&... pools) { (pools.load(in), ...); }, pools_);
+    for (Index type = 0; type < types; ++type) {
+      const FactorPlaces& places = pool(type);
+      for (Index slot = 0; slot < places.places(); ++slot) {
+        if (places.place(slot).alive) set_place(places.term(slot), {type, slot});
+      }
+    }
   }
 
-  template <Factor F>
-  [[nodiscard]] FactorPool<F>& pool() {
-    return std::get<FactorPool<F>>(pools_);
-  }
   template <Factor F>
   [[nodiscard]] Index count() const {
     return std::get<FactorPool<F>>(pools_).alive();
   }
   [[nodiscard]] Index count() const {
-    return std::apply([](const auto&... pools) { return (pools.alive() + ...); }, pools_);
+    Index sum = 0;
+    for (Index type = 0; type < types; ++type) sum += pool(type).alive();
+    return sum;
   }
 
  private:
+  static void scale(double weight, double* numbers, Offset size) {
+    if (weight == 1.0) return;
+    const double root = std::sqrt(weight);
+    for (Offset k = 0; k < size; ++k) numbers[k] *= root;
+  }
   void set_place(Index term, const Place& place) {
     if (term >= to_index(of_term_.size())) of_term_.resize(static_cast<std::size_t>(term) + 1);
     of_term_[static_cast<std::size_t>(term)] = place;
   }
-  template <class Pool>
-  void load_pool(Pool& pool, Index type, ByteSource& in) {
-    pool.load(in);
-    pool.for_each_slot([&](Index slot, Index term) { set_place(term, {type, slot}); });
-  }
   template <Factor F>
   [[nodiscard]] static constexpr Index type_of() {
-    constexpr std::array<bool, sizeof...(Factors)> same{std::is_same_v<F, Factors>...};
+    constexpr std::array<bool, types> same{std::is_same_v<F, First>, std::is_same_v<F, Others>...};
     return static_cast<Index>(std::find(same.begin(), same.end(), true) - same.begin());
   }
 
-  std::tuple<FactorPool<Factors>...> pools_;
+  std::tuple<FactorPool<First>, FactorPool<Others>...> pools_;
   std::vector<Place> of_term_;
 };
-
-/// Whether a motion of all its variables from the left changes nothing for a factor, as its member says.
-template <class F>
-inline constexpr bool is_left_invariant = [] {
-  if constexpr (requires { F::left_invariant; }) return static_cast<bool>(F::left_invariant);
-  return false;
-}();
-
-/// Whether a factor's weight can be set: its kernel, if it has one, does not, nor has it parts that are not scaled.
-template <class F>
-inline constexpr bool is_weighable = [] {
-  if constexpr (F::arity == std::dynamic_extent || !requires(F & factor) { factor.sqrt_information *= 1.0; })
-    return false;
-  else if constexpr (requires(const F& factor) { factor.kernel; })
-    return std::is_same_v<std::remove_cvref_t<decltype(std::declval<const F&>().kernel)>, Trivial>;
-  return true;
-}();
 
 /// Names variables that many places later.
 template <class F>
@@ -297,34 +365,6 @@ decltype(auto) visit_weighed(const Entry& entry, Visit&& visit) {
     }
   }
   return visit(entry.factor);
-}
-
-/// A factor's residual and Jacobians, scaled by the root of its kernel's weight.
-template <Factor F>
-[[nodiscard]] auto weighted_linearization(const F& factor, const Values<typename F::Value>& values) {
-  auto result = factor.linearize(values);
-  if constexpr (RobustFactor<F>) {
-    const double scale = std::sqrt(factor.kernel.weight(result.residual.squaredNorm()));
-    result.residual *= scale;
-    for (auto& jacobian : result.jacobians) jacobian *= scale;
-  }
-  return result;
-}
-
-/// A factor's residual, scaled by the root of its kernel's weight.
-template <Factor F>
-[[nodiscard]] Eigen::Matrix<double, F::rows, 1> weighted_residual(const F& factor,
-                                                                  const Values<typename F::Value>& values) {
-  Eigen::Matrix<double, F::rows, 1> residual = factor.residual(values);
-  if constexpr (RobustFactor<F>) residual *= std::sqrt(factor.kernel.weight(residual.squaredNorm()));
-  return residual;
-}
-
-template <Factor F>
-[[nodiscard]] double robust_cost(const F& factor, const Values<typename F::Value>& values) {
-  const double squared = factor.residual(values).squaredNorm();
-  if constexpr (RobustFactor<F>) return factor.kernel.cost(squared);
-  return squared;
 }
 
 }  // namespace chainslam::detail

@@ -1,51 +1,67 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <map>
+#include <numeric>
+#include <span>
 #include <type_traits>
-#include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
 
 namespace chainslam::detail {
 
-/// Whether factors of this type hold their variables in place, as those on one variable do.
-template <class F>
-inline constexpr bool holds_in_place = [] {
-  if constexpr (requires { F::holds_in_place; }) return static_cast<bool>(F::holds_in_place);
-  return F::arity == 1;
-}();
-
 /// Makes independent columns orthonormal.
 inline void orthonormalize(Eigen::MatrixXd& columns) {
+  const Eigen::Index rows = columns.rows();
+  const auto dot = [&](const double* a, const double* b) { return std::inner_product(a, a + rows, b, 0.0); };
   for (Eigen::Index k = 0; k < columns.cols(); ++k) {
-    for (Eigen::Index other = 0; other < k; ++other)
-      columns.col(k) -= columns.col(other).dot(columns.col(k)) * columns.col(other);
-    columns.col(k).normalize();
+    double* const column = columns.data() + k * rows;
+    for (const double* other = columns.data(); other != column; other += rows) {
+      const double along = dot(other, column);
+      for (Eigen::Index row = 0; row < rows; ++row) column[row] -= along * other[row];
+    }
+    const double length = std::sqrt(dot(column, column));
+    if (length > 0.0) std::transform(column, column + rows, column, [&](double x) { return x / length; });
   }
+}
+
+/// The eigenvectors of the least eigenvalues of a symmetric matrix, up to `largest`, each row times `scale`;
+/// orthonormal.
+template <int N>
+[[nodiscard]] Eigen::MatrixXd least_directions(const Eigen::Matrix<double, N, N>& matrix, double largest,
+                                               const Eigen::Matrix<double, N, 1>& scale) {
+  const auto eigen = jacobi_eigen<double, N>(matrix);
+  Eigen::Index count = 0;
+  while (count < N && eigen.values[count] <= largest) ++count;
+  Eigen::MatrixXd directions(N, count);
+  for (Eigen::Index k = 0; k < N * count; ++k) directions.data()[k] = scale[k % N] * eigen.vectors.data()[k];
+  orthonormalize(directions);
+  return directions;
 }
 
 /// The directions that a symmetric positive semi-definite matrix says nothing about, orthonormal: compared on unit
 /// diagonal, so that no unit makes another's information look like rounding.
 template <int N>
 [[nodiscard]] Eigen::MatrixXd null_directions(const Eigen::Matrix<double, N, N>& matrix, double rounding) {
-  using Vector = Eigen::Matrix<double, N, 1>;
-  const Vector scale = matrix.diagonal().unaryExpr([](double h) { return h > 0.0 ? 1.0 / std::sqrt(h) : 1.0; });
-  const Eigen::Matrix<double, N, N> scaled = scale.asDiagonal() * matrix * scale.asDiagonal();
-  const auto eigen = jacobi_eigen<double, N>(scaled);
-  Eigen::Index count = 0;
-  while (count < N && eigen.values[count] <= rounding) ++count;
-  Eigen::MatrixXd null = scale.asDiagonal() * eigen.vectors.leftCols(count);
-  orthonormalize(null);
-  return null;
+  Eigen::Matrix<double, N, 1> scale;
+  for (int k = 0; k < N; ++k) scale[k] = matrix(k, k) > 0.0 ? 1.0 / std::sqrt(matrix(k, k)) : 1.0;
+  Eigen::Matrix<double, N, N> scaled;
+  for (int column = 0; column < N; ++column) {
+    for (int row = 0; row < N; ++row) scaled(row, column) = scale[row] * matrix(row, column) * scale[column];
+  }
+  return least_directions<N>(scaled, rounding, scale);
 }
 
 /// Turns right perturbations of a variable into tangents along the map's axes at its place.
@@ -53,10 +69,21 @@ template <class Group>
 [[nodiscard]] FreePart free_part(Key key, Index variables, Key at, const Group& value, Eigen::MatrixXd directions) {
   FreePart part{key, variables, at, Group::dof, std::move(directions)};
   if constexpr (requires { value.rotation().matrix(), value.translation(); }) {
-    const Eigen::MatrixXd R = value.rotation().matrix();
-    part.translations = static_cast<int>(R.rows());
-    part.directions.topRows(R.rows()).applyOnTheLeft(R);
-    if (Group::dof == 2 * R.rows()) part.directions.bottomRows(R.rows()).applyOnTheLeft(R);
+    const auto R = value.rotation().matrix();
+    constexpr int axes = decltype(R)::RowsAtCompileTime;
+    part.translations = axes;
+    const auto turn = [&](double* vector) {
+      const Eigen::Matrix<double, axes, 1> before = Eigen::Map<const Eigen::Matrix<double, axes, 1>>(vector);
+      for (int row = 0; row < axes; ++row) {
+        vector[row] = 0.0;
+        for (int k = 0; k < axes; ++k) vector[row] += R(row, k) * before[k];
+      }
+    };
+    for (Eigen::Index k = 0; k < part.directions.cols(); ++k) {
+      double* const direction = part.directions.data() + k * Group::dof;
+      turn(direction);
+      if constexpr (Group::dof == 2 * axes) turn(direction + axes);
+    }
   }
   return part;
 }
@@ -65,6 +92,7 @@ template <class Group>
 template <class Group>
 class HeldComponents {
  public:
+  static constexpr std::size_t dof = Group::dof;
   using Information = typename Group::Jacobian;
 
   void clear() {
@@ -100,15 +128,10 @@ class HeldComponents {
   void connect(const Keys& keys) {
     for (const Key key : keys) join(*keys.begin(), key);
   }
-  /// Joins what a factor ties together, and takes in what it says of a motion of all of that as one body.
-  template <Factor F>
-  void connect(const F& factor, const Values<Group>& values) {
-    const auto keys = factor.keys();
-    connect(keys);
-    if constexpr (holds_in_place<F>) {
-      if (keys.size() == 0 || is_held(*keys.begin())) return;
-      hold(*keys.begin(), partial_hold(factor, values));
-    }
+  /// Takes in what a factor says of a motion of all its variables, which are connected, as one body.
+  /// @param numbers  as `write_linearization` writes them.
+  void hold(std::span<const Key> keys, Index rows, const double* numbers, const Values<Group>& values) {
+    hold(keys.front(), partial_hold(keys, rows, numbers, values));
   }
   /// Says that something holds the part of a variable in place.
   void hold(Key key) {
@@ -135,7 +158,7 @@ class HeldComponents {
       const auto held = partial_.find(key);
       const Index variables = sizes[static_cast<std::size_t>(key)];
       if (held == partial_.end()) {
-        parts.push_back(free_part(key, variables, key, values[key], Information::Identity()));
+        parts.push_back(free_part(key, variables, key, values[key], Eigen::MatrixXd(Information::Identity())));
       } else {
         const Partial& partial = held->second;
         parts.push_back(free_part(key, variables, partial.at, partial.value, free_directions(partial.information)));
@@ -165,32 +188,42 @@ class HeldComponents {
     if (!added) {
       // exp(xi) x is x exp(Ad(x^-1) xi)
       const Information turn = (partial.value.inverse() * place->second.value).adjoint();
-      place->second.information += turn.transpose() * partial.information * turn;
+      place->second.information += transposed_product(turn, product(partial.information, turn));
     }
     // What is not a number is left for the numbers to find.
-    if (!place->second.information.allFinite() || free_directions(place->second.information).cols() == 0) hold(key);
+    const double* const entries = place->second.information.data();
+    const bool finite = std::all_of(entries, entries + dof * dof, [](double x) { return std::isfinite(x); });
+    if (!finite || free_directions(place->second.information).cols() == 0) hold(key);
   }
 
-  template <Factor F>
-  [[nodiscard]] static Partial partial_hold(const F& factor, const Values<Group>& values) {
-    const auto linearized = factor.linearize(values);
-    const auto keys = factor.keys();
-    const Group& value = values[*keys.begin()];
-    Eigen::Matrix<double, F::rows, Group::dof> sum = linearized.jacobians[0];
-    Eigen::Matrix<double, F::rows, Group::dof> size = sum.cwiseAbs();
-    for (std::size_t k = 1; k < keys.size(); ++k) {
-      const Eigen::Matrix<double, F::rows, Group::dof> more =
-          linearized.jacobians[k] * (values[keys[k]].inverse() * value).adjoint();
-      sum += more;
-      size += more.cwiseAbs();
+  [[nodiscard]] static Partial partial_hold(std::span<const Key> keys, Index rows, const double* numbers,
+                                            const Values<Group>& values) {
+    const Group& value = values[keys.front()];
+    std::vector<Information> turns;  // of each variable, as a motion of the first one turns it
+    for (const Key key : keys) turns.push_back((values[key].inverse() * value).adjoint());
+    Partial partial{keys.front(), value, Information::Zero()};
+    for (Index row = 0; row < rows; ++row) {
+      std::array<double, dof> sum{}, size{};
+      for (const Information& turn : turns) {
+        for (std::size_t column = 0; column < dof; ++column) {
+          const double* const of_column = turn.data() + column * dof;
+          const double part = std::inner_product(numbers, numbers + dof, of_column, 0.0);
+          sum[column] += part;
+          size[column] += std::abs(part);
+        }
+        numbers += dof;
+      }
+      for (std::size_t k = 0; k < dof; ++k) {
+        if (std::abs(sum[k]) < 1e-8 * size[k]) sum[k] = 0.0;  // rounding where they cancel
+      }
+      for (std::size_t k = 0; k < dof * dof; ++k) partial.information.data()[k] += sum[k % dof] * sum[k / dof];
     }
-    sum = (sum.array().abs() < 1e-8 * size.array()).select(0.0, sum);  // rounding where they cancel
-    return {*keys.begin(), value, sum.transpose() * sum};
+    return partial;
   }
 
   std::vector<Key> parent_;
   std::vector<char> held_;
-  std::unordered_map<Key, Partial> partial_;  ///< of parts that are held in some directions, by their least key
+  std::map<Key, Partial> partial_;  ///< of parts that are held in some directions, by their least key
 };
 
 /// The connected parts of a graph that neither a fixed variable nor a factor that holds its variables ties down, be it

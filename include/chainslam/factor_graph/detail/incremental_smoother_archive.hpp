@@ -36,7 +36,7 @@ std::vector<std::byte> IncrementalSmoother<Group, Extra...>::save() const {
   out.put_list(far_);
   out.put_list(off_);
   out.put(waiting_gap_);
-  std::vector<std::vector<Index>> released(Pools::types);
+  std::vector<std::vector<Index>> released(static_cast<std::size_t>(Pools::types));
   for (const Change& change : changes_) {
     if (change.kind != ChangeKind::factor_removed) continue;
     const auto place = pools_.place(change.id);

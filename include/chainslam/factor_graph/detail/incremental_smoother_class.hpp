@@ -19,6 +19,7 @@
 #include "chainslam/factor_graph/constrained_factor.hpp"
 #include "chainslam/factor_graph/detail/factor_pools.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
+#include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/linear_prior.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/factor_graph/prior_factor.hpp"
@@ -77,13 +78,13 @@ class IncrementalSmoother {
     const auto keys = factor.keys();
     require_keys(keys);
     begin();
-    const Index term = solver_.add_term(keys, rows_of(factor));
+    const Index term = solver_.add_term(keys, detail::rows_of(factor));
     const FactorId id = pools_.add(factor, term);
     if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
     if (term >= to_index(off_.size())) off_.resize(static_cast<std::size_t>(term) + 1, 0.0);
     touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
     changes_.push_back({ChangeKind::factor_added, term, 0.0});
-    if (!components_outdated_) components_.connect(factor, origins_);
+    if (!components_outdated_) tie(term);
     return id;
   }
   FactorId add_prior(Key key, const Group& mean, const Noise& noise) {
@@ -236,10 +237,6 @@ class IncrementalSmoother {
  private:
   using Pools = detail::FactorPools<PriorFactor<Group>, BetweenFactor<Group>, Extra..., LinearPrior<Group>>;
   static constexpr int dof = Group::dof;
-  /// Of a factor's Jacobians together.
-  template <Factor F>
-  static constexpr int columns_of = F::arity == std::dynamic_extent ? Eigen::Dynamic : dof* static_cast<int>(F::arity);
-
   class View;
 
   enum class ChangeKind : char {
@@ -259,46 +256,48 @@ class IncrementalSmoother {
     double look;  ///< or weight, how far a term is off, or number of a constraint's multipliers, before
   };
 
+  [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const std::string& why) {
+    throw std::invalid_argument("IncrementalSmoother: " + why);
+  }
+  [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const char* before, Key key, const char* after = "") {
+    refuse(before + std::to_string(key) + after);
+  }
   void require_known(Key key) const {
-    if (!origins_.contains(key))
-      throw std::invalid_argument("IncrementalSmoother: there is no variable " + std::to_string(key));
+    if (!origins_.contains(key)) refuse("there is no variable ", key);
   }
   /// Of a factor.
-  template <class Keys>
-  void require_keys(const Keys& keys) const {
+  void require_keys(std::span<const Key> keys) const {
     for (std::size_t i = 0; i < keys.size(); ++i) {
       require_known(keys[i]);
-      if (is_marginalized(keys[i]))
-        throw std::invalid_argument("IncrementalSmoother: variable " + std::to_string(keys[i]) + " was marginalised");
+      if (is_marginalized(keys[i])) refuse("variable ", keys[i], " was marginalised");
       for (std::size_t j = 0; j < i; ++j) {
-        if (keys[i] == keys[j])
-          throw std::invalid_argument("IncrementalSmoother: a factor names variable " + std::to_string(keys[i]) +
-                                      " twice");
+        if (keys[i] == keys[j]) refuse("a factor names variable ", keys[i], " twice");
       }
     }
   }
-  template <Factor F>
-  [[nodiscard]] static Index rows_of(const F& factor) {
-    if constexpr (F::rows == Eigen::Dynamic) return to_index(factor.offset.size());
-    return F::rows;
-  }
   [[nodiscard]] Index term_of(const FactorId& id) const {
-    if (!pools_.contains(id)) throw std::invalid_argument("IncrementalSmoother: there is no such factor");
-    Index term = -1;
-    pools_.visit_pool(id.type, [&](const auto& pool) { term = pool.term(id.slot); });
-    return term;
+    if (!pools_.contains(id)) refuse("there is no such factor");
+    return pools_.pool(id.type).term(id.slot);
   }
   void remove_term(Index term) {
-    const auto place = pools_.place(term);
     set_off(term, 0.0);
     solver_.remove_term(term);
-    pools_.visit_pool(place.type, [&](auto& pool) { pool.set_alive(place.slot, false); });
+    set_alive(term, false);
     changes_.push_back({ChangeKind::factor_removed, term, 0.0});
+  }
+  void set_alive(Index term, bool alive) {
+    const auto place = pools_.place(term);
+    pools_.pool(place.type).set_alive(place.slot, alive);
+  }
+  void release(Index term) {
+    const auto place = pools_.place(term);
+    pools_.pool(place.type).release(place.slot);
   }
   void weigh_term(Index term, double weight) {
     const auto place = pools_.place(term);
-    pools_.visit_pool(place.type, [&](auto& pool) { pool.set_weight(place.slot, weight); });
+    pools_.pool(place.type).set_weight(place.slot, weight);
   }
+  [[nodiscard]] detail::FactorTraits traits(Index term) const { return pools_.pool(pools_.place(term).type).traits(); }
 
   /// @param exact  everything that waits is linearised anew, and all that changes at all is solved for.
   template <Executor Exec>
@@ -315,6 +314,13 @@ class IncrementalSmoother {
   void undo_change(const Change& change);
 
   [[nodiscard]] std::vector<Key> find_floating();
+  void tie(Index term);
+  [[nodiscard]] std::vector<FreePart> open_parts() const;
+  /// Of a term, in the order of its factor.
+  void list_keys(Index term, std::vector<Key>& keys) const {
+    keys.clear();
+    for (const auto& slot : solver_.terms().slots(term)) keys.push_back(slot.variable);
+  }
 
   void wait(Key key) {
     if (waits(key) || solver_.is_fixed(key)) return;
@@ -357,8 +363,7 @@ class IncrementalSmoother {
   void touch(Index term);
   [[nodiscard]] bool linearize_touched(UpdateReport& report);
   [[nodiscard]] bool linearize_added(UpdateReport& report);
-  template <Factor F>
-  [[nodiscard]] bool write(const typename detail::FactorPool<F>::Entry& entry, UpdateReport& report);
+  [[nodiscard]] bool write(Index term, UpdateReport& report);
   void look_at_changed(UpdateReport& report);
   [[nodiscard]] double misprediction(Index term);
   void set_look(Key key, double look);
@@ -384,6 +389,8 @@ class IncrementalSmoother {
   std::vector<Change> changes_;
   std::vector<Group> origins_before_;       ///< of those that were moved, in their order
   std::vector<double> multipliers_before_;  ///< of constraints that were tightened since the last update
+  std::vector<Key> keys_;                   ///< of the term at hand
+  std::vector<double> numbers_;             ///< of the term at hand, or its residual
   detail::HeldComponents<Group> components_;
   bool components_outdated_ = false;
   Key oldest_ = 0;  ///< none before it is kept by `SmootherOptions::lag`

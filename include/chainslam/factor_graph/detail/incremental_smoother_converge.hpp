@@ -82,12 +82,16 @@ void IncrementalSmoother<Group, Extra...>::tighten() {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::restore_multipliers(const Change& change) {
   const auto place = pools_.place(change.id);
-  pools_.visit_pool(place.type, [&](auto& pool) {
+  Index type = 0;
+  pools_.for_each_pool([&](auto& pool) {
     using F = typename std::remove_cvref_t<decltype(pool)>::Type;
-    if constexpr (detail::is_constraint<F>)
-      pool.factor(place.slot)
-          .set_multipliers(Eigen::Map<const typename F::Residual>(multipliers_before_.data() +
-                                                                  static_cast<std::size_t>(change.look)));
+    if constexpr (detail::is_constraint<F>) {
+      if (type == place.type)
+        pool.factor(place.slot)
+            .set_multipliers(Eigen::Map<const typename F::Residual>(multipliers_before_.data() +
+                                                                    static_cast<std::size_t>(change.look)));
+    }
+    ++type;
   });
 }
 
@@ -120,7 +124,7 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const Conv
     best = values();
   }
   Index rows = 0;
-  pools_.for_each([&](const auto& entry) { rows += solver_.terms().rows(entry.term); });
+  pools_.for_each_term([&](Index term) { rows += solver_.terms().rows(term); });
   if (options.restart && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
     damped_descent(values(), options, report, executor);
   return report;

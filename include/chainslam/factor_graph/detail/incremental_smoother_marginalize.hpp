@@ -28,27 +28,32 @@ void IncrementalSmoother<Group, Extra...>::marginalize(std::span<const Key> keys
     for (const auto& prior : left) {
       if (concerns(prior)) stays.insert(stays.end(), prior.variables.begin(), prior.variables.end());
     }
-    std::ranges::sort(stays);
-    stays.erase(std::unique(stays.begin(), stays.end()), stays.end());
+    detail::sort_unique(stays);
     std::erase(stays, key);
     std::vector<Group> points;
     for (const Key other : stays) points.push_back(estimates_[other]);
 
-    const bool known = !terms.empty() || std::ranges::any_of(left, concerns);
-    detail::DenseElimination<Group> elimination(key, std::move(stays));
+    bool known = !terms.empty();
+    detail::DenseElimination elimination(dof, key, stays);
     for (const Index term : terms) {
-      pools_.visit_term(term, [&](const auto& entry) {
-        detail::visit_weighed(entry, [&](const auto& factor) {
-          elimination.add(factor.keys(), detail::weighted_linearization(factor, estimates_));
-        });
-      });
+      list_keys(term, keys_);
+      numbers_.resize(static_cast<std::size_t>(solver_.terms().size(term)));
+      pools_.linearize(term, estimates_, numbers_.data(), solver_.terms().size(term));
+      elimination.add(keys_, solver_.terms().rows(term), numbers_.data());
       remove_term(term);
     }
     for (const auto& prior : left) {
-      if (concerns(prior)) elimination.add(prior.keys(), prior.linearize(estimates_));
+      if (!concerns(prior)) continue;
+      known = true;
+      numbers_ = detail::linearization(prior, estimates_, detail::Kernels::applied);
+      elimination.add(prior.variables, detail::rows_of(prior), numbers_.data());
     }
     std::erase_if(left, concerns);
-    if (known) left.push_back(elimination.eliminate(!solver_.is_fixed(key), std::move(points)));
+    if (known) {
+      detail::DenseElimination::Left of_others = elimination.eliminate(!solver_.is_fixed(key));
+      left.push_back(
+          {std::move(stays), std::move(points), std::move(of_others.sqrt_information), std::move(of_others.offset)});
+    }
     relinearize_at_estimate(key);
     solver_.set_fixed(key, true);
     marginalized_[static_cast<std::size_t>(key)] = 1;

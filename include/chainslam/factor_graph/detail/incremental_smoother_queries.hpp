@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Cholesky>
+#include <numeric>
 
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 
@@ -28,16 +29,11 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
       const auto slots = solver_.terms().slots(solver_.terms().slot(k).term);
       const bool inside = std::ranges::all_of(
           slots, [&](const auto& slot) { return moved[static_cast<std::size_t>(slot.variable)] != 0; });
-      bool invariant = false;
-      pools_.visit_term(solver_.terms().slot(k).term, [&](const auto& entry) {
-        invariant = detail::is_left_invariant<std::remove_cvref_t<decltype(entry.factor)>>;
-      });
-      if (inside && invariant) continue;
+      if (inside && traits(solver_.terms().slot(k).term).left_invariant) continue;
       for (const auto& slot : slots) outside.push_back(slot.variable);
     }
   }
-  std::ranges::sort(outside);
-  outside.erase(std::unique(outside.begin(), outside.end()), outside.end());
+  detail::sort_unique(outside);
   for (const Key key : outside) relinearize_at_estimate(key);
   revision_ += 2;
   components_outdated_ = true;  // what holds a part may see it from elsewhere
@@ -82,19 +78,26 @@ template <Factor F>
 FactorForecast IncrementalSmoother<Group, Extra...>::what_if(const F& factor) const {
   const auto keys = factor.keys();
   require_keys(keys);
-  const auto linearized = detail::weighted_linearization(factor, estimates_);
+  const Index rows = detail::rows_of(factor);
+  const Offset stride = Offset{dof} * static_cast<Offset>(keys.size());
+  const std::vector<double> numbers = detail::linearization(factor, estimates_, detail::Kernels::applied);
   std::vector<Key> free;
-  Eigen::MatrixXd E(static_cast<Eigen::Index>(keys.size()) * dof, F::rows);
+  Eigen::MatrixXd E(stride, rows);
   for (std::size_t k = 0; k < keys.size(); ++k) {
     if (!solver_.is_eliminated(keys[k])) continue;
-    E.middleRows<dof>(static_cast<Eigen::Index>(free.size()) * dof) =
-        at_estimate(keys[k]).transpose() * linearized.jacobians[k].transpose();
+    const typename Group::Jacobian turn = at_estimate(keys[k]);
+    const auto to = static_cast<Eigen::Index>(free.size()) * dof;
+    for (Index row = 0; row < rows; ++row) {
+      const double* const of_key = numbers.data() + row * stride + static_cast<Offset>(k) * dof;
+      for (int c = 0; c < dof; ++c)
+        E(to + c, row) = std::inner_product(of_key, of_key + dof, turn.data() + c * dof, 0.0);
+    }
     free.push_back(keys[k]);
   }
-  E.conservativeResize(static_cast<Eigen::Index>(free.size()) * dof, F::rows);
+  E.conservativeResize(static_cast<Eigen::Index>(free.size()) * dof, rows);
   Eigen::MatrixXd innovation = solver_.inverse_product(free, E);
   innovation.diagonal().array() += 1.0;
-  const Eigen::VectorXd residual = linearized.residual;
+  const Eigen::VectorXd residual = Eigen::Map<const Eigen::VectorXd>(numbers.data() + rows * stride, rows);
   return {residual.squaredNorm(), residual.dot(innovation.llt().solve(residual))};
 }
 

@@ -25,8 +25,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update_to(bool exact, const E
     } else if (const FactorizationResult result = solver_.factorize(executor); !result.ok()) {
       report.status = UpdateStatus::singular;
       report.variables = {result.block_column};
-      const View view(*this, values());
-      report.free = detail::OpenDirections(view).find();
+      report.free = open_parts();
     }
   }
   if (!report.ok()) {
@@ -52,9 +51,7 @@ void IncrementalSmoother<Group, Extra...>::begin() {
   open_ = true;
   solver_.begin();
   for (const Change& change : changes_) {
-    if (change.kind != ChangeKind::factor_removed) continue;
-    const auto place = pools_.place(change.id);
-    pools_.visit_pool(place.type, [&](auto& pool) { pool.release(place.slot); });
+    if (change.kind == ChangeKind::factor_removed) release(change.id);
   }
   changes_.clear();
   origins_before_.clear();
@@ -93,25 +90,19 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
       waits_at_.pop_back();
       marginalized_.pop_back();
       break;
-    case ChangeKind::factor_added: {
+    case ChangeKind::factor_added:
       touched_[static_cast<std::size_t>(change.id)] = 0;
-      const auto place = pools_.place(change.id);
-      pools_.visit_pool(place.type, [&](auto& pool) {
-        pool.set_alive(place.slot, false);
-        pool.release(place.slot);
-      });
+      set_alive(change.id, false);
+      release(change.id);
       break;
-    }
-    case ChangeKind::factor_removed: {
-      const auto place = pools_.place(change.id);
-      pools_.visit_pool(place.type, [&](auto& pool) { pool.set_alive(place.slot, true); });
+    case ChangeKind::factor_removed:
+      set_alive(change.id, true);
       break;
-    }
     case ChangeKind::factor_weighed:
       weigh_term(change.id, change.look);
       break;
     case ChangeKind::factor_tightened:
-      restore_multipliers(change);
+      if constexpr (any_constraint) restore_multipliers(change);
       break;
     case ChangeKind::marginalized:
       marginalized_[static_cast<std::size_t>(change.id)] = 0;
@@ -139,19 +130,50 @@ std::vector<Key> IncrementalSmoother<Group, Extra...>::find_floating() {
       if (change.kind != ChangeKind::value_added || components_.is_held(change.id)) continue;
       floating.push_back(components_.find(change.id));
     }
-    std::ranges::sort(floating);
-    floating.erase(std::unique(floating.begin(), floating.end()), floating.end());
+    detail::sort_unique(floating);
     return floating;
   }
   components_.clear();
   for (Key key = 0; key < size(); ++key) components_.add_variable();
-  pools_.for_each([&](const auto& entry) { components_.connect(entry.factor, origins_); });
+  pools_.for_each_term([&](Index term) { tie(term); });
   for (Key key = 0; key < size(); ++key) {
     if (solver_.is_fixed(key)) components_.hold(key);
   }
   floating = components_.floating();
   components_outdated_ = !floating.empty();
   return floating;
+}
+
+/// Tells `components_` what a factor ties together, and holds.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::tie(Index term) {
+  list_keys(term, keys_);
+  components_.connect(keys_);
+  if (keys_.empty() || !traits(term).holds_in_place || components_.is_held(keys_.front())) return;
+  const auto place = pools_.place(term);
+  numbers_.resize(static_cast<std::size_t>(solver_.terms().size(term)));
+  pools_.pool(place.type).linearize(place.slot, origins_, detail::Kernels::left_out, numbers_.data());
+  components_.hold(keys_, solver_.terms().rows(term), numbers_.data(), origins_);
+}
+
+/// What the factors leave open, at the estimates.
+template <class Group, class... Extra>
+std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
+  detail::NormalSystem<dof> system(size(), [&](Key key) { return is_fixed(key); });
+  std::vector<Key> keys;
+  pools_.for_each_term([&](Index term) {
+    list_keys(term, keys);
+    system.connect(keys);
+  });
+  system.make_pattern();
+  std::vector<double> numbers;
+  pools_.for_each_term([&](Index term) {
+    list_keys(term, keys);
+    numbers.resize(static_cast<std::size_t>(solver_.terms().size(term)));
+    pools_.linearize(term, estimates_, numbers.data(), solver_.terms().size(term));
+    system.add(keys, solver_.terms().rows(term), numbers.data());
+  });
+  return detail::open_parts(system, estimates_);
 }
 
 /// Linearises anew about what waits: the oldest first, where all that waits has become worth it or a step was too long;
@@ -243,11 +265,9 @@ bool IncrementalSmoother<Group, Extra...>::linearize_touched(UpdateReport& repor
   for (const Index term : touched_terms_) {
     touched_[static_cast<std::size_t>(term)] = 0;
     set_off(term, 0.0);
-    pools_.visit_term(term, [&](const auto& entry) {
-      if (!entry.alive) return;
-      solver_.change_term(term);
-      finite = write<std::remove_cvref_t<decltype(entry.factor)>>(entry, report) && finite;
-    });
+    if (!solver_.terms().linked(term)) continue;
+    solver_.change_term(term);
+    finite = write(term, report) && finite;
   }
   report.relinearized = to_index(touched_terms_.size());
   touched_terms_.clear();
@@ -260,9 +280,7 @@ bool IncrementalSmoother<Group, Extra...>::linearize_added(UpdateReport& report)
   for (const Change& change : changes_) {
     if (change.kind != ChangeKind::factor_added) continue;
     touched_[static_cast<std::size_t>(change.id)] = 0;
-    pools_.visit_term(change.id, [&](const auto& entry) {
-      if (entry.alive) finite = write<std::remove_cvref_t<decltype(entry.factor)>>(entry, report) && finite;
-    });
+    if (solver_.terms().linked(change.id)) finite = write(change.id, report) && finite;
   }
   return finite;
 }
@@ -270,22 +288,14 @@ bool IncrementalSmoother<Group, Extra...>::linearize_added(UpdateReport& report)
 /// Writes a factor's linearisation into its term.
 /// @returns false if it is not finite; the report then names its variables.
 template <class Group, class... Extra>
-template <Factor F>
-bool IncrementalSmoother<Group, Extra...>::write(const typename detail::FactorPool<F>::Entry& entry,
-                                                 UpdateReport& report) {
-  const auto linearized = detail::visit_weighed(
-      entry, [&](const auto& factor) { return detail::weighted_linearization(factor, origins_); });
-  const auto keys = entry.factor.keys();
-  const Eigen::Index rows = linearized.residual.rows();
-  Eigen::Map<Eigen::Matrix<double, columns_of<F>, F::rows>> jacobian(
-      solver_.jacobian(entry.term), dof * static_cast<Eigen::Index>(keys.size()), rows);
-  for (std::size_t a = 0; a < keys.size(); ++a)
-    jacobian.template middleRows<dof>(static_cast<Eigen::Index>(a) * dof) = linearized.jacobians[a].transpose();
-  Eigen::Map<Eigen::Matrix<double, F::rows, 1>>(solver_.residual(entry.term), rows) = linearized.residual;
-  double sum = linearized.residual.squaredNorm();
-  for (Eigen::Index k = 0; k < jacobian.size(); ++k) sum += std::abs(jacobian.data()[k]);
+bool IncrementalSmoother<Group, Extra...>::write(Index term, UpdateReport& report) {
+  double* const numbers = solver_.jacobian(term);
+  const Offset size = solver_.terms().size(term);
+  pools_.linearize(term, origins_, numbers, size);
+  double sum = 0.0;
+  for (Offset k = 0; k < size; ++k) sum += std::abs(numbers[k]);
   if (std::isfinite(sum)) return true;
-  report.variables.assign(keys.begin(), keys.end());
+  list_keys(term, report.variables);
   return false;
 }
 
@@ -323,39 +333,28 @@ void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report)
 /// Squared distance between a factor's residual and what its linearisation predicts.
 template <class Group, class... Extra>
 double IncrementalSmoother<Group, Extra...>::misprediction(Index term) {
+  const Index rows = solver_.terms().rows(term);
+  numbers_.resize(static_cast<std::size_t>(rows));
+  pools_.residual(term, estimates_, numbers_.data(), rows);
+  const double* predicted = solver_.terms().residual(term);
+  const double* jacobian = solver_.terms().jacobian(term);
   double squared = 0.0;
-  pools_.visit_term(term, [&](const auto& entry) {
-    using F = std::remove_cvref_t<decltype(entry.factor)>;
-    const auto keys = entry.factor.keys();
-    const auto columns = dof * static_cast<Eigen::Index>(keys.size());
-    const Eigen::Index rows = solver_.terms().rows(term);
-    Eigen::Matrix<double, columns_of<F>, 1> step(columns);
-    Eigen::Index row = 0;
-    for (const Key key : keys) {
-      step.template segment<dof>(row) = Eigen::Map<const Tangent>(solver_.solution(key).data());
-      row += dof;
+  for (double& off : numbers_) {
+    off -= *predicted++;
+    for (const auto& slot : solver_.terms().slots(term)) {
+      const double* const step = solver_.solution(slot.variable).data();
+      for (int k = 0; k < dof; ++k) off -= *jacobian++ * step[k];
     }
-    Eigen::Matrix<double, F::rows, 1> difference =
-        detail::visit_weighed(entry, [&](const auto& factor) { return detail::weighted_residual(factor, estimates_); });
-    difference -= Eigen::Map<const Eigen::Matrix<double, F::rows, 1>>(solver_.terms().residual(term), rows);
-    difference.noalias() -=
-        Eigen::Map<const Eigen::Matrix<double, columns_of<F>, F::rows>>(solver_.terms().jacobian(term), columns, rows)
-            .transpose() *
-        step;
-    squared = difference.squaredNorm();
-  });
+    squared += off * off;
+  }
   return squared;
 }
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::set_weight(const FactorId& id, double weight) {
   const Index term = term_of(id);
-  bool weighable = false;
-  pools_.visit_term(
-      term, [&](const auto& entry) { weighable = detail::is_weighable<std::remove_cvref_t<decltype(entry.factor)>>; });
-  if (!weighable) throw std::invalid_argument("IncrementalSmoother: a factor's weight is that of its kernel");
-  if (!(weight >= 0.0) || !std::isfinite(weight))
-    throw std::invalid_argument("IncrementalSmoother: a weight is finite and not negative");
+  if (!traits(term).weighable) refuse("a factor's weight is that of its kernel");
+  if (!(weight >= 0.0) || !std::isfinite(weight)) refuse("a weight is finite and not negative");
   const double before = this->weight(id);
   if (weight == before) return;
   begin();
@@ -366,9 +365,8 @@ void IncrementalSmoother<Group, Extra...>::set_weight(const FactorId& id, double
 
 template <class Group, class... Extra>
 double IncrementalSmoother<Group, Extra...>::weight(const FactorId& id) const {
-  double weight = 1.0;
-  pools_.visit_term(term_of(id), [&](const auto& entry) { weight = entry.weight; });
-  return weight;
+  static_cast<void>(term_of(id));  // it is there
+  return pools_.pool(id.type).place(id.slot).weight;
 }
 
 template <class Group, class... Extra>

@@ -1,87 +1,99 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cmath>
+#include <algorithm>
+#include <cstddef>
 #include <span>
-#include <utility>
+#include <type_traits>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
+#include "chainslam/sparse/detail/dense_kernels.hpp"
+#include "chainslam/sparse/detail/table.hpp"
 
 namespace chainslam::detail {
 
-/// J^T J and J^T r of a graph's whitened factors. Fixed variables have no rows. The pattern and each factor's places in
-/// it are found once; `linearize` then allocates nothing.
-template <class Graph>
-class NormalEquations {
+/// J^T J and J^T r of linearised factors, whatever their types. Fixed variables have no rows. The pattern and each
+/// factor's places in it are found once; factors are then added in the order in which they were connected.
+template <int Dof>
+class NormalSystem {
  public:
-  using Group = typename Graph::Value;
-  static constexpr int dof = Group::dof;
-  using Matrix = BlockMatrix<dof>;
+  static constexpr int dof = Dof;
+  using Matrix = BlockMatrix<Dof>;
 
-  explicit NormalEquations(const Graph& graph) : column_(static_cast<std::size_t>(graph.values().size()), -1) {
-    for (Key key = 0; key < graph.values().size(); ++key) {
-      if (graph.is_fixed(key)) continue;
-      column_[static_cast<std::size_t>(key)] = to_index(keys_.size());
+  template <class IsFixed>
+  NormalSystem(Index variables, IsFixed&& is_fixed) : column_(variables, -1) {
+    for (Key key = 0; key < variables; ++key) {
+      if (is_fixed(key)) continue;
+      column_[key] = to_index(keys_.size());
       keys_.push_back(key);
     }
-    std::vector<BlockCoordinate> blocks;
-    graph.for_each_factor([&](const auto& factor) {
-      for_each_pair(factor.keys(), [&](Index row, Index column) { blocks.push_back({row, column}); });
-    });
-    matrix_ = Matrix(BlockPattern(to_index(keys_.size()), blocks));
-    graph.for_each_factor([&](const auto& factor) {
-      for_each_pair(factor.keys(), [&](Index row, Index column) {
-        places_.push_back(*matrix_.pattern().find(std::max(row, column), std::min(row, column)));
-      });
-    });
-    gradient_.resize(Eigen::Index{matrix_.size()} * dof);
   }
 
-  /// Fills matrix and gradient at `values`.
-  /// @returns the cost there.
-  double linearize(const Graph& graph, const Values<Group>& values) {
+  /// Names a factor's variables. After all of them comes `make_pattern`.
+  void connect(std::span<const Key> keys) {
+    for_each_pair(keys, [&](Index a, Index b) { blocks_.push_back({std::max(a, b), std::min(a, b)}); });
+  }
+  void make_pattern() {
+    matrix_ = Matrix(BlockPattern(size(), blocks_));
+    places_.reserve(static_cast<Offset>(blocks_.size()));
+    for (const BlockCoordinate& block : blocks_) places_.push_back(*matrix_.pattern().find(block.row, block.column));
+    blocks_ = {};
+    gradient_.setZero(Eigen::Index{size()} * Dof);
+  }
+
+  void set_zero() {
     matrix_.set_zero();
     gradient_.setZero();
-    double cost = 0.0;
-    const Offset* place = places_.data();
-    graph.for_each_factor([&](const auto& factor) { cost += add(factor, values, place); });
-    return cost;
+    next_ = 0;
+  }
+  /// Adds the next factor.
+  /// @param numbers  as `write_linearization` writes them.
+  void add(std::span<const Key> keys, Offset rows, const double* numbers) {
+    const Offset stride = Dof * static_cast<Offset>(keys.size());
+    const double* const residual = numbers + rows * stride;
+    for (std::size_t b = 0; b < keys.size(); ++b) {
+      const Index column_b = column(keys[b]);
+      if (column_b < 0) continue;
+      const double* const of_b = numbers + b * Dof;
+      double* const gradient = gradient_.data() + Offset{column_b} * Dof;
+      for (Offset row = 0; row < rows; ++row) {
+        for (int k = 0; k < Dof; ++k) gradient[k] += of_b[row * stride + k] * residual[row];
+      }
+      for (std::size_t a = 0; a <= b; ++a) {
+        const Index column_a = column(keys[a]);
+        if (column_a < 0) continue;
+        const double *lower = of_b, *upper = numbers + a * Dof;
+        if (column_b < column_a) std::swap(lower, upper);
+        add_product<Dof>(Dof, lower, stride, upper, stride, rows, matrix_.data(places_[next_++]), Dof);
+      }
+    }
   }
 
   [[nodiscard]] const Matrix& matrix() const { return matrix_; }
   [[nodiscard]] const Eigen::VectorXd& gradient() const { return gradient_; }
-  [[nodiscard]] Index size() const { return matrix_.size(); }
+  [[nodiscard]] Index size() const { return to_index(keys_.size()); }
   /// The variable of a block column.
-  [[nodiscard]] Key key(Index column) const { return keys_[static_cast<std::size_t>(column)]; }
+  [[nodiscard]] Key key(Index column) const { return keys_[column]; }
 
   /// diag(J^T J)
   void diagonal(std::span<double> out) const {
-    for (Index column = 0; column < matrix_.size(); ++column) {
-      Eigen::Map<Eigen::Matrix<double, dof, 1>>(out.data() + Offset{column} * dof) =
-          matrix_.block(matrix_.pattern().begin(column)).diagonal();
-    }
-  }
-
-  /// Moves the free variables by `step`.
-  void retract(const Eigen::VectorXd& step, const Values<Group>& from, Values<Group>& to) const {
-    for (Index column = 0; column < matrix_.size(); ++column) {
-      const Key moved = key(column);
-      const typename Group::Tangent part = step.segment<dof>(Eigen::Index{column} * dof);
-      to[moved] = from[moved].retract(part);
-      if constexpr (requires(Group & group) { group.normalize(); }) to[moved].normalize();
+    double* to = out.data();
+    for (Index column = 0; column < size(); ++column) {
+      const double* const block = matrix_.data(matrix_.pattern().begin(column));
+      for (int k = 0; k < Dof; ++k) *to++ = block[k * (Dof + 1)];
     }
   }
 
  private:
-  [[nodiscard]] Index column(Key key) const { return column_[static_cast<std::size_t>(key)]; }
+  [[nodiscard]] Index column(Key key) const { return column_[key]; }
 
   /// visit(column of a, column of b) for each pair of free keys a before or equal to b in the factor's list.
-  template <class Keys, class Visit>
-  void for_each_pair(const Keys& keys, Visit&& visit) const {
+  template <class Visit>
+  void for_each_pair(std::span<const Key> keys, Visit&& visit) const {
     for (std::size_t b = 0; b < keys.size(); ++b) {
       if (column(keys[b]) < 0) continue;
       for (std::size_t a = 0; a <= b; ++a) {
@@ -90,58 +102,65 @@ class NormalEquations {
     }
   }
 
-  /// Adds one factor; `place` moves past its places.
-  template <Factor F>
-  double add(const F& factor, const Values<Group>& values, const Offset*& place) {
-    LinearizedFactor<F::rows, dof, F::arity> linearized = factor.linearize(values);
-    double cost = linearized.residual.squaredNorm();
-    if constexpr (RobustFactor<F>) cost = apply_kernel(factor.kernel, cost, linearized);
-    const auto keys = factor.keys();
-    for (std::size_t b = 0; b < keys.size(); ++b) {
-      const Index column_b = column(keys[b]);
-      if (column_b < 0) continue;
-      const auto transposed = by_columns(linearized.jacobians[b]);
-      gradient_.segment<dof>(Eigen::Index{column_b} * dof).noalias() += transposed.lazyProduct(linearized.residual);
-      for (std::size_t a = 0; a <= b; ++a) {
-        const Index column_a = column(keys[a]);
-        if (column_a < 0) continue;
-        auto block = matrix_.block(*place++);
-        if (column_b >= column_a) {
-          block += transposed.lazyProduct(linearized.jacobians[a]);
-        } else {
-          block += transposed.lazyProduct(linearized.jacobians[a]).transpose();
-        }
-      }
-    }
+  Table<Index> column_;  ///< of each key; -1 where fixed
+  Table<Key> keys_;      ///< of each block column
+  std::vector<BlockCoordinate> blocks_;
+  Matrix matrix_;
+  Table<Offset> places_;  ///< blocks of each factor in turn, in the order of `for_each_pair`
+  Offset next_ = 0;       ///< place of the next factor
+  Eigen::VectorXd gradient_;
+};
+
+/// The same of a graph's whitened factors. `linearize` allocates nothing.
+template <class Graph>
+class NormalEquations : public NormalSystem<Graph::Value::dof> {
+ public:
+  using Group = typename Graph::Value;
+  using System = NormalSystem<Group::dof>;
+  using System::dof;
+
+  explicit NormalEquations(const Graph& graph)
+      : System(graph.values().size(), [&](Key key) { return graph.is_fixed(key); }) {
+    graph.for_each_factor([&](const auto& factor) {
+      const auto keys = factor.keys();
+      this->connect(std::span<const Key>(keys));
+    });
+    this->make_pattern();
+  }
+
+  /// Fills matrix and gradient at `values`.
+  /// @returns the cost there.
+  double linearize(const Graph& graph, const Values<Group>& values) {
+    this->set_zero();
+    double cost = 0.0;
+    graph.for_each_factor([&](const auto& factor) { cost += this->add_factor(factor, values); });
     return cost;
   }
 
-  /// Transposed, so that the products run down columns; of fixed size as a matrix of its own.
-  template <class Jacobian>
-  [[nodiscard]] static auto by_columns(const Jacobian& jacobian) {
-    if constexpr (Jacobian::RowsAtCompileTime == Eigen::Dynamic) {
-      return jacobian.transpose();
-    } else {
-      return Eigen::Matrix<double, dof, Jacobian::RowsAtCompileTime>(jacobian.transpose());
+  /// Moves the free variables by `step`.
+  void retract(const Eigen::VectorXd& step, const Values<Group>& from, Values<Group>& to) const {
+    for (Index column = 0; column < this->size(); ++column) {
+      const Key moved = this->key(column);
+      const typename Group::Tangent part =
+          Eigen::Map<const typename Group::Tangent>(step.data() + Offset{column} * dof);
+      to[moved] = from[moved].retract(part);
+      if constexpr (requires(Group & group) { group.normalize(); }) to[moved].normalize();
     }
   }
 
-  /// Scales residual and Jacobians by the root of the kernel's weight (iteratively reweighted least squares).
-  template <class Kernel, class Linearized>
-  static double apply_kernel(const Kernel& kernel, double squared, Linearized& linearized) {
-    if constexpr (!std::is_same_v<Kernel, Trivial>) {
-      const double scale = std::sqrt(kernel.weight(squared));
-      linearized.residual *= scale;
-      for (auto& jacobian : linearized.jacobians) jacobian *= scale;
-    }
-    return kernel.cost(squared);
+ private:
+  template <Factor F>
+  double add_factor(const F& factor, const Values<Group>& values) {
+    const auto keys = factor.keys();
+    const Offset rows = rows_of(factor);
+    numbers_.resize(rows * (dof * static_cast<Offset>(keys.size()) + 1));
+    const double squared = write_linearization(factor, values, Kernels::applied, numbers_.data());
+    this->add(keys, rows, numbers_.data());
+    if constexpr (RobustFactor<F>) return factor.kernel.cost(squared);
+    return squared;
   }
 
-  std::vector<Index> column_;  ///< of each key; -1 where fixed
-  std::vector<Key> keys_;      ///< of each block column
-  Matrix matrix_;
-  std::vector<Offset> places_;  ///< blocks of each factor in turn, in the order of `for_each_pair`
-  Eigen::VectorXd gradient_;
+  Table<double> numbers_;  ///< of the factor at hand
 };
 
 }  // namespace chainslam::detail

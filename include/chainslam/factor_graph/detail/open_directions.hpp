@@ -1,7 +1,7 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <span>
 #include <utility>
@@ -15,43 +15,49 @@
 
 namespace chainslam::detail {
 
-/// Finds the motions that a graph's factors leave open although they tie all together, once a factorisation has failed.
+/// Finds the motions that factors leave open although they tie all together, once a factorisation has failed.
 ///
 /// Variables whose pivots are bad are held by springs as stiff as their own factors, one after another, until the
 /// factorisation succeeds. What then resists a motion of such a variable by its spring alone is open; the others move
 /// as the solution of a pull along it says.
-template <class Graph>
+template <int Dof>
 class OpenDirections {
  public:
-  using Group = typename Graph::Value;
-  static constexpr int dof = Group::dof;
-  using Matrix = Eigen::Matrix<double, dof, dof>;
-  using Vector = Eigen::Matrix<double, dof, 1>;
+  using Matrix = Eigen::Matrix<double, Dof, Dof>;
+  using Vector = Eigen::Matrix<double, Dof, 1>;
 
-  explicit OpenDirections(const Graph& graph) : graph_(graph), equations_(graph) {
-    equations_.linearize(graph, graph.values());
-    damping_.assign(static_cast<std::size_t>(equations_.gradient().size()), 0.0);
-    diagonal_.resize(damping_.size());
-    equations_.diagonal(diagonal_);
+  /// How variables can move together.
+  struct Open {
+    Index column;                ///< of the one whose motions `directions` are
+    Eigen::MatrixXd directions;  ///< orthonormal
+    Index least = -1;            ///< the first column that moves along
+    Index moving = 0;            ///< how many do
+  };
+
+  explicit OpenDirections(const NormalSystem<Dof>& system)
+      : system_(system), damping_(static_cast<std::size_t>(system.gradient().size()), 0.0), diagonal_(damping_) {
+    system_.diagonal(diagonal_);
   }
 
-  [[nodiscard]] std::vector<FreePart> find() {
-    std::vector<FreePart> parts;
+  [[nodiscard]] std::vector<Open> find() {
+    std::vector<Open> parts;
     std::vector<Index> held;
-    solver_.analyze(equations_.matrix().pattern());
+    solver_.analyze(system_.matrix().pattern());
     for (;;) {
-      const FactorizationResult result = solver_.factorize(equations_.matrix(), damping_);
+      const FactorizationResult result = solver_.factorize(system_.matrix(), damping_);
       if (result.ok()) break;
       if (held.size() == most_parts || damping_[row(result.block_column)] != 0.0) return parts;
       held.push_back(result.block_column);
-      for (int k = 0; k < dof; ++k) {
-        const double stiffness = diagonal_[row(result.block_column) + static_cast<std::size_t>(k)];
-        damping_[row(result.block_column) + static_cast<std::size_t>(k)] = stiffness > 0.0 ? stiffness : 1.0;
+      for (std::size_t k = 0; k < Dof; ++k) {
+        const double stiffness = diagonal_[row(result.block_column) + k];
+        damping_[row(result.block_column) + k] = stiffness > 0.0 ? stiffness : 1.0;
       }
     }
     for (const Index column : held) {
-      FreePart part = find_at(column);
-      if (part.directions.cols() > 0) parts.push_back(std::move(part));
+      Open open{column, directions_at(column)};
+      if (open.directions.cols() == 0) continue;
+      find_moving(open);
+      parts.push_back(std::move(open));
     }
     return parts;
   }
@@ -60,56 +66,71 @@ class OpenDirections {
   static constexpr std::size_t most_parts = 16;
   static constexpr double rounding = 1e-11;  ///< of a variable's information
 
-  [[nodiscard]] static std::size_t row(Index column) { return static_cast<std::size_t>(Offset{column} * dof); }
+  [[nodiscard]] static std::size_t row(Index column) { return static_cast<std::size_t>(Offset{column} * Dof); }
 
-  [[nodiscard]] Eigen::VectorXd solve(Index column, const Vector& right) {
-    Eigen::VectorXd x = Eigen::VectorXd::Zero(equations_.gradient().size());
-    x.segment<dof>(Eigen::Index{column} * dof) = right;
-    solver_.solve({x.data(), static_cast<std::size_t>(x.size())});
+  /// Solves for a pull at one column.
+  [[nodiscard]] std::vector<double> solve(Index column, const Vector& pull) {
+    std::vector<double> x(damping_.size(), 0.0);
+    std::copy_n(pull.data(), Dof, x.data() + row(column));
+    solver_.solve(x);
     return x;
   }
 
-  [[nodiscard]] FreePart find_at(Index column) {
+  [[nodiscard]] Eigen::MatrixXd directions_at(Index column) {
     // In units of the springs: 1 where nothing else resists.
-    const Vector root = Eigen::Map<const Vector>(damping_.data() + row(column)).cwiseSqrt();
+    Vector root, inverse;
+    for (int k = 0; k < Dof; ++k) {
+      root[k] = std::sqrt(damping_[row(column) + static_cast<std::size_t>(k)]);
+      inverse[k] = 1.0 / root[k];
+    }
     Matrix give;
-    for (int k = 0; k < dof; ++k) {
-      const Vector moved = solve(column, root[k] * Vector::Unit(k)).template segment<dof>(Eigen::Index{column} * dof);
-      give.col(k) = root.cwiseProduct(moved);
+    for (int k = 0; k < Dof; ++k) {
+      Vector pull = Vector::Zero();
+      pull[k] = root[k];
+      const std::vector<double> moved = solve(column, pull);
+      for (int r = 0; r < Dof; ++r) give(r, k) = root[r] * moved[row(column) + static_cast<std::size_t>(r)];
     }
-    const Matrix resists = Matrix::Identity() - 0.5 * (give + give.transpose());
-    const auto eigen = jacobi_eigen<double, dof>(resists);
-    Eigen::Index count = 0;
-    while (count < dof && eigen.values[count] <= rounding) ++count;
-    Eigen::MatrixXd open = root.cwiseInverse().asDiagonal() * eigen.vectors.leftCols(count);
-    orthonormalize(open);
-    const Key key = equations_.key(column);
-    const auto [least, variables] = moving(column, open);
-    FreePart part = free_part(least, variables, key, graph_.values()[key], std::move(open));
-    return part;
+    Matrix resists;
+    for (int c = 0; c < Dof; ++c) {
+      for (int r = 0; r < Dof; ++r) resists(r, c) = (r == c ? 1.0 : 0.0) - 0.5 * (give(r, c) + give(c, r));
+    }
+    return least_directions<Dof>(resists, rounding, inverse);
   }
 
-  /// The least key of the variables that move along, and how many they are.
-  [[nodiscard]] std::pair<Key, Index> moving(Index column, const Eigen::MatrixXd& open) {
-    const Eigen::Map<const Vector> springs(damping_.data() + row(column));
-    Eigen::VectorXd moved = Eigen::VectorXd::Zero(equations_.gradient().size());
-    for (Eigen::Index k = 0; k < open.cols(); ++k)
-      moved += solve(column, springs.asDiagonal() * open.col(k)).cwiseAbs();
-    Index count = 0;
-    Key least = -1;
-    for (Index other = equations_.size() - 1; other >= 0; --other) {
-      if (moved.segment<dof>(Eigen::Index{other} * dof).maxCoeff() < 1e-6) continue;
-      ++count;
-      least = equations_.key(other);
+  /// The variables that move along.
+  void find_moving(Open& open) {
+    std::vector<double> moved(damping_.size(), 0.0);
+    for (Eigen::Index k = 0; k < open.directions.cols(); ++k) {
+      Vector pull;
+      for (int r = 0; r < Dof; ++r)
+        pull[r] = damping_[row(open.column) + static_cast<std::size_t>(r)] * open.directions(r, k);
+      const std::vector<double> step = solve(open.column, pull);
+      for (std::size_t i = 0; i < step.size(); ++i) moved[i] += std::abs(step[i]);
     }
-    return {least, count};
+    for (Index other = system_.size() - 1; other >= 0; --other) {
+      const double* const of_other = moved.data() + row(other);
+      if (*std::max_element(of_other, of_other + Dof) < 1e-6) continue;
+      ++open.moving;
+      open.least = other;
+    }
   }
 
-  const Graph& graph_;
-  NormalEquations<Graph> equations_;
-  BlockCholesky<dof> solver_;
+  const NormalSystem<Dof>& system_;
+  BlockCholesky<Dof> solver_;
   std::vector<double> damping_;
   std::vector<double> diagonal_;
 };
+
+/// In terms of a graph's variables.
+template <class Group>
+[[nodiscard]] std::vector<FreePart> open_parts(const NormalSystem<Group::dof>& system, const Values<Group>& values) {
+  std::vector<FreePart> parts;
+  for (auto& open : OpenDirections<Group::dof>(system).find()) {
+    const Key at = system.key(open.column);
+    const Key least = open.least == -1 ? -1 : system.key(open.least);
+    parts.push_back(free_part(least, open.moving, at, values[at], std::move(open.directions)));
+  }
+  return parts;
+}
 
 }  // namespace chainslam::detail
