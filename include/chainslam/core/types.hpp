@@ -15,11 +15,20 @@ namespace chainslam {
 /// `to_index`.
 using Index = std::int32_t;
 
+namespace detail {
+
+/// Apart, lest each place that narrows a size hold the making of the message.
+[[noreturn, gnu::cold, gnu::noinline]] inline void throw_too_large(const char* what) {
+  throw std::invalid_argument(std::string(what) + " exceeds 2^31 - 1");
+}
+
+}  // namespace detail
+
 /// Narrows a size to `Index`.
 /// @throws std::invalid_argument if it does not fit; `what` names the thing that was too large.
 template <std::integral Size>
 [[nodiscard]] constexpr Index to_index(Size size, const char* what = "size") {
-  if (!std::in_range<Index>(size)) throw std::invalid_argument(std::string(what) + " exceeds 2^31 - 1");
+  if (!std::in_range<Index>(size)) detail::throw_too_large(what);
   return static_cast<Index>(size);
 }
 
