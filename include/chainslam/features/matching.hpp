@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstddef>
 #include <stdexcept>
-#include <tuple>
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
@@ -49,16 +48,16 @@ namespace detail {
 
 /// Cuts off the worst, and orders as asked.
 inline void keep_best(std::vector<FeatureMatch>& matches, const MatchOptions& options) {
-  const auto better = [](const FeatureMatch& a, const FeatureMatch& b) {
-    return std::tie(a.ratio, a.source) < std::tie(b.ratio, b.source);
+  const auto sort = [&](bool by_ratio) {
+    std::sort(matches.begin(), matches.end(), [by_ratio](const FeatureMatch& a, const FeatureMatch& b) {
+      return by_ratio && a.ratio != b.ratio ? a.ratio < b.ratio : a.source < b.source;
+    });
   };
   const auto limit = static_cast<std::size_t>(options.max_matches);
   const bool cut = limit > 0 && matches.size() > limit;
-  if (cut || options.by_quality) std::sort(matches.begin(), matches.end(), better);
+  if (cut || options.by_quality) sort(true);
   if (cut) matches.resize(limit);
-  if (!options.by_quality)
-    std::sort(matches.begin(), matches.end(),
-              [](const FeatureMatch& a, const FeatureMatch& b) { return a.source < b.source; });
+  if (!options.by_quality) sort(false);
 }
 
 }  // namespace detail

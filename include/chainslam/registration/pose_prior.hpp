@@ -37,7 +37,9 @@ struct PosePrior {
   /// every hundred that do, take ten times the sensor's noise.
   double pair_deviation = 0.1;
 
-  [[nodiscard]] PriorTerms evaluate(const SE3d& T) const {
+  /// For double alone; a template, so that alignments without a prior do not compile it.
+  template <std::same_as<double> Scalar>
+  [[nodiscard]] PriorTerms evaluate(const SE3<Scalar>& T) const {
     const double unit = pair_deviation * pair_deviation;
     const Vector6d off = T_target_source.local(T);
     const Matrix6d Jt = transposed(SE3d::left_jacobian_inverse(-off));

@@ -26,7 +26,7 @@ struct KNearest {
   Index count = 0;
 
   [[nodiscard]] std::span<const Neighbor<Scalar>> found() const {
-    return std::span(neighbors).first(static_cast<std::size_t>(count));
+    return {neighbors.data(), static_cast<std::size_t>(count)};
   }
 };
 

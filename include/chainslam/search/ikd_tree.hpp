@@ -220,8 +220,7 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   Tree tree_;
   Index rejected_ = 0;
 };
-static_assert(IncrementalSearch<IkdTree<float>> && IncrementalSearch<IkdTree<double, NearestToCenter, 2>>);
-static_assert(SeededSearch<IkdTree<float>> && FixedSizeSearch<IkdTree<float>>);
+static_assert(IncrementalSearch<IkdTree<>> && SeededSearch<IkdTree<>> && FixedSizeSearch<IkdTree<>>);
 
 template <class ScalarType, DownsamplingPolicy Policy, int Dim, class Payload>
 auto IkdTree<ScalarType, Policy, Dim, Payload>::bounding_box() const -> Box {

@@ -110,7 +110,7 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, D
   std::vector<Index> slot_of_point_;  ///< leaf * leaf_size + lane, or -1 if left out
   Index rejected_ = 0;
 };
-static_assert(SeededSearch<KdTree<float>> && FixedSizeSearch<KdTree<double, 2>>);
+static_assert(SeededSearch<KdTree<>> && FixedSizeSearch<KdTree<>>);
 
 template <class ScalarType, int Dim>
 template <detail::PointSource<Dim> Points>
@@ -162,7 +162,7 @@ void KdTree<ScalarType, Dim>::add_leaf(std::span<const Item> items) {
   Leaf& leaf = leaves_.emplace_back();
   for (std::size_t lane = 0; lane < items.size(); ++lane) {
     const Item& item = items[lane];
-    leaf.points.set(static_cast<int>(lane), Eigen::Map<const Vector>(item.at.data()));
+    leaf.points.set(static_cast<int>(lane), item.at.data());
     leaf.indices[lane] = item.payload;
     slot_of_point_[static_cast<std::size_t>(item.payload)] = first_slot + static_cast<Index>(lane);
   }

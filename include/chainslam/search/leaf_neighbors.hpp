@@ -18,6 +18,7 @@
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/lanes.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
+#include "chainslam/search/detail/point_source.hpp"
 #include "chainslam/search/detail/tree_leaves.hpp"
 
 namespace chainslam {
@@ -57,8 +58,8 @@ class LeafNeighbors {
     for (Index leaf = 0; leaf < leaves_.count(); ++leaf) {
       const std::span<const Index> indices = leaves_.indices(leaf);
       for (std::size_t lane = 0; lane < indices.size(); ++lane)
-        if (leaves_.points(leaf).position(static_cast<int>(lane)) !=
-            position(cloud, static_cast<std::size_t>(indices[lane])).template cast<Scalar>())
+        if (!leaves_.points(leaf).holds(static_cast<int>(lane),
+                                        detail::source_position<Scalar, 3>(cloud, indices[lane])))
           return false;
     }
     return true;
@@ -266,8 +267,8 @@ class LeafNeighbors {
 
   [[nodiscard]] Scalar kth_of_many(std::size_t count) {
     sorted_.assign(candidates_.begin(), candidates_.begin() + to_difference(count));
-    const auto kth = sorted_.begin() + to_difference(k_ - 1);
-    std::nth_element(sorted_.begin(), kth, sorted_.end());
+    Scalar* const kth = sorted_.data() + (k_ - 1);
+    std::nth_element(sorted_.data(), kth, sorted_.data() + count);
     return *kth;
   }
 

@@ -129,7 +129,6 @@ class VoxelMap : public detail::IncrementalVerbs<VoxelMap<ScalarType, Downsampli
   Downsampling options_;
   Storage voxels_;
 };
-static_assert(IncrementalSearch<VoxelMap<float>> && IncrementalSearch<VoxelMap<double, NearestToCenter, 2>>);
-static_assert(SeededSearch<VoxelMap<float>> && FixedSizeSearch<VoxelMap<float>>);
+static_assert(IncrementalSearch<VoxelMap<>> && SeededSearch<VoxelMap<>> && FixedSizeSearch<VoxelMap<>>);
 
 }  // namespace chainslam

@@ -100,7 +100,7 @@ class FeatureRows {
 /// to them, small: just where many are nearly the same.
 [[nodiscard]] inline std::vector<float> middle(const Eigen::Ref<const Eigen::MatrixXf>& features) {
   constexpr Eigen::Index most = 96;
-  constexpr std::ptrdiff_t crowd = 12;
+  constexpr std::size_t crowd = 12;
   const FeatureRows sample = sampled(features, most);
   std::vector<float> center(sample.stride()), difference(sample.stride()), distances(sample.size());
   float least = std::numeric_limits<float>::infinity();
@@ -109,8 +109,8 @@ class FeatureRows {
       padded_difference(sample[i], sample[j], sample.stride(), difference.data());
       distances[j] = padded_product(difference.data(), difference.data(), sample.stride());
     }
-    const auto place = distances.begin() + std::min(crowd, std::ssize(distances) - 1);
-    std::nth_element(distances.begin(), place, distances.end());
+    float* const place = distances.data() + std::min(crowd, distances.size() - 1);
+    std::nth_element(distances.data(), place, distances.data() + distances.size());
     if (!(*place < least)) continue;
     least = *place;
     center.assign(sample[i], sample[i] + sample.stride());

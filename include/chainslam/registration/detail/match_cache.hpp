@@ -53,7 +53,7 @@ class MatchCache : public MatchColumns<typename Target::Scalar, TargetSurface> {
   void update(const SourceColumns& source, const Placement& at, Index begin, Index end, bool keep) {
     Index before = -1;  // the last point that was searched for: its matches bound what the next one needs to look at
     for_each_moved<Scalar>(source, at, begin, end, [&](Index i, const Vector3& query) {
-      const Scalar moved = (query - noted_query(i)).squaredNorm();
+      const Scalar moved = squared_way(i, query);
       if (moved < *limits_.at(0, i)) return;
       const Hint hint = look_at_candidates(i, query);
       if (hint.settled) return;
@@ -89,8 +89,11 @@ class MatchCache : public MatchColumns<typename Target::Scalar, TargetSurface> {
     return static_cast<Scalar>(within(target, static_cast<double>(max_distance)));
   }
 
-  [[nodiscard]] Vector3 noted_query(Index i) const {
-    return {*queries_.at(0, i), *queries_.at(1, i), *queries_.at(2, i)};
+  /// How far the query has moved since an answer was noted.
+  [[nodiscard]] Scalar squared_way(Index i, const Vector3& query) const {
+    const Scalar x = query[0] - *queries_.at(0, i), y = query[1] - *queries_.at(1, i),
+                 z = query[2] - *queries_.at(2, i);
+    return x * x + y * y + z * z;
   }
   /// Squared distance of the farthest of the first `count` candidates of point i.
   [[nodiscard]] Scalar farthest_candidate(Index i, const Vector3& query, std::size_t count) const {
@@ -122,7 +125,7 @@ class MatchCache : public MatchColumns<typename Target::Scalar, TargetSurface> {
       last = std::max(last, distances[k]);
     }
     const Scalar first = std::sqrt(distances[best]);
-    const Scalar moved = (query - noted_query(i)).norm();
+    const Scalar moved = std::sqrt(squared_way(i, query));
     const Scalar others = std::min(std::sqrt(second), known - moved * (1 + safety)) * (1 - safety);
     if (first * (1 + safety) < others || (first > max_distance_ && others > max_distance_ * (1 + safety))) {
       known -= moved * (1 + safety);
@@ -136,13 +139,15 @@ class MatchCache : public MatchColumns<typename Target::Scalar, TargetSurface> {
     std::array<Neighbor<Scalar>, kept> nearest;
     const std::size_t wanted = keep ? kept : 1;
     bound = std::min(bound, keep ? reach_ : max_distance_);
-    const auto found = static_cast<std::size_t>(target_.knn(query, std::span(nearest).first(wanted), bound));
+    const auto found = static_cast<std::size_t>(target_.knn(query, std::span<Neighbor<Scalar>>(nearest.data(), wanted), bound));
     Candidates& near = candidates_[static_cast<std::size_t>(i)];
     for (std::size_t k = 0; k < kept; ++k) {
-      Vector3 p = Vector3::Constant(Base::far);
-      if (k < found) p = target_.position(nearest[k].index);
+      for (auto& row : near.positions) row[k] = Base::far;
+      near.indices[k] = -1;
+      if (k >= found) continue;
+      const auto& p = target_.position(nearest[k].index);
       for (std::size_t axis = 0; axis < 3; ++axis) near.positions[axis][k] = p[static_cast<Eigen::Index>(axis)];
-      near.indices[k] = k < found ? nearest[k].index : -1;
+      near.indices[k] = nearest[k].index;
     }
     Scalar& known = known_[static_cast<std::size_t>(i)];
     known = found == wanted ? std::sqrt(nearest[wanted - 1].squared_distance) : bound;

@@ -75,7 +75,10 @@ class RestrictedSystem {
     Vector6d sum = Vector6d::Zero();
     for (int i = first_told_; i < 6; ++i) {
       const Vector6d along = direction(i);
-      sum -= (along.dot(gradient_) / ((eigen_.values[i] + damping) * weight_)) * along;
+      double pull = 0;
+      for (int row = 0; row < 6; ++row) pull += along[row] * gradient_[row];
+      const double length = pull / ((eigen_.values[i] + damping) * weight_);
+      for (int row = 0; row < 6; ++row) sum[row] -= length * along[row];
     }
     return sum;
   }

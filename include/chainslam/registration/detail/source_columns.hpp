@@ -134,8 +134,9 @@ template <Cloud Source>
   if (wants.covariances) columns.covariances = Columns<float, 6>(columns.count);
   for (Index i = 0; i < columns.count; ++i) {
     const std::size_t from = finite[static_cast<std::size_t>(i)];
-    const Eigen::Vector3d p = position(source, from) - columns.pivot;
-    columns.positions.set(i, std::array<double, 3>{p[0], p[1], p[2]});
+    const Eigen::Vector3d p = position(source, from);
+    const Eigen::Vector3d& pivot = columns.pivot;
+    columns.positions.set(i, std::array<double, 3>{p[0] - pivot[0], p[1] - pivot[1], p[2] - pivot[2]});
     if constexpr (OrientedCloud<Source>)
       if (wants.normals) columns.normals.set(i, finite_normal(normal(source, from)));
     if (!wants.covariances) continue;

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -39,25 +38,27 @@ template <class Point, class Scalar = typename decltype(Point::at)::value_type>
   Bounds<Scalar, static_cast<int>(dim)> box;
   if constexpr (sizeof(Point) == 16 && sizeof(Scalar) == 4 && dim == 3) {
     // What lies behind the coordinates is compared along with them, to be left out in the end: one register a point.
-    using Four = Eigen::Array<float, 4, 1>;
+    typedef float Four __attribute__((vector_size(4 * sizeof(float))));
     constexpr std::size_t at_once = 4;  // as one comparison waits for the one before
     std::array<Four, at_once> low, high;
-    low.fill(Four::Constant(std::numeric_limits<float>::infinity()));
-    high.fill(Four::Constant(-std::numeric_limits<float>::infinity()));
+    low.fill(Four{} + std::numeric_limits<float>::infinity());
+    high.fill(Four{} - std::numeric_limits<float>::infinity());
     const auto include = [&](const Point& point, std::size_t i) {
       Four p;
-      std::memcpy(p.data(), &point, sizeof(p));
-      low[i] = low[i].min(p);
-      high[i] = high[i].max(p);
+      std::memcpy(&p, &point, sizeof(p));
+      low[i] = p < low[i] ? p : low[i];
+      high[i] = p > high[i] ? p : high[i];
     };
     const std::size_t whole = points.size() - points.size() % at_once;
     for (std::size_t begin = 0; begin < whole; begin += at_once)
       for (std::size_t i = 0; i < at_once; ++i) include(points[begin + i], i);
     for (std::size_t i = whole; i < points.size(); ++i) include(points[i], 0);
-    const Four lowest = low[0].min(low[1]).min(low[2].min(low[3]));
-    const Four highest = high[0].max(high[1]).max(high[2].max(high[3]));
-    std::copy_n(lowest.data(), dim, box.low.data());
-    std::copy_n(highest.data(), dim, box.high.data());
+    for (std::size_t i = 1; i < at_once; ++i) {
+      low[0] = low[i] < low[0] ? low[i] : low[0];
+      high[0] = high[i] > high[0] ? high[i] : high[0];
+    }
+    std::memcpy(box.low.data(), &low[0], dim * sizeof(Scalar));
+    std::memcpy(box.high.data(), &high[0], dim * sizeof(Scalar));
   } else {
     for (const Point& p : points) box.include(p.at);
   }
@@ -90,7 +91,7 @@ template <class Point, class Scalar = typename decltype(Point::at)::value_type>
     // Beside the wanted rank on the side of fewer points: most likely they are all that is left.
     std::size_t rank = (count - begin) * sample.size() / (end - begin);
     rank = 2 * rank < sample.size() ? rank + beside : rank - beside;
-    std::nth_element(sample.begin(), sample.begin() + static_cast<std::ptrdiff_t>(rank), sample.end());
+    std::nth_element(sample.data(), sample.data() + rank, sample.data() + sample.size());
     const Scalar at = sample[rank];
     const std::size_t below = begin + part_points(points.subspan(begin, end - begin), scratch,
                                                   [&](const Point& p) { return p.at[axis] < at; });
@@ -149,9 +150,13 @@ template <class Entry, std::size_t Count>
   std::size_t best_count = Count / 2;
   Scalar best_margin = std::numeric_limits<Scalar>::infinity();
   for (std::size_t axis = 0; axis < std::tuple_size_v<decltype(Box::low)>; ++axis) {
-    std::sort(entries.begin(), entries.end(), [axis](const Entry& a, const Entry& b) {
-      return a.box.low[axis] / 2 + a.box.high[axis] / 2 < b.box.low[axis] / 2 + b.box.high[axis] / 2;
-    });
+    const auto center = [axis](const Entry& entry) { return entry.box.low[axis] / 2 + entry.box.high[axis] / 2; };
+    for (std::size_t i = 1; i < Count; ++i) {  // insertion sort
+      const Entry inserted = entries[i];
+      std::size_t place = i;
+      for (; place > 0 && center(inserted) < center(entries[place - 1]); --place) entries[place] = entries[place - 1];
+      entries[place] = inserted;
+    }
     for (std::size_t count = Count / 3; count <= Count - Count / 3; ++count) {
       Box first, second;
       for (std::size_t i = 0; i < Count; ++i) (i < count ? first : second).include(entries[i].box);

@@ -28,11 +28,21 @@ struct alignas(32) Lanes {
     return values;
   }
 
-  void set(int lane, const Vector& p) {
+  void set(int lane, const Scalar* p) {
     for (int axis = 0; axis < Dim; ++axis) at(axis, lane) = p[axis];
   }
-  void clear(int lane) { set(lane, Vector::Constant(far)); }
+  void set(int lane, const Vector& p) { set(lane, p.data()); }
+  void clear(int lane) {
+    for (int axis = 0; axis < Dim; ++axis) at(axis, lane) = far;
+  }
 
+  /// Whether the very same point lies there.
+  [[nodiscard]] bool holds(int lane, const Vector& p) const {
+    const Vector here = position(lane);
+    bool same = true;
+    for (int axis = 0; axis < Dim; ++axis) same = same && here[axis] == p[axis];
+    return same;
+  }
   [[nodiscard]] Vector position(int lane) const {
     Vector p;
     for (int axis = 0; axis < Dim; ++axis)

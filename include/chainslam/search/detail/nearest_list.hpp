@@ -69,7 +69,7 @@ class FixedNearestList : public SmallNearest<Scalar> {
 
   [[nodiscard]] KNearest<Scalar, K> result() const {
     KNearest<Scalar, K> found;
-    found.count = this->write(found.neighbors);
+    found.count = this->write({found.neighbors.data(), found.neighbors.size()});
     return found;
   }
 };
@@ -78,7 +78,7 @@ template <class Scalar, int K>
   requires(K > SmallNearest<Scalar>::max_k)
 class FixedNearestList<Scalar, K> : private KNearest<Scalar, K>, public NearestList<Scalar> {
  public:
-  explicit FixedNearestList(Scalar bound) : NearestList<Scalar>(this->neighbors, bound) {}
+  explicit FixedNearestList(Scalar bound) : NearestList<Scalar>({this->neighbors.data(), this->neighbors.size()}, bound) {}
   FixedNearestList(const FixedNearestList&) = delete;
   FixedNearestList& operator=(const FixedNearestList&) = delete;
   ~FixedNearestList() = default;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 namespace chainslam::detail {
@@ -34,18 +35,30 @@ struct BallRegion {
 
   /// A little too large: rounding only ever makes a ball smaller.
   [[nodiscard]] Eigen::AlignedBox<double, Dim> bounds() const {
-    const Eigen::Matrix<double, Dim, 1> c = center.template cast<double>();
     const double reach = std::sqrt(static_cast<double>(bound)) * (2 - below_float_rounding);
-    return {c.array() - reach, c.array() + reach};
+    Eigen::AlignedBox<double, Dim> box;
+    for (Eigen::Index axis = 0; axis < Dim; ++axis) {
+      box.min()[axis] = static_cast<double>(center[axis]) - reach;
+      box.max()[axis] = static_cast<double>(center[axis]) + reach;
+    }
+    return box;
   }
   [[nodiscard]] bool contains(const Eigen::Matrix<Scalar, Dim, 1>& p) const {
-    return (p - center).squaredNorm() < bound;
+    Scalar squared = 0;
+    for (Eigen::Index axis = 0; axis < Dim; ++axis) squared += (p[axis] - center[axis]) * (p[axis] - center[axis]);
+    return squared < bound;
   }
   [[nodiscard]] Overlap overlap(const Eigen::AlignedBox<double, Dim>& other) const {
-    const Eigen::Matrix<double, Dim, 1> c = center.template cast<double>();
-    const Eigen::Matrix<double, Dim, 1> farthest = (other.min() - c).cwiseAbs().cwiseMax((other.max() - c).cwiseAbs());
-    if (farthest.squaredNorm() * (2 - below_float_rounding) < static_cast<double>(bound)) return Overlap::inside;
-    const bool apart = other.squaredExteriorDistance(c) * below_float_rounding >= static_cast<double>(bound);
+    double farthest = 0, nearest = 0;  // squared, of the box's points
+    for (Eigen::Index axis = 0; axis < Dim; ++axis) {
+      const auto c = static_cast<double>(center[axis]);
+      const double below = other.min()[axis] - c, above = c - other.max()[axis];
+      const double far = std::max(std::abs(below), std::abs(above)), near = std::max(std::max(below, above), 0.0);
+      farthest += far * far;
+      nearest += near * near;
+    }
+    if (farthest * (2 - below_float_rounding) < static_cast<double>(bound)) return Overlap::inside;
+    const bool apart = nearest * below_float_rounding >= static_cast<double>(bound);
     return apart ? Overlap::outside : Overlap::partly;
   }
 };

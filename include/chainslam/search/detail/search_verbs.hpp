@@ -83,7 +83,8 @@ class SearchVerbs {
     for (const Neighbor<Scalar>& seed : seeds) {
       if (left == k) break;
       if (!model().contains(seed.index)) continue;
-      farthest = std::max(farthest, (model().position(seed.index) - query).squaredNorm());
+      const auto& p = model().position(seed.index);
+      farthest = std::max(farthest, squared_distance<Dim>(p.data(), query.data()));
       ++left;
     }
     const bool enough = left == k && farthest < std::numeric_limits<Scalar>::max() / 2;
