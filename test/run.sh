@@ -148,8 +148,8 @@ done
 unity=(-DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=0)
 common=("${unity[@]}" -DCMAKE_BUILD_TYPE=Release -DCHAINSLAM_BUILD_BENCH=OFF)
 # As users build it. Eigen's assertions would take a fifth of g++'s time: they are on under the sanitizers.
-configure_and_build gcc "g++, -O2" "$programs" "${common[@]}" "-DCMAKE_CXX_FLAGS_RELEASE=-O2 -DNDEBUG" \
-  -DCMAKE_CXX_COMPILER=g++
+configure_and_build gcc "g++, -O2" "chainslam_compiled $programs" "${common[@]}" \
+  "-DCMAKE_CXX_FLAGS_RELEASE=-O2 -DNDEBUG" -DCMAKE_CXX_COMPILER=g++ -DCHAINSLAM_COMPILED=ON
 slowest gcc
 run_programs gcc "g++" "${rooms[@]}"
 
@@ -181,13 +181,20 @@ if [ "$mode" != quick ]; then
     [ "$mode" = full ] && headers=(--all) || headers=()
     seam_compilers=clang++-14
     [ "$mode" = full ] && seam_compilers="g++ clang++-14"
-    consumers=("$build/consumer")
+    consumers=("$build/consumer" --library "$build/gcc")
     [ "$mode" = full ] && consumers+=(--all)
     # Each of these two leaves a core idle for half of its time.
     start_step "errors at the seams can be read" env CXX="$seam_compilers" "$root/test/compile_fail/run.sh" "$root/include"
-    start_step "consumers build" env CXX="${seam_compilers%% *}" "$root/test/consumer/run.sh" "${consumers[@]}"
+    start_step "consumers build" env CXX=g++ "$root/test/consumer/run.sh" "${consumers[@]}"
     end_step "errors at the seams can be read"
     end_step "consumers build"
+    if [ "$mode" = full ]; then
+      run_step "programs of users compile in time" "$root/test/compile_times.sh" --check
+      run_step "compiled programs of users compile in time" "$root/test/compile_times.sh" --check --compiled
+    else
+      run_step "programs of users compile in time" env CXX=g++ "$root/test/compile_times.sh" --check \
+        icp smoother lidar_inertial_odometry back_end
+    fi
     run_step "every header compiles alone" "$root/test/headers.sh" "$root/include" ${headers[@]+"${headers[@]}"}
   fi
 fi
