@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
@@ -55,182 +56,43 @@ class MapGraph {
   /// For the thread that changes the map.
   [[nodiscard]] const SlamMap& map() const { return map_; }
   /// The map as it is, whole: copied where it has changed since the last call, at the cost of the thread that asks.
-  [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const {
-    const std::scoped_lock lock(changing_);
-    if (!snapshot_) snapshot_ = std::make_shared<const SlamMap>(map_);
-    return snapshot_;
-  }
+  [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const;
   /// The variables are the keyframes, by number.
   [[nodiscard]] const Smoother& smoother() const { return smoother_; }
   /// The session whose start defines the frame of a keyframe's T_map_body.
   [[nodiscard]] SessionId frame(const Keyframe& keyframe) const { return session(keyframe.session).frame; }
 
   /// Keyframes appended from now on are of a new session, in a frame of its own.
-  void begin_session(std::string name) {
-    const Change change(*this);
-    const SessionId id{to_index(map_.sessions.size())};
-    priors_.emplace_back();
-    map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});
-  }
+  void begin_session(std::string name);
 
   /// @throws std::invalid_argument if the keyframe's pose is not finite, or so far away that its square is not.
-  static void require_finite(const Keyframe& keyframe) {
-    const SE3d& T = keyframe.T_odom_body;
-    // |a - b|^2 <= 4 max(|a|^2, |b|^2): no way between two keyframes overflows.
-    if (!is_finite(T.matrix()) || !is_finite(4 * T.translation().squaredNorm()))
-      throw std::invalid_argument("BackEnd: a keyframe's pose is not finite");
-  }
+  static void require_finite(const Keyframe& keyframe);
 
   /// Adds the session's next keyframe, where odometry puts it.
   /// @throws std::invalid_argument if its time is not later than the session's last, or T_odom_body is not finite; the
   /// map is then as it was.
-  KeyframeId append(Keyframe keyframe) {
-    check(keyframe);
-    if (map_.sessions.empty()) begin_session({});
-    const Change change(*this);
-    Session& session = map_.sessions.back();
-    keyframe.id = KeyframeId{to_index(map_.keyframes.size())};
-    keyframe.session = session.id;
-    if (session.keyframes == 0) {
-      keyframe.T_map_body = keyframe.T_odom_body;
-      session.prior = keyframe.T_map_body;
-      session.prior_sqrt_information = NoiseModel<6>::from_sigma(options_.anchor).sqrt_information();
-    } else {
-      const Keyframe& last = map_.keyframes.back();
-      const SE3d T_last_new = last.T_odom_body.inverse() * keyframe.T_odom_body;
-      keyframe.T_map_body = last.T_map_body * T_last_new;
-      map_.odometry.push_back(
-          {last.id, keyframe.id, T_last_new, options_.odometry_noise(T_last_new).sqrt_information()});
-    }
-    smoother_.add_value(keyframe.T_map_body);
-    if (session.keyframes++ == 0)
-      add_prior(session);
-    else
-      add_factor(map_.odometry.back());
-    map_.keyframes.push_back(std::move(keyframe));
-    return map_.keyframes.back().id;
-  }
+  KeyframeId append(Keyframe keyframe);
 
-  void set_gnss(KeyframeId id, const GnssFix& fix) {
-    const Change change(*this);
-    keyframe(id.value).gnss = fix;
-  }
+  void set_gnss(KeyframeId id, const GnssFix& fix);
 
   /// @returns the closure's position among the map's closures.
-  Index accept(const LoopClosure& closure) {
-    const Change change(*this);
-    add_factor(closure);
-    map_.closures.push_back(closure);
-    return to_index(map_.closures.size()) - 1;
-  }
-  void refuse(const LoopClosure& closure) {
-    const Change change(*this);
-    map_.refusals.push_back(closure);
-  }
+  Index accept(const LoopClosure& closure);
+  void refuse(const LoopClosure& closure);
 
   /// Carries all sessions of the frame `joined` over into `frame`, as one body: what lies between their keyframes stays
   /// as it is linearised. They keep priors at the aligned poses, or none.
-  void join(SessionId frame, SessionId joined, const SE3d& T_frame_joined) {
-    const Change change(*this);
-    std::vector<Key> moved;
-    for (Session& session : map_.sessions) {
-      if (session.frame != joined) continue;
-      session.frame = frame;
-      session.prior = T_frame_joined * session.prior;
-      if (!options_.anchor_joined_sessions || session.keyframes == 0) session.prior_sqrt_information.setZero();
-      FactorId& prior = priors_[static_cast<std::size_t>(session.id.value)];
-      if (smoother_.contains(prior)) smoother_.remove(prior);
-      for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) moved.push_back(i);
-    }
-    smoother_.move(moved, T_frame_joined);
-    take(moved);
-    if (!options_.anchor_joined_sessions) return;
-    for (const Key key : moved) {
-      Session& session = map_.sessions[static_cast<std::size_t>(keyframe(key).session.value)];
-      if (session.first_keyframe != key) continue;
-      session.prior = keyframe(key).T_map_body;
-      add_prior(session);
-    }
-  }
+  void join(SessionId frame, SessionId joined, const SE3d& T_frame_joined);
 
   /// Adds another map: its sessions follow those that are here, in frames of their own, and everything in it keeps the
   /// measurements it had. If the map is empty, all numbers stay the same.
-  void load(const SlamMap& other) {
-    const Change change(*this);
-    const Index keyframes = to_index(map_.keyframes.size());
-    const Index sessions = to_index(map_.sessions.size());
-    const Index odometry = to_index(map_.odometry.size());
-    const Index closures = to_index(map_.closures.size());
-    const auto moved = [&](KeyframeId id) { return KeyframeId{id.value + keyframes}; };
-    for (Session session : other.sessions) {
-      session.id.value += sessions;
-      session.frame.value += sessions;
-      session.first_keyframe += keyframes;
-      priors_.emplace_back();
-      map_.sessions.push_back(std::move(session));
-    }
-    for (Keyframe keyframe : other.keyframes) {
-      keyframe.id = moved(keyframe.id);
-      keyframe.session.value += sessions;
-      map_.keyframes.push_back(std::move(keyframe));
-    }
-    for (OdometryMeasurement step : other.odometry) {
-      step.from = moved(step.from);
-      step.to = moved(step.to);
-      map_.odometry.push_back(step);
-    }
-    const auto append_closures = [&](const std::vector<LoopClosure>& from, std::vector<LoopClosure>& to) {
-      for (LoopClosure closure : from) {
-        closure.from = moved(closure.from);
-        closure.to = moved(closure.to);
-        if (closure.cause >= 0) closure.cause += closures;
-        to.push_back(closure);
-      }
-    };
-    append_closures(other.closures, map_.closures);
-    append_closures(other.refusals, map_.refusals);
-    if (options_.remeasure_loaded) {
-      remeasure();
-      rebuild();
-    } else {
-      add_to_smoother(sessions, keyframes, odometry, closures);
-    }
-  }
+  void load(const SlamMap& other);
 
   /// Takes in what was added, and moves the keyframes to the optimum, as near as the smoother's tolerances say. If that
   /// fails they stay, and what was added waits for the next time.
-  UpdateReport optimise() {
-    UpdateReport report;
-    report.variables = smoother_.floating();
-    if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
-    for (Index k = 0; report.ok() && k < options_.optimizer.max_iterations; ++k) {
-      report = smoother_.update();
-      const Change change(*this);
-      if (report.ok())
-        take(smoother_.changed());
-      else
-        rebuild();
-      if (report.waiting == 0) break;
-    }
-    return report;
-  }
+  UpdateReport optimise();
 
   /// The same, to the end.
-  ConvergeReport converge() {
-    ConvergeReport report;
-    report.variables = smoother_.floating();
-    if (!report.variables.empty()) {
-      report.status = UpdateStatus::unconstrained;
-      return report;
-    }
-    report = smoother_.converge(options_.optimizer);
-    const Change change(*this);
-    if (!report.ok())
-      rebuild();
-    else
-      for (Key key = 0; key < smoother_.size(); ++key) keyframe(key).T_map_body = smoother_[key];
-    return report;
-  }
+  ConvergeReport converge();
 
  private:
   /// While it lives, the map changes, and nobody else reads it.
@@ -245,43 +107,18 @@ class MapGraph {
   [[nodiscard]] Keyframe& keyframe(Index i) { return map_.keyframes[static_cast<std::size_t>(i)]; }
   [[nodiscard]] const Session& session(SessionId id) const { return map_.sessions[static_cast<std::size_t>(id.value)]; }
 
-  void check(const Keyframe& keyframe) const {
-    require_finite(keyframe);
-    if (!map_.sessions.empty() && map_.sessions.back().keyframes > 0 && keyframe.time <= map_.keyframes.back().time)
-      throw std::invalid_argument("BackEnd: a keyframe's time is not later than the one before it");
-  }
-
-  void remeasure() {
-    const auto pose = [&](KeyframeId id) { return map_.keyframes[static_cast<std::size_t>(id.value)].T_map_body; };
-    for (OdometryMeasurement& step : map_.odometry) step.T_from_to = pose(step.from).inverse() * pose(step.to);
-    for (LoopClosure& closure : map_.closures) closure.T_from_to = pose(closure.from).inverse() * pose(closure.to);
-  }
+  void check(const Keyframe& keyframe) const;
+  void remeasure();
 
   void take(std::span<const Key> keys) {
     for (const Key key : keys) keyframe(key).T_map_body = smoother_[key];
   }
 
-  void rebuild() {
-    smoother_ = Smoother(options_.smoother);
-    priors_.assign(map_.sessions.size(), {});
-    add_to_smoother(0, 0, 0, 0);
-  }
+  void rebuild();
   /// Adds all of the map from these positions on.
-  void add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures) {
-    const auto from = [](const auto& list, Index first) {
-      return std::span(list).subspan(static_cast<std::size_t>(first));
-    };
-    for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) smoother_.add_value(keyframe.T_map_body);
-    for (const Session& session : from(map_.sessions, sessions)) add_prior(session);
-    for (const OdometryMeasurement& step : from(map_.odometry, odometry)) add_factor(step);
-    for (const LoopClosure& closure : from(map_.closures, closures)) add_factor(closure);
-  }
+  void add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures);
 
-  void add_prior(const Session& session) {
-    if (session.keyframes == 0 || session.prior_sqrt_information.isZero(0)) return;
-    priors_[static_cast<std::size_t>(session.id.value)] =
-        smoother_.add(PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
-  }
+  void add_prior(const Session& session);
   void add_factor(const OdometryMeasurement& step) {
     smoother_.add(BetweenFactor<SE3d>{step.from.value, step.to.value, step.T_from_to, step.sqrt_information});
   }
@@ -299,5 +136,223 @@ class MapGraph {
   mutable std::mutex changing_;
   mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since
 };
+
+template <class Kernel>
+std::shared_ptr<const SlamMap> MapGraph<Kernel>::snapshot() const {
+  const std::scoped_lock lock(changing_);
+  if (!snapshot_) snapshot_ = std::make_shared<const SlamMap>(map_);
+  return snapshot_;
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::begin_session(std::string name) {
+  const Change change(*this);
+  const SessionId id{to_index(map_.sessions.size())};
+  priors_.emplace_back();
+  map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::require_finite(const Keyframe& keyframe) {
+  const SE3d& T = keyframe.T_odom_body;
+  // |a - b|^2 <= 4 max(|a|^2, |b|^2): no way between two keyframes overflows.
+  if (!is_finite(T.matrix()) || !is_finite(4 * T.translation().squaredNorm()))
+    throw std::invalid_argument("BackEnd: a keyframe's pose is not finite");
+}
+
+template <class Kernel>
+KeyframeId MapGraph<Kernel>::append(Keyframe keyframe) {
+  check(keyframe);
+  if (map_.sessions.empty()) begin_session({});
+  const Change change(*this);
+  Session& session = map_.sessions.back();
+  keyframe.id = KeyframeId{to_index(map_.keyframes.size())};
+  keyframe.session = session.id;
+  if (session.keyframes == 0) {
+    keyframe.T_map_body = keyframe.T_odom_body;
+    session.prior = keyframe.T_map_body;
+    session.prior_sqrt_information = NoiseModel<6>::from_sigma(options_.anchor).sqrt_information();
+  } else {
+    const Keyframe& last = map_.keyframes.back();
+    const SE3d T_last_new = last.T_odom_body.inverse() * keyframe.T_odom_body;
+    keyframe.T_map_body = last.T_map_body * T_last_new;
+    map_.odometry.push_back({last.id, keyframe.id, T_last_new, options_.odometry_noise(T_last_new).sqrt_information()});
+  }
+  smoother_.add_value(keyframe.T_map_body);
+  if (session.keyframes++ == 0)
+    add_prior(session);
+  else
+    add_factor(map_.odometry.back());
+  map_.keyframes.push_back(std::move(keyframe));
+  return map_.keyframes.back().id;
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::set_gnss(KeyframeId id, const GnssFix& fix) {
+  const Change change(*this);
+  keyframe(id.value).gnss = fix;
+}
+
+template <class Kernel>
+Index MapGraph<Kernel>::accept(const LoopClosure& closure) {
+  const Change change(*this);
+  add_factor(closure);
+  map_.closures.push_back(closure);
+  return to_index(map_.closures.size()) - 1;
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::refuse(const LoopClosure& closure) {
+  const Change change(*this);
+  map_.refusals.push_back(closure);
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::join(SessionId frame, SessionId joined, const SE3d& T_frame_joined) {
+  const Change change(*this);
+  std::vector<Key> moved;
+  for (Session& session : map_.sessions) {
+    if (session.frame != joined) continue;
+    session.frame = frame;
+    session.prior = T_frame_joined * session.prior;
+    if (!options_.anchor_joined_sessions || session.keyframes == 0) session.prior_sqrt_information.setZero();
+    FactorId& prior = priors_[static_cast<std::size_t>(session.id.value)];
+    if (smoother_.contains(prior)) smoother_.remove(prior);
+    for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) moved.push_back(i);
+  }
+  smoother_.move(moved, T_frame_joined);
+  take(moved);
+  if (!options_.anchor_joined_sessions) return;
+  for (const Key key : moved) {
+    Session& session = map_.sessions[static_cast<std::size_t>(keyframe(key).session.value)];
+    if (session.first_keyframe != key) continue;
+    session.prior = keyframe(key).T_map_body;
+    add_prior(session);
+  }
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::load(const SlamMap& other) {
+  const Change change(*this);
+  const Index keyframes = to_index(map_.keyframes.size());
+  const Index sessions = to_index(map_.sessions.size());
+  const Index odometry = to_index(map_.odometry.size());
+  const Index closures = to_index(map_.closures.size());
+  const auto moved = [&](KeyframeId id) { return KeyframeId{id.value + keyframes}; };
+  for (Session session : other.sessions) {
+    session.id.value += sessions;
+    session.frame.value += sessions;
+    session.first_keyframe += keyframes;
+    priors_.emplace_back();
+    map_.sessions.push_back(std::move(session));
+  }
+  for (Keyframe keyframe : other.keyframes) {
+    keyframe.id = moved(keyframe.id);
+    keyframe.session.value += sessions;
+    map_.keyframes.push_back(std::move(keyframe));
+  }
+  for (OdometryMeasurement step : other.odometry) {
+    step.from = moved(step.from);
+    step.to = moved(step.to);
+    map_.odometry.push_back(step);
+  }
+  const auto append_closures = [&](const std::vector<LoopClosure>& from, std::vector<LoopClosure>& to) {
+    for (LoopClosure closure : from) {
+      closure.from = moved(closure.from);
+      closure.to = moved(closure.to);
+      if (closure.cause >= 0) closure.cause += closures;
+      to.push_back(closure);
+    }
+  };
+  append_closures(other.closures, map_.closures);
+  append_closures(other.refusals, map_.refusals);
+  if (options_.remeasure_loaded) {
+    remeasure();
+    rebuild();
+  } else {
+    add_to_smoother(sessions, keyframes, odometry, closures);
+  }
+}
+
+template <class Kernel>
+UpdateReport MapGraph<Kernel>::optimise() {
+  UpdateReport report;
+  report.variables = smoother_.floating();
+  if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
+  for (Index k = 0; report.ok() && k < options_.optimizer.max_iterations; ++k) {
+    report = smoother_.update();
+    const Change change(*this);
+    if (report.ok())
+      take(smoother_.changed());
+    else
+      rebuild();
+    if (report.waiting == 0) break;
+  }
+  return report;
+}
+
+template <class Kernel>
+ConvergeReport MapGraph<Kernel>::converge() {
+  ConvergeReport report;
+  report.variables = smoother_.floating();
+  if (!report.variables.empty()) {
+    report.status = UpdateStatus::unconstrained;
+    return report;
+  }
+  report = smoother_.converge(options_.optimizer);
+  const Change change(*this);
+  if (!report.ok())
+    rebuild();
+  else
+    for (Key key = 0; key < smoother_.size(); ++key) keyframe(key).T_map_body = smoother_[key];
+  return report;
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::check(const Keyframe& keyframe) const {
+  require_finite(keyframe);
+  if (!map_.sessions.empty() && map_.sessions.back().keyframes > 0 && keyframe.time <= map_.keyframes.back().time)
+    throw std::invalid_argument("BackEnd: a keyframe's time is not later than the one before it");
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::remeasure() {
+  const auto pose = [&](KeyframeId id) { return map_.keyframes[static_cast<std::size_t>(id.value)].T_map_body; };
+  for (OdometryMeasurement& step : map_.odometry) step.T_from_to = pose(step.from).inverse() * pose(step.to);
+  for (LoopClosure& closure : map_.closures) closure.T_from_to = pose(closure.from).inverse() * pose(closure.to);
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::rebuild() {
+  smoother_ = Smoother(options_.smoother);
+  priors_.assign(map_.sessions.size(), {});
+  add_to_smoother(0, 0, 0, 0);
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures) {
+  const auto from = [](const auto& list, Index first) {
+    return std::span(list).subspan(static_cast<std::size_t>(first));
+  };
+  for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) smoother_.add_value(keyframe.T_map_body);
+  for (const Session& session : from(map_.sessions, sessions)) add_prior(session);
+  for (const OdometryMeasurement& step : from(map_.odometry, odometry)) add_factor(step);
+  for (const LoopClosure& closure : from(map_.closures, closures)) add_factor(closure);
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::add_prior(const Session& session) {
+  if (session.keyframes == 0 || session.prior_sqrt_information.isZero(0)) return;
+  priors_[static_cast<std::size_t>(session.id.value)] =
+      smoother_.add(PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
+}
+
+#ifdef CHAINSLAM_COMPILED
+extern template class IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>;
+extern template UpdateReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::update(const Serial&);
+extern template ConvergeReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::converge(const ConvergeOptions&,
+                                                                                                const Serial&);
+extern template class MapGraph<>;
+#endif
 
 }  // namespace chainslam

@@ -1,0 +1,9 @@
+#include "chainslam/factor_graph/incremental_smoother.hpp"
+
+namespace chainslam {
+
+template class IncrementalSmoother<SE3d>;
+template UpdateReport IncrementalSmoother<SE3d>::update(const Serial&);
+template ConvergeReport IncrementalSmoother<SE3d>::converge(const ConvergeOptions&, const Serial&);
+
+}  // namespace chainslam
