@@ -173,11 +173,13 @@ struct PlaneEquations {
 
 /// sum += w x x^T
 inline void add_square(Matrix6d& sum, double w, const Vector6d& x) {
+  double row[6];  // a copy, so that no store to the sum can change it
+  std::copy_n(x.data(), 6, row);
 #pragma GCC unroll 6
   for (int j = 0; j < 6; ++j) {
-    const double factor = w * x[j];
+    const double factor = w * row[j];
 #pragma GCC unroll 6
-    for (int i = 0; i < 6; ++i) sum.data()[i + 6 * j] += factor * x[i];
+    for (int i = 0; i < 6; ++i) sum.data()[i + 6 * j] += factor * row[i];
   }
 }
 
