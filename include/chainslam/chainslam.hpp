@@ -29,6 +29,7 @@
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/snapshot.hpp"
+#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"

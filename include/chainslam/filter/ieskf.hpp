@@ -7,8 +7,8 @@
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/filter/concepts.hpp"
-#include "chainslam/filter/detail/state_matrix.hpp"
 #include "chainslam/lie/retract_jacobian.hpp"
 
 namespace chainslam {
@@ -81,7 +81,7 @@ class Ieskf {
   void predict(const Input& input, double dt) {
     const Transition<State> step = process.predict(state_, input, dt);
     state_ = step.state;
-    covariance_ = detail::symmetric(Matrix(detail::congruent(step.F, covariance_) + step.Q));
+    covariance_ = symmetric(Matrix(congruent(step.F, covariance_) + step.Q));
   }
 
   /// Takes a measurement. Whatever the outcome, state and covariance stay finite.
@@ -91,10 +91,10 @@ class Ieskf {
  private:
   /// (H^T R^-1 H + P^-1)^-1 for P = root root^T, as C C^T for the C returned.
   [[nodiscard]] static Matrix posterior_root(const Matrix& root, const Matrix& information) {
-    const Matrix weighed = detail::times(information, root);
-    Matrix whitened = detail::symmetric(detail::times(transposed(root), weighed));
+    const Matrix weighed = times(information, root);
+    Matrix whitened = symmetric(times(transposed(root), weighed));
     for (int i = 0; i < State::dof; ++i) whitened(i, i) += 1;
-    return detail::solved_right(root, detail::cholesky(whitened));
+    return solved_right(root, cholesky(whitened));
   }
 
   [[nodiscard]] static bool is_small(const Tangent& step, double tolerance) {
@@ -111,7 +111,7 @@ template <Manifold State, class Process>
 template <MeasurementModel<State> Measurement>
 FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, const IterationRule& rule) {
   FilterReport<State> report;
-  const Matrix prior_root = detail::square_root(covariance_);
+  const Matrix prior_root = square_root(covariance_);
   State x = state_;
   Matrix covariance = covariance_;
   for (bool renew = false; report.iterations < rule.max_iterations;) {
@@ -123,24 +123,24 @@ FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, cons
       report.status = FilterStatus::no_information;
       return report;
     }
-    const Matrix C = posterior_root(detail::times(J_inverse, prior_root), z.information);
-    const Matrix S = detail::times_transposed(C, C);
+    const Matrix C = posterior_root(times(J_inverse, prior_root), z.information);
+    const Matrix S = times_transposed(C, C);
     // FAST-LIO2, eq. 18, with K H = S H^T R^-1 H and K r = -S gradient.
-    const Tangent back = detail::times(J_inverse, moved);
-    const Tangent pull = z.gradient + detail::times(z.information, back);
-    const Tangent step = detail::times(S, pull) - back;
+    const Tangent back = times(J_inverse, moved);
+    const Tangent pull = z.gradient + times(z.information, back);
+    const Tangent step = times(S, pull) - back;
     if (!is_finite(step) || !is_finite(S)) {
       report.status = FilterStatus::not_finite;
       return report;
     }
     if (report.iterations == 0) {
-      report.nis = z.squared_error - z.gradient.dot(detail::times(S, z.gradient));
+      report.nis = z.squared_error - transposed_product(z.gradient, times(S, z.gradient))(0, 0);
       report.nis_residuals = z.residuals;
     }
     // The posterior lives where the step ends: IKFoM's reset, which later filters dropped.
     const Matrix reset = retract_jacobian(x, step);
     x = x.retract(step);
-    covariance = detail::symmetric(detail::congruent(reset, S));
+    covariance = symmetric(congruent(reset, S));
     ++report.iterations;
     renew = is_small(step, rule.step_tolerance);
     report.status = renew && z.settled ? FilterStatus::converged : FilterStatus::iteration_limit;

@@ -9,6 +9,7 @@
 
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 
@@ -39,7 +40,7 @@ struct SweepMotion {
 
   /// Constant twist (per second, body frame, [translation; rotation]) through the whole sweep.
   [[nodiscard]] static SweepMotion constant_twist(double duration, const Vector6d& twist) {
-    return sample(duration, twist.tail<3>().norm() * duration,
+    return sample(duration, block_of<3, 1>(twist, 3, 0).norm() * duration,
                   [&](double t) { return SE3d::exp((t - duration) * twist); });
   }
 };
@@ -78,9 +79,11 @@ template <Executor E = Serial>
       const double place = wanted > 0 ? std::min(wanted, last) : 0.0;  // NaN counts as the sweep's begin
       const auto k = std::min(static_cast<std::size_t>(place), knots.size() - 2);
       const double share = place - static_cast<double>(k);
-      const Eigen::Vector3d before = knots[k].R * p + knots[k].t;
-      const Eigen::Vector3d after = knots[k + 1].R * p + knots[k + 1].t;
-      corrected.positions[i] = (before + share * (after - before)).cast<float>();
+      const Eigen::Vector3d before = product(knots[k].R, p) + knots[k].t;
+      const Eigen::Vector3d after = product(knots[k + 1].R, p) + knots[k + 1].t;
+      const Eigen::Vector3d way = after - before;
+      const Eigen::Vector3d moved = before + Eigen::Vector3d(share * way);
+      corrected.positions[i] = moved.cast<float>();
     }
   });
   return corrected;

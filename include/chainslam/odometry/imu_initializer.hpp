@@ -37,14 +37,14 @@ struct ImuInitializer {
     Eigen::Vector3d gyro = Eigen::Vector3d::Zero();
     Eigen::Vector3d accel = Eigen::Vector3d::Zero();
     for (const ImuSample& sample : samples) {
-      gyro += sample.gyro / n;
-      accel += sample.accel / n;
+      gyro += Eigen::Vector3d(sample.gyro / n);
+      accel += Eigen::Vector3d(sample.accel / n);
     }
     double gyro_variance = 0;
     double accel_variance = 0;
     for (const ImuSample& sample : samples) {
-      gyro_variance += (sample.gyro - gyro).squaredNorm() / n;
-      accel_variance += (sample.accel - accel).squaredNorm() / n;
+      gyro_variance += Eigen::Vector3d(sample.gyro - gyro).squaredNorm() / n;
+      accel_variance += Eigen::Vector3d(sample.accel - accel).squaredNorm() / n;
     }
     const double force = accel.norm();
     if (!(force > 0)) return start;

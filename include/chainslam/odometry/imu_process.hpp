@@ -1,8 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <utility>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/filter/concepts.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
 
@@ -43,8 +43,9 @@ struct ImuProcess {
 
   /// Acceleration in odom, m/s^2, at a state.
   [[nodiscard]] Eigen::Vector3d acceleration(const InertialState& x, const ImuInput& input) const {
-    return x.get<Inertial::rotation>() * Eigen::Vector3d(input.accel - x.get<Inertial::accel_bias>().value()) -
-           gravity * x.get<Inertial::up>().direction();
+    const Eigen::Vector3d force = input.accel - x.get<Inertial::accel_bias>().value();
+    const Eigen::Vector3d weight = gravity * x.get<Inertial::up>().direction();
+    return x.get<Inertial::rotation>() * force - weight;
   }
 
  private:
@@ -59,27 +60,32 @@ inline void ImuProcess::lean(const InertialState& x, double dt, Transition<Inert
   constexpr int v = inertial_offset<Part::velocity>, bend = inertial_offset<Part::bend>;
   constexpr int up = inertial_offset<Part::up>, creep = inertial_offset<Part::creep>;
   const Eigen::Vector3d& before = x.get<Part::up>().direction();
-  const auto basis = x.get<Part::up>().basis();
+  const Eigen::Matrix<double, 3, 2> basis = x.get<Part::up>().basis();
   const Eigen::Vector3d velocity = x.get<Part::velocity>().value();
   const double bent = dt * x.get<Part::bend>().value()[0];
   const Eigen::Vector3d across = before.cross(velocity);
-  const SO3d turn = SO3d::exp(bent * across);
+  const Eigen::Vector3d w = bent * across;
+  const SO3d turn = SO3d::exp(w);
   const S2d after = turn * x.get<Part::up>();
+  const Eigen::Vector3d change = after.direction() - before;
   step.state.get<Part::up>() = after;
-  step.state.get<Part::creep>() = R2d(x.get<Part::creep>().value() + (after.direction() - before).head<2>());
+  step.state.get<Part::creep>() = R2d(x.get<Part::creep>().value() + block_of<2, 1>(change, 0, 0));
 
   // d up' / d (w, up, velocity)
-  const Eigen::Matrix3d by_turn = -turn.matrix() * SO3d::hat(before) * SO3d::right_jacobian(bent * across);
-  const Eigen::Matrix<double, 3, 2> by_up = (turn.matrix() - bent * by_turn * SO3d::hat(velocity)) * basis;
-  const Eigen::Matrix3d by_velocity = bent * by_turn * SO3d::hat(before);
-  const Eigen::Vector3d by_bend = dt * by_turn * across;
-  const Eigen::Matrix<double, 2, 3> to_tangent = after.basis().transpose();
-  step.F.block<2, 2>(up, up) = to_tangent * by_up;
-  step.F.block<2, 3>(up, v) = to_tangent * by_velocity;
-  step.F.block<2, 1>(up, bend) = to_tangent * by_bend;
-  step.F.block<2, 2>(creep, up) = (by_up - basis).topRows<2>();
-  step.F.block<2, 3>(creep, v) = by_velocity.topRows<2>();
-  step.F.block<2, 1>(creep, bend) = by_bend.head<2>();
+  const Eigen::Matrix3d R = turn.matrix();
+  const Eigen::Matrix3d by_turn = -product(product(R, SO3d::hat(before)), SO3d::right_jacobian(w));
+  const Eigen::Matrix3d by_way = bent * by_turn;
+  const Eigen::Matrix3d by_direction = R - product(by_way, SO3d::hat(velocity));
+  const Eigen::Matrix<double, 3, 2> by_up = product(by_direction, basis);
+  const Eigen::Matrix3d by_velocity = product(by_way, SO3d::hat(before));
+  const Eigen::Vector3d by_bend = dt * product(by_turn, across);
+  const Eigen::Matrix<double, 2, 3> to_tangent = transposed(after.basis());
+  set_block(step.F, up, up, product(to_tangent, by_up));
+  set_block(step.F, up, v, product(to_tangent, by_velocity));
+  set_block(step.F, up, bend, product(to_tangent, by_bend));
+  set_block(step.F, creep, up, block_of<2, 2>(Eigen::Matrix<double, 3, 2>(by_up - basis), 0, 0));
+  set_block(step.F, creep, v, block_of<2, 3>(by_velocity, 0, 0));
+  set_block(step.F, creep, bend, block_of<2, 1>(by_bend, 0, 0));
 }
 
 inline Transition<InertialState> ImuProcess::predict(const InertialState& x, const ImuInput& input, double dt) const {
@@ -90,53 +96,64 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   constexpr int bg = inertial_offset<Part::gyro_bias>, ba = inertial_offset<Part::accel_bias>;
   const bool midpoint = integration == ImuIntegration::midpoint;
 
-  const Eigen::Vector3d turn = dt * (input.gyro - x.get<Part::gyro_bias>().value());
+  const Eigen::Vector3d rate = input.gyro - x.get<Part::gyro_bias>().value();
+  const Eigen::Vector3d turn = dt * rate;
   const Eigen::Vector3d force = input.accel - x.get<Part::accel_bias>().value();
   const Eigen::Vector3d half_turn = (midpoint ? 0.5 : 0.0) * turn;
-  const SO3d to_force = SO3d::exp(half_turn);
-  const Eigen::Matrix3d R_force = (x.get<Part::rotation>() * to_force).matrix();
-  const Eigen::Vector3d acceleration = R_force * force - gravity * x.get<Part::up>().direction();
+  const SO3d to_force = SO3d::exp(half_turn), turned = SO3d::exp(turn);
+  const SO3d& R_odom_body = x.get<Part::rotation>();
+  const Eigen::Matrix3d R_force = (R_odom_body * to_force).matrix();
+  const Eigen::Vector3d weight = gravity * x.get<Part::up>().direction();
+  const Eigen::Vector3d acceleration = product(R_force, force) - weight;
   const Eigen::Vector3d velocity = x.get<Part::velocity>().value();
+  const Eigen::Vector3d gained = dt * acceleration;
+  const Eigen::Vector3d mean_velocity = velocity + Eigen::Vector3d(0.5 * gained);
 
   Transition<InertialState> step{x, Transition<InertialState>::Matrix::Identity(),
                                  Transition<InertialState>::Matrix::Zero()};
-  step.state.get<Part::rotation>() = x.get<Part::rotation>() * SO3d::exp(turn);
-  step.state.get<Part::velocity>() = R3d(velocity + dt * acceleration);
-  step.state.get<Part::position>() =
-      R3d(x.get<Part::position>().value() + dt * velocity + 0.5 * dt * dt * acceleration);
+  step.state.get<Part::rotation>() = R_odom_body * turned;
+  step.state.get<Part::velocity>() = R3d(velocity + gained);
+  step.state.get<Part::position>() = R3d(x.get<Part::position>().value() + Eigen::Vector3d(dt * mean_velocity));
 
   // d acceleration / d (rotation, gyro bias, accel bias, up)
-  const Eigen::Matrix3d by_rotation = -x.get<Part::rotation>().matrix() * SO3d::hat(to_force * force);
-  const Eigen::Matrix3d by_gyro_bias =
-      (midpoint ? 0.5 * dt : 0.0) * (R_force * SO3d::hat(force) * SO3d::right_jacobian(half_turn));
+  const Eigen::Matrix3d by_rotation = -product(R_odom_body.matrix(), SO3d::hat(to_force * force));
+  const Eigen::Matrix3d by_half_turn = product(product(R_force, SO3d::hat(force)), SO3d::right_jacobian(half_turn));
+  const Eigen::Matrix3d by_gyro_bias = (midpoint ? 0.5 * dt : 0.0) * by_half_turn;
   const Eigen::Matrix<double, 3, 2> by_up = -gravity * x.get<Part::up>().basis();
-  for (const auto& [row, factor] : {std::pair{p, 0.5 * dt * dt}, std::pair{v, dt}}) {
-    step.F.block<3, 3>(row, R) = factor * by_rotation;
-    step.F.block<3, 3>(row, bg) = factor * by_gyro_bias;
-    step.F.block<3, 3>(row, ba) = -factor * R_force;
-    step.F.block<3, 2>(row, up) = factor * by_up;
-  }
-  step.F.block<3, 3>(p, v) = dt * Eigen::Matrix3d::Identity();
-  step.F.block<3, 3>(R, R) = SO3d::exp(turn).matrix().transpose();
-  step.F.block<3, 3>(R, bg) = -dt * SO3d::right_jacobian(turn);
+  const auto set_rows = [&](int row, double factor) {
+    set_block(step.F, row, R, Eigen::Matrix3d(factor * by_rotation));
+    set_block(step.F, row, bg, Eigen::Matrix3d(factor * by_gyro_bias));
+    set_block(step.F, row, ba, Eigen::Matrix3d(-factor * R_force));
+    set_block(step.F, row, up, Eigen::Matrix<double, 3, 2>(factor * by_up));
+  };
+  set_rows(p, 0.5 * dt * dt);
+  set_rows(v, dt);
+  for (int i = 0; i < 3; ++i) step.F(p + i, v + i) = dt;
+  set_block(step.F, R, R, turned.inverse().matrix());
+  set_block(step.F, R, bg, Eigen::Matrix3d(-dt * SO3d::right_jacobian(turn)));
 
   lean(x, dt, step);
 
   // Noise of a reading acts as an error of its bias does. The mean of white noise over dt has variance density^2 / dt.
   const double per_time = midpoint ? 1.0 / dt : 1.0;
   const auto squared = [](double value) { return value * value; };
-  const auto by_gyro = step.F.middleCols<3>(bg).topRows<9>();
-  const auto by_accel = step.F.middleCols<3>(ba).topRows<9>();
-  step.Q.topLeftCorner<9, 9>() =
-      per_time * (squared(noise.gyro) + squared(input.gyro_noise)) * (by_gyro * by_gyro.transpose()) +
-      per_time * (squared(noise.accel) + squared(input.accel_noise)) * (by_accel * by_accel.transpose());
-  step.Q.diagonal().segment<3>(bg).setConstant(dt * dt * per_time * squared(noise.gyro_bias_walk));
-  step.Q.diagonal().segment<3>(ba).setConstant(dt * dt * per_time * squared(noise.accel_bias_walk));
-  const Eigen::Matrix2d by_walk = step.state.get<Part::up>().basis().topRows<2>();
-  step.Q.block<2, 2>(up, up) = dt * squared(up_walk) * Eigen::Matrix2d::Identity();
-  step.Q.block<2, 2>(creep, up) = dt * squared(up_walk) * by_walk;
-  step.Q.block<2, 2>(up, creep) = step.Q.block<2, 2>(creep, up).transpose();
-  step.Q.block<2, 2>(creep, creep) = dt * squared(up_walk) * by_walk * by_walk.transpose();
+  const Eigen::Matrix<double, 9, 3> by_gyro = block_of<9, 3>(step.F, 0, bg), by_accel = block_of<9, 3>(step.F, 0, ba);
+  const double gyro_variance = per_time * (squared(noise.gyro) + squared(input.gyro_noise));
+  const double accel_variance = per_time * (squared(noise.accel) + squared(input.accel_noise));
+  const auto of_gyro = product_transposed(by_gyro, by_gyro), of_accel = product_transposed(by_accel, by_accel);
+  for (int j = 0; j < 9; ++j)
+    for (int i = 0; i < 9; ++i) step.Q(i, j) = gyro_variance * of_gyro(i, j) + accel_variance * of_accel(i, j);
+  for (int i = 0; i < 3; ++i) {
+    step.Q(bg + i, bg + i) = dt * dt * per_time * squared(noise.gyro_bias_walk);
+    step.Q(ba + i, ba + i) = dt * dt * per_time * squared(noise.accel_bias_walk);
+  }
+  const double walk = dt * squared(up_walk);
+  const Eigen::Matrix2d by_walk = block_of<2, 2>(step.state.get<Part::up>().basis(), 0, 0);
+  const Eigen::Matrix2d with_up = walk * by_walk;
+  for (int i = 0; i < 2; ++i) step.Q(up + i, up + i) = walk;
+  set_block(step.Q, creep, up, with_up);
+  set_block(step.Q, up, creep, transposed(with_up));
+  set_block(step.Q, creep, creep, product_transposed(with_up, by_walk));
   return step;
 }
 

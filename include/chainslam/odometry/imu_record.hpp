@@ -93,8 +93,13 @@ class ImuRecord {
 
  private:
   [[nodiscard]] bool clipped(const ImuSample& sample) const {
-    return sample.gyro.cwiseAbs().maxCoeff() >= options_.gyro_range ||
-           sample.accel.cwiseAbs().maxCoeff() >= options_.accel_range;
+    return reaches(sample.gyro, options_.gyro_range) || reaches(sample.accel, options_.accel_range);
+  }
+  /// Whether any axis reads `range` or more.
+  [[nodiscard]] static bool reaches(const Eigen::Vector3d& reading, double range) {
+    for (int i = 0; i < 3; ++i)
+      if (std::abs(reading[i]) >= range) return true;
+    return false;
   }
 
   /// What a line between two readings leaves out, as a density: its mean over `interval` may be off by a part of the
@@ -132,8 +137,9 @@ class ImuRecord {
     }
     for (double k = 0; k < pieces; ++k) {
       const double share = a != nullptr && b != nullptr ? (to_seconds(begin - a->time) + (k + 0.5) * dt) / hole : 0.0;
-      input.gyro = first.gyro + share * (last.gyro - first.gyro);
-      input.accel = first.accel + share * (last.accel - first.accel);
+      const Eigen::Vector3d gyro_change = last.gyro - first.gyro, accel_change = last.accel - first.accel;
+      input.gyro = first.gyro + Eigen::Vector3d(share * gyro_change);
+      input.accel = first.accel + Eigen::Vector3d(share * accel_change);
       step(ImuStep{dt, input});
     }
   }

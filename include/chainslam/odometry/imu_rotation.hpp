@@ -77,12 +77,14 @@ class ImuRotation {
     const ImuSample& a = samples_[next - 1];
     const ImuSample& b = samples_[next];
     const double share = to_seconds(time - a.time) / to_seconds(b.time - a.time);
-    return a.gyro + share * (b.gyro - a.gyro);
+    const Eigen::Vector3d change = b.gyro - a.gyro;
+    return a.gyro + Eigen::Vector3d(share * change);
   }
 
   static SO3d step(const Eigen::Vector3d& begin, const Eigen::Vector3d& end, double duration) {
-    const Eigen::Vector3d coning = begin.cross(end) * (duration * duration / 12);
-    return SO3d::exp(0.5 * duration * (begin + end) + coning);
+    const Eigen::Vector3d coning = (duration * duration / 12) * Eigen::Vector3d(begin.cross(end));
+    const Eigen::Vector3d mean = 0.5 * duration * Eigen::Vector3d(begin + end);
+    return SO3d::exp(mean + coning);
   }
 
   Duration max_gap_;

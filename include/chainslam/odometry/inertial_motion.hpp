@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/filter/ieskf.hpp"
 #include "chainslam/odometry/deskew.hpp"
@@ -74,7 +75,9 @@ class InertialMotion {
     Vector6d twist = Vector6d::Zero();
     if (!way_.empty()) {
       const Knot& knot = way_.front();
-      twist << knot.T_odom_body.rotation().inverse() * Eigen::Vector3d(knot.velocity + velocity_change), knot.rate;
+      const Eigen::Vector3d velocity = knot.velocity + velocity_change;
+      set_block(twist, 0, 0, knot.T_odom_body.rotation().inverse() * velocity);
+      set_block(twist, 3, 0, knot.rate);
     }
     return SweepMotion::constant_twist(duration, twist);
   }
@@ -103,8 +106,9 @@ class InertialMotion {
     Eigen::Vector3d rate;                    ///< body
 
     [[nodiscard]] SE3d pose(double dt) const {
-      return SE3d(T_odom_body.rotation() * SO3d::exp(dt * rate),
-                  T_odom_body.translation() + dt * velocity + 0.5 * dt * dt * acceleration);
+      const Eigen::Vector3d mean_velocity = velocity + Eigen::Vector3d(0.5 * dt * acceleration);
+      const Eigen::Vector3d way = dt * mean_velocity;
+      return SE3d(T_odom_body.rotation() * SO3d::exp(dt * rate), T_odom_body.translation() + way);
     }
   };
 
@@ -116,10 +120,9 @@ class InertialMotion {
   /// Readings that would leave rate and velocity as they are.
   [[nodiscard]] ImuInput continued() const {
     const InertialState& x = state();
+    const Eigen::Vector3d weight = options_.process.gravity * x.get<Inertial::up>().direction();
     return {.gyro = mean_rate_ + x.get<Inertial::gyro_bias>().value(),
-            .accel = x.get<Inertial::rotation>().inverse() *
-                         Eigen::Vector3d(options_.process.gravity * x.get<Inertial::up>().direction()) +
-                     x.get<Inertial::accel_bias>().value(),
+            .accel = x.get<Inertial::rotation>().inverse() * weight + x.get<Inertial::accel_bias>().value(),
             .gyro_noise = options_.free_gyro,
             .accel_noise = options_.free_accel};
   }
@@ -150,17 +153,18 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   x.get<Inertial::lidar_rotation>() = T_body_lidar_.rotation();
   // The pose is the frame's own definition. What is not known of gravity is its direction in that frame.
   const auto squared = [](double value) { return value * value; };
-  InertialState::Tangent variance = InertialState::Tangent::Zero();
+  InertialState::Jacobian covariance = InertialState::Jacobian::Zero();
   const auto set = [&]<Inertial::Part Part>(double deviation) {
     constexpr int size = InertialState::Part<Part>::dof;
-    variance.segment<size>(inertial_offset<Part>).setConstant(squared(deviation));
+    for (int i = 0; i < size; ++i)
+      covariance(inertial_offset<Part> + i, inertial_offset<Part> + i) = squared(deviation);
   };
   set.operator()<Inertial::velocity>(options_.start_speed);
   set.operator()<Inertial::gyro_bias>(start.at_rest ? 0.2 * options_.start_gyro_bias : options_.start_gyro_bias);
   set.operator()<Inertial::accel_bias>(options_.start_accel_bias);
   set.operator()<Inertial::bend>(options_.start_bend);
   set.operator()<Inertial::up>(start.at_rest ? options_.rest_up : options_.start_up);
-  filter_ = Filter(x, variance.asDiagonal(), options_.process);
+  filter_ = Filter(x, covariance, options_.process);
   time_ = time;
   started_ = true;
   way_ = {{time, T_odom_body(x), Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()}};
@@ -171,8 +175,8 @@ inline void InertialMotion::step(const ImuInput& input, double dt) {
   const InertialState x = state();
   filter_.predict(input, dt);
   const Eigen::Vector3d velocity = x.get<Inertial::velocity>().value();
-  way_.push_back({time_, T_odom_body(x), velocity, (state().get<Inertial::velocity>().value() - velocity) / dt,
-                  input.gyro - x.get<Inertial::gyro_bias>().value()});
+  const Eigen::Vector3d gained = state().get<Inertial::velocity>().value() - velocity;
+  way_.push_back({time_, T_odom_body(x), velocity, gained / dt, input.gyro - x.get<Inertial::gyro_bias>().value()});
   time_ = time_ + seconds(dt);
 }
 
@@ -207,9 +211,10 @@ inline void InertialMotion::set_translation(const R3d& velocity, double speed_de
   x.get<Inertial::velocity>() = velocity;
   InertialState::Jacobian covariance = filter_.covariance();
   const auto forget = [&](int at, double deviation) {
-    covariance.middleRows<3>(at).setZero();
-    covariance.middleCols<3>(at).setZero();
-    covariance.diagonal().segment<3>(at).setConstant(deviation * deviation);
+    for (int i = at; i < at + 3; ++i) {
+      for (int j = 0; j < InertialState::dof; ++j) covariance(i, j) = covariance(j, i) = 0;
+      covariance(i, i) = deviation * deviation;
+    }
   };
   forget(inertial_offset<Inertial::velocity>, speed_deviation);
   forget(inertial_offset<Inertial::position>, position_deviation);
@@ -227,16 +232,23 @@ inline void InertialMotion::follow() {
 inline void InertialMotion::doubt_mounting() {
   constexpr int up = inertial_offset<Inertial::up>;
   const InertialState& x = state();
-  const auto lidar = lidar_pose_jacobian(x);
+  constexpr int mounting = InertialState::dof - 6;
+  // The LiDAR's pose stays: with J_b and J_m its derivatives by body and mounting, the body moves by -J_b^-1 J_m. Of
+  // J_b = Ad diag(R^T, I) the inverse is diag(R, I) Ad^-1.
+  const Matrix6d to_body = T_body_lidar(x).adjoint();
+  Matrix6d body = -product(to_body, pose_tangent(x.get<Inertial::lidar_rotation>()));
+  const Eigen::Matrix3d R = x.get<Inertial::rotation>().matrix();
+  set_block(body, 0, 0, product(R, block_of<3, 6>(body, 0, 0)));
+  const Eigen::Matrix3d by_turn = product(SO3d::hat(x.get<Inertial::up>().direction()), R);
+  const Eigen::Matrix<double, 2, 3> up_by_turn = -transposed_product(x.get<Inertial::up>().basis(), by_turn);
   Eigen::Matrix<double, InertialState::dof, 6> spread = Eigen::Matrix<double, InertialState::dof, 6>::Zero();
-  spread.topRows<6>() = -lidar.leftCols<6>().inverse() * lidar.rightCols<6>();
-  spread.middleRows<2>(up) = -x.get<Inertial::up>().basis().transpose() * SO3d::hat(x.get<Inertial::up>().direction()) *
-                             x.get<Inertial::rotation>().matrix() * spread.middleRows<3>(3);
-  spread.bottomRows<6>().setIdentity();
-  Vector6d deviations;
-  deviations << Eigen::Vector3d::Constant(options_.lidar_position), Eigen::Vector3d::Constant(options_.lidar_rotation);
-  spread *= deviations.asDiagonal();
-  filter_.reset(x, filter_.covariance() + spread * spread.transpose());
+  set_block(spread, 0, 0, body);
+  set_block(spread, up, 0, product(up_by_turn, block_of<3, 6>(body, 3, 0)));
+  for (int i = 0; i < 6; ++i) spread(mounting + i, i) = 1;
+  for (int j = 0; j < 6; ++j)
+    for (int i = 0; i < InertialState::dof; ++i)
+      spread(i, j) *= j < 3 ? options_.lidar_position : options_.lidar_rotation;
+  filter_.reset(x, filter_.covariance() + product_transposed(spread, spread));
 }
 
 inline SweepMotion InertialMotion::sweep_motion(Timestamp begin, const Vector6d& correction) const {

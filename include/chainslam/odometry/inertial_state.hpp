@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/product.hpp"
 #include "chainslam/lie/rn.hpp"
@@ -45,7 +46,7 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
 /// d T / d (position, rotation), with T's tangent as everywhere, [translation in its own axes; rotation].
 [[nodiscard]] inline Matrix6d pose_tangent(const SO3d& R) {
   Matrix6d tangent = Matrix6d::Identity();
-  tangent.topLeftCorner<3, 3>() = R.matrix().transpose();
+  set_block(tangent, 0, 0, R.inverse().matrix());
   return tangent;
 }
 
@@ -53,15 +54,16 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
 [[nodiscard]] inline Eigen::Matrix<double, 6, InertialState::dof> lidar_pose_jacobian(const InertialState& x) {
   Eigen::Matrix<double, 6, InertialState::dof> jacobian;
   jacobian.setZero();
-  jacobian.leftCols<6>() = T_body_lidar(x).inverse().adjoint() * pose_tangent(x.get<Inertial::rotation>());
-  jacobian.rightCols<6>() = pose_tangent(x.get<Inertial::lidar_rotation>());
+  const Matrix6d to_lidar = T_body_lidar(x).inverse().adjoint();
+  set_block(jacobian, 0, 0, product(to_lidar, pose_tangent(x.get<Inertial::rotation>())));
+  set_block(jacobian, 0, InertialState::dof - 6, pose_tangent(x.get<Inertial::lidar_rotation>()));
   return jacobian;
 }
 
 /// Covariance of T_odom_body from that of the state; tangent [translation; rotation].
 [[nodiscard]] inline Matrix6d pose_covariance(const InertialState& x, const InertialState::Jacobian& covariance) {
   const Matrix6d tangent = pose_tangent(x.get<Inertial::rotation>());
-  return tangent * covariance.topLeftCorner<6, 6>() * tangent.transpose();
+  return product_transposed(product(tangent, block_of<6, 6>(covariance, 0, 0)), tangent);
 }
 
 }  // namespace chainslam

@@ -22,7 +22,8 @@ class Leveller {
   void follow(const InertialState& x) {
     const Eigen::Vector3d& up = x.get<Inertial::up>().direction();
     Eigen::Vector3d up_at_start = up;
-    up_at_start.head<2>() -= x.get<Inertial::creep>().value();
+    const Eigen::Vector2d creep = x.get<Inertial::creep>().value();
+    for (int i = 0; i < 2; ++i) up_at_start[i] -= creep[i];
     const SO3d level = SO3d::between(up, up_at_start);
     const Eigen::Vector3d& position = x.get<Inertial::position>().value();
     T_odom_map_ = SE3d(level, T_odom_map_ * position - level * position);

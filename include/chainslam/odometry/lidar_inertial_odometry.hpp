@@ -11,8 +11,10 @@
 
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/leveller.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
@@ -128,10 +130,7 @@ class LidarInertialOdometry {
     return T_odom_body(state()).local(scan_pose(attempt.filter.state()));
   }
   /// How far the prediction put the surroundings from where they were found, metres.
-  [[nodiscard]] double off(const Attempt& attempt) const { return moved(correction(attempt), 10); }
-  [[nodiscard]] static double moved(const Vector6d& tangent, double lever) {
-    return tangent.head<3>().norm() + lever * tangent.tail<3>().norm();
-  }
+  [[nodiscard]] double off(const Attempt& attempt) const { return detail::moved_distance(correction(attempt), 10); }
   /// How many neighbouring residuals count as one.
   [[nodiscard]] double residuals_per_fact() const {
     return options_.residual_variance > 0 ? 1.0 : options_.scan_to_map.correlated_residuals;
@@ -211,7 +210,8 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, cons
   if (sweep.points.has_times()) first_ = std::move(sweep);
   Frame frame = answer(first, FrameStatus::good);
   constexpr double anchored = 1e-12;  // m^2, rad^2: the first pose is the origin by definition
-  frame.covariance = anchored * Matrix6d::Identity();
+  frame.covariance.setZero();
+  for (int i = 0; i < 6; ++i) frame.covariance(i, i) = anchored;
   return frame;
 }
 
@@ -242,8 +242,8 @@ auto LidarInertialOdometry<Map, Kernel>::attempt(const Sweep& sweep, const Vecto
       .error = error,
       .variance = options_.residual_variance > 0 ? options_.residual_variance : noise * noise * residuals_per_fact(),
       .mean_age = first_ ? 0.0 : mean_age(sweep)};  // a map as skewed as the scan lies at its mean time, too
-  const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * Eigen::Vector3d(correction.head<3>());
-  auto& velocity = prior.state.template get<Inertial::velocity>();
+  const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * block_of<3, 1>(correction, 0, 0);
+  R3d& velocity = prior.state.template get<Inertial::velocity>();
   velocity = R3d(velocity.value() + bent / std::max(motion_.interval(), 1e-3));
   ScanMeasurement measurement(attempt.clouds.points, map_.points(), options_.scan_to_map, options_.scan, prior,
                               executor);
@@ -278,7 +278,7 @@ auto LidarInertialOdometry<Map, Kernel>::registered(const Sweep& sweep, const E&
   }
   constexpr double lever = 20;  // metres: points that far off
   const double share = to_seconds(sweep.end - sweep.begin) / std::max(motion_.interval(), 1e-3);
-  if (believable(found) && std::min(share, 1.0) * moved(bent, lever) > options_.redeskew_distance)
+  if (believable(found) && std::min(share, 1.0) * detail::moved_distance(bent, lever) > options_.redeskew_distance)
     found = attempt(sweep, bent, options_.min_error, executor);
   return found;
 }
@@ -348,9 +348,13 @@ Frame LidarInertialOdometry<Map, Kernel>::answer(Attempt& attempt, FrameStatus s
 template <class Map, class Kernel>
 double LidarInertialOdometry<Map, Kernel>::expected_error() const {
   constexpr double lever = 10;  // metres
-  const auto by_state = lidar_pose_jacobian(state());
-  const Vector6d variances = (by_state * covariance() * by_state.transpose()).diagonal();
-  const double error = 3 * (std::sqrt(variances.head<3>().sum()) + lever * std::sqrt(variances.tail<3>().sum()));
+  const Eigen::Matrix<double, 6, InertialState::dof> by_state = lidar_pose_jacobian(state());
+  const Eigen::Matrix<double, 6, InertialState::dof> weighted = product(by_state, covariance());
+  Vector6d variances = Vector6d::Zero();
+  for (int j = 0; j < InertialState::dof; ++j)
+    for (int i = 0; i < 6; ++i) variances[i] += weighted(i, j) * by_state(i, j);
+  const double error = 3 * (std::sqrt(variances[0] + variances[1] + variances[2]) +
+                            lever * std::sqrt(variances[3] + variances[4] + variances[5]));
   return std::clamp(error, options_.min_error, options_.max_error);
 }
 
@@ -368,7 +372,8 @@ double LidarInertialOdometry<Map, Kernel>::mean_age(const Sweep& sweep) {
 template <class Map, class Kernel>
 void LidarInertialOdometry<Map, Kernel>::bound_mounting() {
   const Vector6d off = options_.T_body_lidar.local(T_body_lidar(state()));
-  if (off.head<3>().norm() <= options_.max_mounting_position && off.tail<3>().norm() <= options_.max_mounting_rotation)
+  if (block_of<3, 1>(off, 0, 0).norm() <= options_.max_mounting_position &&
+      block_of<3, 1>(off, 3, 0).norm() <= options_.max_mounting_rotation)
     return;
   ++counts_.mounting_resets;
   InertialState x = state();
@@ -378,8 +383,8 @@ void LidarInertialOdometry<Map, Kernel>::bound_mounting() {
   x.get<Inertial::lidar_position>() = R3d(options_.T_body_lidar.translation());
   x.get<Inertial::lidar_rotation>() = options_.T_body_lidar.rotation();
   InertialState::Jacobian P = covariance();
-  P.rightCols<6>().setZero();
-  P.bottomRows<6>().setZero();
+  for (int i = InertialState::dof - 6; i < InertialState::dof; ++i)
+    for (int j = 0; j < InertialState::dof; ++j) P(i, j) = P(j, i) = 0;
   motion_.filter().reset(x, P);
 }
 

@@ -13,6 +13,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/imu_initializer.hpp"
 #include "chainslam/odometry/local_map.hpp"
 #include "chainslam/odometry/motion_predictor.hpp"
@@ -177,12 +178,14 @@ std::optional<Frame> LidarOdometry<Map, Kernel>::start(Sweep sweep, const E& exe
   extend_map(scan.map_points);
   if (sweep.points.has_times()) first_ = std::move(sweep);
   constexpr double anchored = 1e-12;  // m^2, rad^2: the first pose is the origin by definition
-  const Index points = to_index(scan.points.size());
-  return Frame{.time = motion_.time(),
-               .T_odom_body = motion_.T_odom_body(),
-               .covariance = anchored * Matrix6d::Identity(),
-               .cloud = std::move(scan.cloud),
-               .health = {.points = points}};
+  Frame frame;
+  frame.time = motion_.time();
+  frame.T_odom_body = motion_.T_odom_body();
+  frame.covariance.setZero();
+  for (int i = 0; i < 6; ++i) frame.covariance(i, i) = anchored;
+  frame.health.points = to_index(scan.points.size());
+  frame.cloud = std::move(scan.cloud);
+  return frame;
 }
 
 template <class Map, class Kernel>
@@ -238,7 +241,7 @@ void LidarOdometry<Map, Kernel>::rebuild_map(const Sweep& first, const Vector6d&
 template <class Map, class Kernel>
 double LidarOdometry<Map, Kernel>::skew_left(const Sweep& sweep, const Vector6d& twist_change) const {
   constexpr double lever = 20;  // metres
-  return to_seconds(sweep.end - sweep.begin) * (twist_change.head<3>().norm() + lever * twist_change.tail<3>().norm());
+  return to_seconds(sweep.end - sweep.begin) * detail::moved_distance(twist_change, lever);
 }
 
 template <class Map, class Kernel>
@@ -257,7 +260,7 @@ Frame LidarOdometry<Map, Kernel>::follow(Registered scan, const MotionPrediction
   Frame frame = answer(scan, scan.match.degenerate_directions > 0 ? FrameStatus::degenerate : FrameStatus::good);
   if (frame.health.status == FrameStatus::degenerate) ++counts_.degenerate_scans;
   frame.covariance = scan.match.covariance;
-  frame.covariance.diagonal() += skew.cwiseAbs2();
+  for (int i = 0; i < 6; ++i) frame.covariance(i, i) += skew[i] * skew[i];
   return frame;
 }
 
@@ -273,9 +276,11 @@ Frame LidarOdometry<Map, Kernel>::lose(Registered scan, const MotionPrediction& 
   Frame frame = answer(scan, FrameStatus::lost);
   constexpr double lost_rotation = 0.1;  // radians per lost scan
   const double n = lost_in_a_row_;
-  frame.covariance.setIdentity();
-  frame.covariance.topLeftCorner<3, 3>() *= n * n * prediction.error * prediction.error;
-  frame.covariance.bottomRightCorner<3, 3>() *= n * n * lost_rotation * lost_rotation;
+  frame.covariance.setZero();
+  for (int i = 0; i < 6; ++i) {
+    const double deviation = n * (i < 3 ? prediction.error : lost_rotation);
+    frame.covariance(i, i) = deviation * deviation;
+  }
   return frame;
 }
 

@@ -5,10 +5,12 @@
 #include <cmath>
 #include <optional>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/imu_initializer.hpp"
 #include "chainslam/odometry/imu_rotation.hpp"
 #include "chainslam/sensor/imu_sample.hpp"
@@ -74,7 +76,7 @@ class MotionPredictor {
     const bool known = twist_.has_value() && prediction.since_last <= options_.max_gap;
     if (known) prediction.twist = *twist_;
     if (const auto R = imu_.rotation(time_, end, gyro_bias_); R && prediction.since_last > 0) {
-      prediction.twist.tail<3>() = R->log() / prediction.since_last;
+      set_block(prediction.twist, 3, 0, Eigen::Vector3d(R->log() / prediction.since_last));
       prediction.with_gyro = true;
     }
     prediction.T_odom_body = T_odom_body_.retract(prediction.twist * prediction.since_last);
@@ -88,7 +90,7 @@ class MotionPredictor {
   [[nodiscard]] Vector6d found_twist(const MotionPrediction& prediction, const Vector6d& twist,
                                      const SE3d& T_odom_body) const {
     Vector6d found = extrapolated(mean_twist(prediction, twist, T_odom_body));
-    if (prediction.with_gyro) found.tail<3>() = prediction.twist.tail<3>();
+    if (prediction.with_gyro) set_block(found, 3, 0, rotation_of(prediction.twist));
     return found;
   }
 
@@ -96,7 +98,7 @@ class MotionPredictor {
   [[nodiscard]] SweepMotion sweep_motion(Timestamp begin, Timestamp end, const Vector6d& twist) const {
     const double duration = to_seconds(end - begin);
     if (!imu_.rotation(begin, end, gyro_bias_)) return SweepMotion::constant_twist(duration, twist);
-    const double angle = twist.tail<3>().norm() * duration;
+    const double angle = rotation_of(twist).norm() * duration;
     return SweepMotion::sample(duration, angle, [&](double offset) {
       const auto R_body_end = imu_.rotation(begin + seconds(offset), end, gyro_bias_);
       const SE3d T_end_body = SE3d::exp((offset - duration) * twist);
@@ -111,15 +113,16 @@ class MotionPredictor {
     if (!mean_twist_) return Vector6d::Zero();
     const Vector6d change = mean_twist(prediction, twist, T_odom_body) - *mean_twist_;
     Vector6d deviation = 0.25 * to_seconds(prediction.end - prediction.begin) * change;
-    if (prediction.with_gyro) deviation.tail<3>().setZero();
+    if (prediction.with_gyro) set_block(deviation, 3, 0, Eigen::Vector3d(Eigen::Vector3d::Zero()));
     return deviation;
   }
 
   /// Takes the pose that was found where one had been predicted, and the twist the sweep was corrected by.
   void follow(const MotionPrediction& prediction, const Vector6d& twist, const SE3d& T_odom_body) {
     if (prediction.with_gyro) {
-      const Eigen::Vector3d rate = T_odom_body_.local(T_odom_body).tail<3>() / prediction.since_last;
-      gyro_bias_ -= options_.gyro_bias_gain * (rate - prediction.twist.tail<3>());
+      const Eigen::Vector3d rate = rotation_of(T_odom_body_.local(T_odom_body)) / prediction.since_last;
+      const Eigen::Vector3d excess = rate - rotation_of(prediction.twist);
+      gyro_bias_ -= options_.gyro_bias_gain * excess;
     }
     if (twist_) {
       constexpr double memory = 0.9;
@@ -148,7 +151,7 @@ class MotionPredictor {
   [[nodiscard]] static double deviation(const MotionPrediction& prediction, const SE3d& T_odom_body) {
     constexpr double lever = 10;  // metres: a near wall; far points say less about the error that registration meets
     const Vector6d off = prediction.T_odom_body.local(T_odom_body);
-    return off.head<3>().norm() + lever * off.tail<3>().norm();
+    return detail::moved_distance(off, lever);
   }
 
   [[nodiscard]] const SE3d& T_odom_body() const { return T_odom_body_; }
@@ -177,8 +180,11 @@ class MotionPredictor {
   /// A mean over an interval holds at its middle. This carries it on towards the interval's end by half of what
   /// constant acceleration asks for: the other half would cost more in noise than it brings.
   [[nodiscard]] Vector6d extrapolated(const Vector6d& mean) const {
-    return mean_twist_ ? Vector6d(mean + 0.25 * (mean - *mean_twist_)) : mean;
+    if (!mean_twist_) return mean;
+    const Vector6d change = mean - *mean_twist_;
+    return mean + Vector6d(0.25 * change);
   }
+  [[nodiscard]] static Eigen::Vector3d rotation_of(const Vector6d& twist) { return block_of<3, 1>(twist, 3, 0); }
 
   static constexpr Duration imu_memory = std::chrono::seconds(5);
 

@@ -7,7 +7,9 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/filter/concepts.hpp"
+#include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/plane_matches.hpp"
 #include "chainslam/odometry/detail/pose_information.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
@@ -58,13 +60,16 @@ class ScanMeasurement {
   /// The pose at which a state puts the scan.
   [[nodiscard]] SE3d pose(const InertialState& x) const {
     const SE3d T = T_odom_body(x) * T_body_lidar(x) * T_body_lidar(prior_.state).inverse();
-    return SE3d(T.rotation(), T.translation() - age() * (velocity(x) - velocity(prior_.state)));
+    const Eigen::Vector3d change = velocity(x) - velocity(prior_.state);
+    const Eigen::Vector3d lag = age() * change;
+    return SE3d(T.rotation(), T.translation() - lag);
   }
   /// d pose(x) / d x.
   [[nodiscard]] Eigen::Matrix<double, 6, InertialState::dof> pose_jacobian(const InertialState& x) const {
     Eigen::Matrix<double, 6, InertialState::dof> jacobian =
-        T_body_lidar(prior_.state).adjoint() * lidar_pose_jacobian(x);
-    jacobian.block<3, 3>(0, inertial_offset<Inertial::velocity>) = -age() * pose(x).rotation().matrix().transpose();
+        product(T_body_lidar(prior_.state).adjoint(), lidar_pose_jacobian(x));
+    const Eigen::Matrix3d by_velocity = -age() * pose(x).rotation().inverse().matrix();
+    set_block(jacobian, 0, inertial_offset<Inertial::velocity>, by_velocity);
     return jacobian;
   }
 
@@ -76,10 +81,7 @@ class ScanMeasurement {
   [[nodiscard]] double age() const { return options_.mean_time ? prior_.mean_age : 0.0; }
 
   /// How far the matched points have moved since planes were looked up, metres.
-  [[nodiscard]] double moved_to(const SE3d& T) const {
-    const Vector6d moved = T_matched_.local(T);
-    return moved.head<3>().norm() + lever_ * moved.tail<3>().norm();
-  }
+  [[nodiscard]] double moved_to(const SE3d& T) const { return detail::moved_distance(T_matched_.local(T), lever_); }
   [[nodiscard]] bool wants_planes(const SE3d& T, bool renew) const {
     if (matchings_ == 0) return true;
     if (matchings_ == rule_.max_matchings) return false;
@@ -132,10 +134,9 @@ Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(co
   match_.degenerate_directions = information.degenerate;
 
   const Eigen::Matrix<double, 6, InertialState::dof> J = pose_jacobian(x);
-  const Matrix6d seen = information.seen_hessian() / prior_.variance;
-  const Eigen::Matrix<double, 6, InertialState::dof> seen_J = seen * J;
-  answer.information.noalias() = J.transpose() * seen_J;
-  answer.gradient = -J.transpose() * information.seen_gradient(sum.gradient) / prior_.variance;
+  const Eigen::Matrix<double, InertialState::dof, 6> J_transposed = (1 / prior_.variance) * transposed(J);
+  answer.information = product(J_transposed, product(information.seen_hessian(), J));
+  answer.gradient = -product(J_transposed, information.seen_gradient(sum.gradient));
   answer.squared_error = sum.squared_residuals / prior_.variance;
   answer.residuals = sum.matches;
   const bool fresh = looked_up || matchings_ == rule_.max_matchings || moved_to(T) <= options_.fresh_distance;

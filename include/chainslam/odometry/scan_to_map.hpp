@@ -8,8 +8,10 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/plane_matches.hpp"
 #include "chainslam/odometry/detail/pose_information.hpp"
 #include "chainslam/search/concepts.hpp"
@@ -115,8 +117,9 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
     match.covariance = information.covariance(noise * noise * correlated_residuals, guess_error * guess_error);
 
     const bool settled = error <= 2 * residual_scale;
-    const bool small = step.head<3>().norm() < translation_tolerance && step.tail<3>().norm() < rotation_tolerance;
-    moved += step.head<3>().norm() + step.tail<3>().norm() * information.lever;
+    const bool small = block_of<3, 1>(step, 0, 0).norm() < translation_tolerance &&
+                       block_of<3, 1>(step, 3, 0).norm() < rotation_tolerance;
+    moved += detail::moved_distance(step, information.lever);
     match.status = settled && small && stale ? ScanMatchStatus::converged : ScanMatchStatus::iteration_limit;
     // A small step on old planes is not yet an answer: look the planes up once more.
     stale = !settled || small || moved > rematch_distance;

@@ -1,11 +1,12 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 
 #include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/odometry/detail/plane_matches.hpp"
 
@@ -29,50 +30,59 @@ struct PoseInformation {
     constexpr double least_tilt = 1e-3;  // radians: keeps N regular
     const double floor = sum.weight * least_tilt * least_tilt;
     Matrix6d noise = sum.noise;
-    noise.diagonal().head<3>().array() += floor;
-    noise.diagonal().tail<3>().array() += floor * lever * lever;
-    const Eigen::LLT<Matrix6d> factor(noise);
-    const Matrix6d half = factor.matrixL().solve(sum.hessian);
-    const Matrix6d whitened = factor.matrixL().solve(half.transpose());
-    const JacobiEigen<double, 6> eigen = jacobi_eigen(Matrix6d(0.5 * (whitened + whitened.transpose())));
+    for (int i = 0; i < 6; ++i) noise(i, i) += i < 3 ? floor : floor * lever * lever;
+    const Matrix6d L = cholesky(noise);
+    const Matrix6d half = solved_right(sum.hessian, L);
+    const Matrix6d whitened = symmetric(solved_right(transposed(half), L));
+    const JacobiEigen<double, 6> eigen = jacobi_eigen(whitened);
     signal = eigen.values;
-    directions = factor.matrixU().solve(eigen.vectors);
-    coordinates = eigen.vectors.transpose() * factor.matrixU().toDenseMatrix();
+    const Matrix6d to_white = solved_right(Matrix6d(Matrix6d::Identity()), L);
+    directions = product(to_white, eigen.vectors);
+    coordinates = transposed_product(eigen.vectors, transposed(L));
     while (degenerate < 6 && !(signal[degenerate] > min_signal)) ++degenerate;
   }
 
   /// The Gauss-Newton step, without the degenerate directions.
   [[nodiscard]] Vector6d step(const Vector6d& gradient) const {
-    Vector6d along = directions.transpose() * gradient;
+    Vector6d along = transposed_product(directions, gradient);
     for (Index i = 0; i < 6; ++i) along[i] = i < degenerate ? 0.0 : -along[i] / signal[i];
-    return directions * along;
+    return product(directions, along);
   }
 
   /// H without what it says of the degenerate directions.
   [[nodiscard]] Matrix6d seen_hessian() const {
     if (degenerate == 0) return hessian;
     Vector6d seen = signal;
-    seen.head(degenerate).setZero();
-    return coordinates.transpose() * seen.asDiagonal() * coordinates;
+    for (Index i = 0; i < degenerate; ++i) seen[i] = 0;
+    return scaled_square(transposed(coordinates), seen);
   }
   /// The same for the gradient.
   [[nodiscard]] Vector6d seen_gradient(const Vector6d& gradient) const {
     if (degenerate == 0) return gradient;
-    Vector6d along = directions.transpose() * gradient;
-    along.head(degenerate).setZero();
-    return coordinates.transpose() * along;
+    Vector6d along = transposed_product(directions, gradient);
+    for (Index i = 0; i < degenerate; ++i) along[i] = 0;
+    return transposed_product(coordinates, along);
   }
 
   /// Covariance with `variance` (m^2) per residual, and `guess_variance` (m^2 at the lever arm) in degenerate
   /// directions.
   [[nodiscard]] Matrix6d covariance(double variance, double guess_variance) const {
-    Vector6d variances = variance * signal.cwiseInverse();
-    for (Index i = 0; i < degenerate; ++i) {
-      const Vector6d x = directions.col(i);
-      variances[i] = guess_variance / (x.head<3>().squaredNorm() + lever * lever * x.tail<3>().squaredNorm());
+    Vector6d variances;
+    for (Index i = 0; i < 6; ++i) {
+      const Eigen::Vector3d moved = block_of<3, 1>(directions, 0, i), turned = block_of<3, 1>(directions, 3, i);
+      variances[i] = i < degenerate ? guess_variance / (moved.squaredNorm() + lever * lever * turned.squaredNorm())
+                                    : variance / signal[i];
     }
-    const Matrix6d result = directions * variances.asDiagonal() * directions.transpose();
-    return 0.5 * (result + result.transpose());
+    return symmetric(scaled_square(directions, variances));
+  }
+
+ private:
+  /// A diag(d) A^T
+  [[nodiscard]] static Matrix6d scaled_square(const Matrix6d& A, const Vector6d& d) {
+    Matrix6d scaled;
+    for (int j = 0; j < 6; ++j)
+      for (int i = 0; i < 6; ++i) scaled(i, j) = A(i, j) * d[j];
+    return product_transposed(scaled, A);
   }
 };
 

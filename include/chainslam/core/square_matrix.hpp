@@ -7,20 +7,16 @@
 
 #include "chainslam/core/small_matrix.hpp"
 
-namespace chainslam::detail {
+namespace chainslam {
 
-// Matrices as large as a filter's state. All there is to compute are sums of weighted columns, which vectorize.
-
-template <class Scalar, int N>
-using StateVector = Eigen::Matrix<Scalar, N, 1>;
-template <class Scalar, int N>
-using StateMatrix = Eigen::Matrix<Scalar, N, N>;
+// Square matrices of a dozen to some dozen rows, such as a filter's. All there is to compute are sums of weighted
+// columns, which vectorize: one kernel, that compiles fast, instead of Eigen's many.
 
 /// The sum of the first `count` columns of A, column k times weights[k * stride]. Skips columns of zero weight, of
 /// which a transition has many.
 template <class Scalar, int N>
-[[nodiscard]] StateVector<Scalar, N> weighted_columns(const StateMatrix<Scalar, N>& A, int count, const Scalar* weights,
-                                                      int stride) {
+[[nodiscard]] Eigen::Matrix<Scalar, N, 1> weighted_columns(const Eigen::Matrix<Scalar, N, N>& A, int count,
+                                                           const Scalar* weights, int stride) {
   Scalar sum[N] = {};
   const Scalar* a = A.data();
   int k = 0;
@@ -33,40 +29,34 @@ template <class Scalar, int N>
     const Scalar w = weights[0];
     for (int i = 0; i < N; ++i) sum[i] += a[i] * w;
   }
-  StateVector<Scalar, N> result;
+  Eigen::Matrix<Scalar, N, 1> result;
   std::copy_n(sum, N, result.data());
   return result;
 }
 
-/// A x
-template <class Scalar, int N>
-[[nodiscard]] StateVector<Scalar, N> times(const StateMatrix<Scalar, N>& A, const StateVector<Scalar, N>& x) {
-  return weighted_columns<Scalar, N>(A, N, x.data(), 1);
-}
-
 /// A B
-template <class Scalar, int N>
-[[nodiscard]] StateMatrix<Scalar, N> times(const StateMatrix<Scalar, N>& A, const StateMatrix<Scalar, N>& B) {
-  StateMatrix<Scalar, N> result;
-  for (int j = 0; j < N; ++j)
-    std::copy_n(weighted_columns<Scalar, N>(A, N, B.data() + j * N, 1).data(), N, result.data() + j * N);
+template <class Scalar, int N, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, N, Columns> times(const Eigen::Matrix<Scalar, N, N>& A,
+                                                      const Eigen::Matrix<Scalar, N, Columns>& B) {
+  Eigen::Matrix<Scalar, N, Columns> result;
+  for (int j = 0; j < Columns; ++j)
+    std::copy_n(weighted_columns(A, N, B.data() + j * N, 1).data(), N, result.data() + j * N);
   return result;
 }
 
 /// A B^T
 template <class Scalar, int N>
-[[nodiscard]] StateMatrix<Scalar, N> times_transposed(const StateMatrix<Scalar, N>& A,
-                                                      const StateMatrix<Scalar, N>& B) {
-  StateMatrix<Scalar, N> result;
-  for (int j = 0; j < N; ++j)
-    std::copy_n(weighted_columns<Scalar, N>(A, N, B.data() + j, N).data(), N, result.data() + j * N);
+[[nodiscard]] Eigen::Matrix<Scalar, N, N> times_transposed(const Eigen::Matrix<Scalar, N, N>& A,
+                                                           const Eigen::Matrix<Scalar, N, N>& B) {
+  Eigen::Matrix<Scalar, N, N> result;
+  for (int j = 0; j < N; ++j) std::copy_n(weighted_columns(A, N, B.data() + j, N).data(), N, result.data() + j * N);
   return result;
 }
 
 /// (A + A^T) / 2
 template <class Scalar, int N>
-[[nodiscard]] StateMatrix<Scalar, N> symmetric(const StateMatrix<Scalar, N>& A) {
-  StateMatrix<Scalar, N> result;
+[[nodiscard]] Eigen::Matrix<Scalar, N, N> symmetric(const Eigen::Matrix<Scalar, N, N>& A) {
+  Eigen::Matrix<Scalar, N, N> result;
   for (int j = 0; j < N; ++j)
     for (int i = 0; i < N; ++i) result.data()[i + j * N] = Scalar(0.5) * (A.data()[i + j * N] + A.data()[j + i * N]);
   return result;
@@ -74,8 +64,9 @@ template <class Scalar, int N>
 
 /// F P F^T, symmetric up to rounding, for a symmetric P.
 template <class Scalar, int N>
-[[nodiscard]] StateMatrix<Scalar, N> congruent(const StateMatrix<Scalar, N>& F, const StateMatrix<Scalar, N>& P) {
-  const StateMatrix<Scalar, N> P_F = times_transposed(P, F);
+[[nodiscard]] Eigen::Matrix<Scalar, N, N> congruent(const Eigen::Matrix<Scalar, N, N>& F,
+                                                    const Eigen::Matrix<Scalar, N, N>& P) {
+  const Eigen::Matrix<Scalar, N, N> P_F = times_transposed(P, F);
   return times_transposed(transposed(P_F), F);
 }
 
@@ -83,19 +74,19 @@ template <class Scalar, int N>
 /// of the pivots. The coordinate of which most variance is left, as a share of its own, comes next; once none has more
 /// than rounding left, so that the outcome depends on no unit, all that remains is zero.
 template <class Scalar, int N>
-[[nodiscard]] StateMatrix<Scalar, N> square_root(const StateMatrix<Scalar, N>& P) {
+[[nodiscard]] Eigen::Matrix<Scalar, N, N> square_root(const Eigen::Matrix<Scalar, N, N>& P) {
   constexpr Scalar rounding = N * std::numeric_limits<Scalar>::epsilon();
-  StateMatrix<Scalar, N> L = StateMatrix<Scalar, N>::Zero();
-  Scalar left[N];  // share of the variance; comparisons let NaN through, for the caller to find
+  Eigen::Matrix<Scalar, N, N> L = Eigen::Matrix<Scalar, N, N>::Zero();
+  Scalar left[N];  // share of the variance
   for (int i = 0; i < N; ++i) left[i] = P(i, i) <= 0 ? Scalar(0) : Scalar(1);
   for (int k = 0; k < N; ++k) {
     int pivot = 0;
     for (int i = 1; i < N; ++i)
-      if (!(left[i] <= left[pivot])) pivot = i;
+      if (left[pivot] < left[i] || left[i] != left[i]) pivot = i;  // NaN comes first: the caller shall see it
     if (left[pivot] <= rounding) break;
     const Scalar variance = left[pivot] * P(pivot, pivot);
     const Scalar scale = 1 / std::sqrt(variance);
-    const StateVector<Scalar, N> known = weighted_columns<Scalar, N>(L, k, L.data() + pivot, N);
+    const Eigen::Matrix<Scalar, N, 1> known = weighted_columns(L, k, L.data() + pivot, N);
     for (int i = 0; i < N; ++i) {
       if (left[i] <= 0) continue;
       const Scalar root = i == pivot ? variance * scale : (P(i, pivot) - known[i]) * scale;
@@ -108,10 +99,10 @@ template <class Scalar, int N>
 
 /// L with L L^T = A, lower triangular, for a positive definite A.
 template <class Scalar, int N>
-[[nodiscard]] StateMatrix<Scalar, N> cholesky(const StateMatrix<Scalar, N>& A) {
-  StateMatrix<Scalar, N> L = StateMatrix<Scalar, N>::Zero();
+[[nodiscard]] Eigen::Matrix<Scalar, N, N> cholesky(const Eigen::Matrix<Scalar, N, N>& A) {
+  Eigen::Matrix<Scalar, N, N> L = Eigen::Matrix<Scalar, N, N>::Zero();
   for (int k = 0; k < N; ++k) {
-    const StateVector<Scalar, N> known = weighted_columns<Scalar, N>(L, k, L.data() + k, N);
+    const Eigen::Matrix<Scalar, N, 1> known = weighted_columns(L, k, L.data() + k, N);
     const Scalar scale = 1 / std::sqrt(A(k, k) - known[k]);
     for (int i = k; i < N; ++i) L(i, k) = (A(i, k) - known[i]) * scale;
   }
@@ -120,14 +111,15 @@ template <class Scalar, int N>
 
 /// B L^-T for a lower triangular L.
 template <class Scalar, int N>
-[[nodiscard]] StateMatrix<Scalar, N> solved_right(const StateMatrix<Scalar, N>& B, const StateMatrix<Scalar, N>& L) {
-  StateMatrix<Scalar, N> result;
+[[nodiscard]] Eigen::Matrix<Scalar, N, N> solved_right(const Eigen::Matrix<Scalar, N, N>& B,
+                                                       const Eigen::Matrix<Scalar, N, N>& L) {
+  Eigen::Matrix<Scalar, N, N> result;
   for (int k = 0; k < N; ++k) {
-    const StateVector<Scalar, N> known = weighted_columns<Scalar, N>(result, k, L.data() + k, N);
+    const Eigen::Matrix<Scalar, N, 1> known = weighted_columns(result, k, L.data() + k, N);
     const Scalar scale = 1 / L(k, k);
     for (int i = 0; i < N; ++i) result(i, k) = (B(i, k) - known[i]) * scale;
   }
   return result;
 }
 
-}  // namespace chainslam::detail
+}  // namespace chainslam
