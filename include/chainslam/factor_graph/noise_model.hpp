@@ -91,7 +91,7 @@ class NoiseModel {
     return root * scale.asDiagonal();
   }
 
-  [[noreturn]] static void refuse(const char* name, const char* why) {
+  [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const char* name, const char* why) {
     throw std::invalid_argument(std::string("NoiseModel: ") + name + " " + why);
   }
 
