@@ -2,6 +2,7 @@
 
 #include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/se3.hpp"
 
 namespace chainslam {
@@ -15,15 +16,16 @@ template <Cloud Points>
   const Eigen::Vector3d& p_a_b = T_a_b.translation();
   const std::size_t count = cloud_size(cloud);
   PointCloud<float> result;
+  const auto rounded = [](const Eigen::Vector3d& p) {
+    return Eigen::Vector3f(static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2]));
+  };
   const auto fill = [&](auto& column, auto&& value) {
     column.resize(count);
     for (std::size_t i = 0; i < count; ++i) column[i] = value(i);
   };
-  fill(result.positions,
-       [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * position(cloud, i) + p_a_b).template cast<float>(); });
+  fill(result.positions, [&](std::size_t i) { return rounded(product(R_a_b, position(cloud, i)) + p_a_b); });
   if (carries_normals(cloud))
-    fill(result.normals,
-         [&](std::size_t i) -> Eigen::Vector3f { return (R_a_b * normal(cloud, i)).template cast<float>(); });
+    fill(result.normals, [&](std::size_t i) { return rounded(product(R_a_b, normal(cloud, i))); });
   if (carries_times(cloud)) fill(result.time_offsets, [&](std::size_t i) { return time_offset(cloud, i); });
   if (carries_intensities(cloud)) fill(result.intensities, [&](std::size_t i) { return intensity(cloud, i); });
   return result;

@@ -12,6 +12,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/matched_points.hpp"
+#include "chainslam/search/detail/nearest_list.hpp"
 
 namespace chainslam {
 
@@ -55,7 +56,10 @@ struct GncTls {
     std::vector<double> squared(source.size());
     double mu = 0, last_cost = 0;
     for (; result.iterations < max_iterations; ++result.iterations) {
-      for (std::size_t i = 0; i < squared.size(); ++i) squared[i] = (*T * source[i] - target[i]).squaredNorm();
+      for (std::size_t i = 0; i < squared.size(); ++i) {
+        const Eigen::Vector3d moved = *T * source[i];
+        squared[i] = detail::squared_distance<3>(moved.data(), target[i].data());
+      }
       if (result.iterations == 0) {
         const double largest = *std::max_element(squared.begin(), squared.end());
         if (largest <= squared_bound) break;  // all are right

@@ -13,6 +13,7 @@
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/matching.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -76,7 +77,7 @@ struct AnyRotation {
     constexpr double least_gap = 1e-12;
     const JacobiEigen<double, 4> eigen = jacobi_eigen(detail::horn_matrix(S));
     if (!(eigen.values[3] - eigen.values[2] > least_gap * eigen.values[3])) return std::nullopt;
-    const Eigen::Vector4d q = eigen.vectors.col(3);
+    const Eigen::Vector4d q = block_of<4, 1>(eigen.vectors, 0, 3);
     return SO3d::from_quaternion(SO3d::Quaternion(q));
   }
 };
@@ -117,16 +118,17 @@ template <RotationModel Rotation = AnyRotation>
     target_mean += weights[i] * target[i];
   }
   if (!(total > 0)) return std::nullopt;
-  source_mean /= total;
-  target_mean /= total;
+  source_mean *= 1.0 / total;
+  target_mean *= 1.0 / total;
   Eigen::Matrix3d S = Eigen::Matrix3d::Zero();
   for (std::size_t i = 0; i < weights.size(); ++i) {
-    const Eigen::Vector3d p = weights[i] * (source[i] - source_mean);
-    S += (target[i] - target_mean) * p.transpose();
+    const Eigen::Vector3d p = source[i] - source_mean, q = target[i] - target_mean;
+    S += weights[i] * product_transposed(q, p);
   }
   const std::optional<SO3d> rotation = model.rotation(S);
   if (!rotation) return std::nullopt;
-  return SE3d(*rotation, target_mean - *rotation * source_mean);
+  const Eigen::Vector3d turned_mean = *rotation * source_mean;
+  return SE3d(*rotation, target_mean - turned_mean);
 }
 
 }  // namespace chainslam

@@ -8,6 +8,7 @@
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/search/concepts.hpp"
 
@@ -36,18 +37,21 @@ template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
     double squared_distance = 0;
   };
   if (!(max_distance > 0)) throw std::invalid_argument("measure_overlap: max_distance must be positive");
-  if (!is_finite(T_target_source.matrix())) throw std::invalid_argument("measure_overlap: the pose is not finite");
-  constexpr Index grain = 512;
   const Eigen::Matrix3d R = T_target_source.rotation().matrix();
+  if (!is_finite(T_target_source.translation()) || !is_finite(R))
+    throw std::invalid_argument("measure_overlap: the pose is not finite");
+  constexpr Index grain = 512;
   const Eigen::Vector3d t = T_target_source.translation();
   const auto sum_chunk = [&](Index begin, Index end) {
     Sums sums;
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
-      const Eigen::Vector3d p = R * position(source, i) + t;
+      const Eigen::Vector3d p = product(R, position(source, i)) + t;
       if (!is_finite(p)) continue;
       ++sums.points;
       Neighbor<Scalar> nearest;
-      if (target.knn(p.cast<Scalar>(), std::span(&nearest, 1), static_cast<Scalar>(max_distance)) == 0) continue;
+      const Eigen::Matrix<Scalar, 3, 1> query(static_cast<Scalar>(p[0]), static_cast<Scalar>(p[1]),
+                                              static_cast<Scalar>(p[2]));
+      if (target.knn(query, {&nearest, 1}, static_cast<Scalar>(max_distance)) == 0) continue;
       ++sums.inliers;
       sums.squared_distance += static_cast<double>(nearest.squared_distance);
     }

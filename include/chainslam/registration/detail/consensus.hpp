@@ -12,11 +12,13 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/lanes.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/matched_points.hpp"
 #include "chainslam/registration/overlap.hpp"
+#include "chainslam/search/detail/nearest_list.hpp"
 
 namespace chainslam {
 
@@ -36,7 +38,8 @@ namespace detail {
   const double largest = max_distance * max_distance;
   Hypothesis judged{.T_target_source = T};
   for (std::size_t i = 0; i < points.source.size(); ++i) {
-    const double squared = (R * points.source[i] + t - points.target[i]).squaredNorm();
+    const Eigen::Vector3d moved = product(R, points.source[i]) + t;
+    const double squared = squared_distance<3>(moved.data(), points.target[i].data());
     if (!(squared <= largest)) continue;
     ++judged.consensus;
     judged.gain += largest - squared;
@@ -47,8 +50,11 @@ namespace detail {
 /// Which matches a pose brings to within `max_distance`: 1, else 0.
 [[nodiscard]] inline std::vector<double> agreeing(const MatchedPoints& points, const SE3d& T, double max_distance) {
   std::vector<double> weights(points.source.size());
-  for (std::size_t i = 0; i < weights.size(); ++i)
-    weights[i] = (T * points.source[i] - points.target[i]).squaredNorm() <= max_distance * max_distance ? 1.0 : 0.0;
+  for (std::size_t i = 0; i < weights.size(); ++i) {
+    const Eigen::Vector3d moved = T * points.source[i];
+    const double squared = squared_distance<3>(moved.data(), points.target[i].data());
+    weights[i] = squared <= max_distance * max_distance ? 1.0 : 0.0;
+  }
   return weights;
 }
 
@@ -58,16 +64,16 @@ class MatchTable {
   /// @param order  in which matches come; all of them once.
   MatchTable(const MatchedPoints& points, const std::vector<Index>& order)
       : size_(points.source.size()), padded_(whole_lanes(size_)) {
-    for (const Eigen::Vector3d& p : points.source) source_middle_ += p / static_cast<double>(size_);
-    for (const Eigen::Vector3d& p : points.target) target_middle_ += p / static_cast<double>(size_);
+    const double share = 1.0 / static_cast<double>(size_);
+    for (const Eigen::Vector3d& p : points.source) source_middle_ += share * p;
+    for (const Eigen::Vector3d& p : points.target) target_middle_ += share * p;
     for (std::size_t axis = 0; axis < 6; ++axis) columns_[axis].resize(padded_, axis < 3 ? 0.0F : far);
     for (std::size_t i = 0; i < size_; ++i) {
       const auto from = static_cast<std::size_t>(order[i]);
-      const Eigen::Vector3f p = (points.source[from] - source_middle_).cast<float>();
-      const Eigen::Vector3f q = (points.target[from] - target_middle_).cast<float>();
+      const Eigen::Vector3d p = points.source[from] - source_middle_, q = points.target[from] - target_middle_;
       for (std::size_t axis = 0; axis < 3; ++axis) {
-        columns_[axis][i] = p[static_cast<Eigen::Index>(axis)];
-        columns_[3 + axis][i] = q[static_cast<Eigen::Index>(axis)];
+        columns_[axis][i] = static_cast<float>(p[static_cast<Eigen::Index>(axis)]);
+        columns_[3 + axis][i] = static_cast<float>(q[static_cast<Eigen::Index>(axis)]);
       }
     }
   }

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <optional>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/lie/umeyama.hpp"
@@ -101,10 +102,13 @@ class RefitTable {
   template <RotationModel Rotation>
   [[nodiscard]] std::optional<SE3d> motion(const Agreement& sums, const Rotation& model) const {
     if (sums.count == 0) return std::nullopt;
-    const Eigen::Vector3d source = sums.source / sums.count, target = sums.target / sums.count;
-    const std::optional<SO3d> rotation = model.rotation(sums.target_source - sums.target * source.transpose());
+    const double share = 1.0 / sums.count;
+    const Eigen::Vector3d source = share * sums.source, target = share * sums.target;
+    const std::optional<SO3d> rotation = model.rotation(sums.target_source - product_transposed(sums.target, source));
     if (!rotation) return std::nullopt;
-    return SE3d(*rotation, target_middle_ + target - *rotation * (source_middle_ + source));
+    const Eigen::Vector3d source_mean = source_middle_ + source, target_mean = target_middle_ + target;
+    const Eigen::Vector3d turned_mean = *rotation * source_mean;
+    return SE3d(*rotation, target_mean - turned_mean);
   }
 
   static constexpr double far = 1e100;  ///< where there is no match
