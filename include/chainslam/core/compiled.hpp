@@ -7,6 +7,8 @@
 #ifdef CHAINSLAM_COMPILED
 #include <Eigen/Core>
 
+#include "chainslam/core/thread_pool.hpp"
+
 namespace chainslam::detail {
 
 /// Defined in the library for the alignment that it was compiled with. A program that does not link for lack of it was

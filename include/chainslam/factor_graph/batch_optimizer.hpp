@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/constrained_factor.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
@@ -347,5 +348,11 @@ OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& metho
   ParallelCholesky<Group::dof, Exec> solver(executor);
   return optimise(graph, method, solver);
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template OptimizeReport optimise(PoseGraph&, const GaussNewton&);
+extern template OptimizeReport optimise(PoseGraph&, const LevenbergMarquardt&);
+extern template OptimizeReport optimise(PoseGraph&, const Dogleg&);
+#endif
 
 }  // namespace chainslam

@@ -10,6 +10,7 @@
 #include <variant>
 
 #include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/map/frame.hpp"
@@ -62,11 +63,7 @@ class LidarInertialOdometry {
 
   /// After the last packet: the frames of scans that still wait for readings, one a call, then nothing.
   template <Executor E = Serial>
-  std::optional<Frame> flush(const E& executor = {}) {
-    while (!waiting_.empty())
-      if (auto frame = next_frame(executor)) return frame;
-    return std::nullopt;
-  }
+  std::optional<Frame> flush(const E& executor = {});
 
   [[nodiscard]] LidarInertialOdometryCounts counts() const {
     LidarInertialOdometryCounts counts = counts_;
@@ -168,6 +165,14 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::process(const Packet& p
   const Timestamp end = waiting_.front().end;
   const bool wait = waiting_.size() == 1 && !motion_.imu().reaches(end) && motion_.imu().may_reach(end);
   return wait ? std::nullopt : next_frame(executor);
+}
+
+template <class Map, class Kernel>
+template <Executor E>
+std::optional<Frame> LidarInertialOdometry<Map, Kernel>::flush(const E& executor) {
+  while (!waiting_.empty())
+    if (auto frame = next_frame(executor)) return frame;
+  return std::nullopt;
 }
 
 template <class Map, class Kernel>
@@ -387,5 +392,13 @@ void LidarInertialOdometry<Map, Kernel>::bound_mounting() {
     for (int j = 0; j < InertialState::dof; ++j) P(i, j) = P(j, i) = 0;
   motion_.filter().reset(x, P);
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template class LidarInertialOdometry<>;
+extern template std::optional<Frame> LidarInertialOdometry<>::process(const Packet&, const Serial&);
+extern template std::optional<Frame> LidarInertialOdometry<>::process(const Packet&, const ThreadPool&);
+extern template std::optional<Frame> LidarInertialOdometry<>::flush(const Serial&);
+extern template std::optional<Frame> LidarInertialOdometry<>::flush(const ThreadPool&);
+#endif
 
 }  // namespace chainslam

@@ -10,6 +10,7 @@
 
 #include "chainslam/cloud/transform.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
@@ -297,5 +298,11 @@ Frame LidarOdometry<Map, Kernel>::answer(Registered& scan, FrameStatus status) c
   frame.cloud = std::move(scan.cloud);
   return frame;
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template class LidarOdometry<>;
+extern template std::optional<Frame> LidarOdometry<>::process(const Packet&, const Serial&);
+extern template std::optional<Frame> LidarOdometry<>::process(const Packet&, const ThreadPool&);
+#endif
 
 }  // namespace chainslam

@@ -11,7 +11,6 @@
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/snapshot.hpp"
-#include "chainslam/core/thread_pool.hpp"
 #include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/gnss_interpolator.hpp"
 #include "chainslam/slam/loop_closer.hpp"
