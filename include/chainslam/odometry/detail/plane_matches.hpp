@@ -11,7 +11,6 @@
 
 #include "chainslam/cloud/plane_fit.hpp"
 #include "chainslam/core/executor.hpp"
-#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/search/concepts.hpp"
@@ -145,7 +144,7 @@ void match_planes(const Scan& scan, const Map& map, const SE3d& T_map_body, cons
   neighbors.resize(planes.size());
   executor.for_chunks(to_index(planes.size()), scan_grain, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      planes[i] = match_plane<Neighbors>(map, product(R, position(scan, i)) + t, rule, neighbors[i], planes[i]);
+      planes[i] = match_plane<Neighbors>(map, R * position(scan, i) + t, rule, neighbors[i], planes[i]);
   });
 }
 
@@ -171,18 +170,6 @@ struct PlaneEquations {
   }
 };
 
-/// sum += w x x^T
-inline void add_square(Matrix6d& sum, double w, const Vector6d& x) {
-  double row[6];  // a copy, so that no store to the sum can change it
-  std::copy_n(x.data(), 6, row);
-#pragma GCC unroll 6
-  for (int j = 0; j < 6; ++j) {
-    const double factor = w * row[j];
-#pragma GCC unroll 6
-    for (int i = 0; i < 6; ++i) sum.data()[i + 6 * j] += factor * row[i];
-  }
-}
-
 /// @param gate     `double gate(double range)`: largest residual that counts, metres.
 /// @param weight   `double weight(double squared_residual)`.
 /// The residual is r = n . (R p + t - a); moving the pose by exp([v; w]) on the right changes it by m . v + (p x m) . w
@@ -192,7 +179,6 @@ template <Cloud Scan, Executor E, class Gate, class Weight>
                                              const SE3d& T_map_body, Gate&& gate, Weight&& weight, const E& executor) {
   const Eigen::Matrix3d R = T_map_body.rotation().matrix();
   const Eigen::Vector3d& t = T_map_body.translation();
-  const Eigen::Matrix3d R_inverse = transposed(R);
   const auto chunk = [&](Index begin, Index end) {
     PlaneEquations sum;
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
@@ -200,27 +186,26 @@ template <Cloud Scan, Executor E, class Gate, class Weight>
       if (n.squaredNorm() == 0) continue;
       const Eigen::Vector3d p = position(scan, i);
       const Eigen::Vector3d anchor = planes[i].anchor.cast<double>();
-      const Eigen::Vector3d placed = product(R, p) + t;
-      const double residual = n.dot(placed - anchor);
+      const double residual = n.dot(R * p + t - anchor);
       const double squared_range = p.squaredNorm();
       if (std::abs(residual) > gate(std::sqrt(squared_range))) continue;
       const double w = weight(residual * residual);
       // What a change of the pose does to a distance along `direction` (map frame).
       const auto row_along = [&](const Eigen::Vector3d& direction) {
         Vector6d row;
-        const Eigen::Vector3d moved = product(R_inverse, direction);
-        set_block(row, 0, 0, moved);
-        set_block(row, 3, 0, Eigen::Vector3d(p.cross(moved)));
+        row.head<3>() = R.transpose() * direction;
+        row.tail<3>() = p.cross(row.head<3>());
         return row;
       };
       const Vector6d row = row_along(n);
+      const Vector6d weighted = w * row;
       const Eigen::Vector3d side = planes[i].long_side.cast<double>();
       const Vector6d along = row_along(side);
       const Vector6d across = row_along(n.cross(side));
-      add_square(sum.noise, w * static_cast<double>(planes[i].long_tilt), along);
-      add_square(sum.noise, w * static_cast<double>(planes[i].short_tilt), across);
-      add_square(sum.hessian, w, row);
-      sum.gradient += (residual * w) * row;
+      sum.noise.noalias() += (w * static_cast<double>(planes[i].long_tilt)) * along * along.transpose();
+      sum.noise.noalias() += (w * static_cast<double>(planes[i].short_tilt)) * across * across.transpose();
+      sum.hessian.noalias() += weighted * row.transpose();
+      sum.gradient += residual * weighted;
       sum.weight += w;
       sum.squared_residuals += w * residual * residual;
       sum.squared_ranges += w * squared_range;
