@@ -1,8 +1,11 @@
 #include <doctest/doctest.h>
 
+#include <cctype>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <set>
+#include <string>
 
 #include "architecture/include_rules.hpp"
 
@@ -84,6 +87,23 @@ std::vector<std::string> problems_with(const std::string& path, const std::strin
   return include_problems(headers, made_up_rules());
 }
 
+/// The explicit instantiations that stand in a text after `begin`, "extern template " or "template ", each on one line.
+std::set<std::string> instantiations(const std::string& text, const std::string& begin) {
+  std::set<std::string> found;
+  for (std::size_t at = text.find('\n' + begin); at != std::string::npos; at = text.find('\n' + begin, at + 1)) {
+    const std::size_t from = at + 1 + begin.size();
+    if (text[from] == '<') continue;  // a template or a specialization
+    std::string one;
+    for (const char c : text.substr(from, text.find(';', from) - from))
+      if (!std::isspace(static_cast<unsigned char>(c)))
+        one += c;
+      else if (!one.empty() && one.back() != ' ')
+        one += ' ';
+    found.insert(one);
+  }
+  return found;
+}
+
 using Problems = std::vector<std::string>;
 
 }  // namespace
@@ -93,6 +113,18 @@ TEST_SUITE("architecture") {
     const auto headers = library_headers();
     CHECK(headers.size() > 40);
     for (const std::string& problem : include_problems(headers, library_rules())) FAIL_CHECK(problem);
+  }
+
+  TEST_CASE("what headers declare as compiled is what the library holds, and nothing else") {
+    std::set<std::string> declared, defined;
+    for (const Header& header : library_headers()) declared.merge(instantiations(header.text, "extern template "));
+    for (const auto& entry : std::filesystem::directory_iterator(CHAINSLAM_SOURCE_DIR "/include/chainslam/compiled"))
+      defined.merge(instantiations(read_text(entry.path()), "template "));
+    CHECK(declared.size() > 10);
+    for (const std::string& one : declared) CHECK_MESSAGE(defined.contains(one), "declared, but not defined: ", one);
+    for (const std::string& one : defined) CHECK_MESSAGE(declared.contains(one), "defined, but not declared: ", one);
+    CHECK(instantiations("x\ntemplate <>\ntemplate class\n  A<B>;\n", "template ") ==
+          std::set<std::string>{"class A<B>"});
   }
 
   TEST_CASE("the opt-in headers are those that CMake gives targets of their own") {

@@ -16,6 +16,7 @@ namespace chainslam::detail {
 /// compile the library with the same, or leave `CHAINSLAM_COMPILED` undefined.
 template <int Alignment>
 bool compiled_with_alignment();
+extern template bool compiled_with_alignment<EIGEN_MAX_STATIC_ALIGN_BYTES>();
 inline const bool compiled_alike = compiled_with_alignment<EIGEN_MAX_STATIC_ALIGN_BYTES>();
 
 }  // namespace chainslam::detail
