@@ -6,11 +6,13 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 #include <span>
 #include <vector>
 
 #include "chainslam/cloud/plane_fit.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/search/concepts.hpp"
@@ -99,15 +101,17 @@ template <std::size_t Count>
   if (!fit.good()) return {};
   const Eigen::Vector3d &l = fit.eigenvalues, &m = fit.centroid, &u0 = fit.normal, &u2 = fit.tangent;
   const Eigen::Vector3d u1 = u2.cross(u0);
-  const Eigen::Vector3d adjugate_m =
-      l[1] * l[2] * u0.dot(m) * u0 + l[0] * l[2] * u1.dot(m) * u1 + l[0] * l[1] * u2.dot(m) * u2;
+  const double a0 = l[1] * l[2] * u0.dot(m), a1 = l[0] * l[2] * u1.dot(m), a2 = l[0] * l[1] * u2.dot(m);
+  Eigen::Vector3d adjugate_m;
+  for (int i = 0; i < 3; ++i) adjugate_m[i] = a0 * u0[i] + a1 * u1[i] + a2 * u2[i];
   const double length = adjugate_m.norm();
   if (!(length > 0)) return {};
-  const Eigen::Vector3d normal = -adjugate_m / length;
-  const double offset = (l.prod() + m.dot(adjugate_m)) / length;
+  const Eigen::Vector3d normal = adjugate_m / -length;
+  const double offset = (l[0] * l[1] * l[2] + m.dot(adjugate_m)) / length;
   for (const Eigen::Vector3d& point : points)
     if (std::abs(normal.dot(point) + offset) > rule.max_deviation) return {};
-  return {.normal = normal.cast<float>(), .anchor = (-offset * normal).cast<float>()};
+  const Eigen::Vector3d anchor = -offset * normal;
+  return {.normal = normal.cast<float>(), .anchor = anchor.cast<float>()};
 }
 
 /// The plane through the nearest neighbours of `p`, or none if they are too few, too far or no plane.
@@ -144,7 +148,7 @@ void match_planes(const Scan& scan, const Map& map, const SE3d& T_map_body, cons
   neighbors.resize(planes.size());
   executor.for_chunks(to_index(planes.size()), scan_grain, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      planes[i] = match_plane<Neighbors>(map, R * position(scan, i) + t, rule, neighbors[i], planes[i]);
+      planes[i] = match_plane<Neighbors>(map, product(R, position(scan, i)) + t, rule, neighbors[i], planes[i]);
   });
 }
 
@@ -158,13 +162,39 @@ struct PlaneEquations {
   Matrix6d noise = Matrix6d::Zero();     ///< the part of the Hessian to be expected from the normals' noise alone
   Index matches = 0;
 
+  /// Adds the products of one match: its row of J with weight w to the Hessian, what its normal's noise adds to that
+  /// row to the noise.
+  void add_products(const Vector6d& row, double w, const Vector6d& along, double w_along, const Vector6d& across,
+                    double w_across) {
+    using Pair = double __attribute__((vector_size(2 * sizeof(double))));  // a SIMD register at any optimisation
+    const Pair r[3]{{row[0], row[1]}, {row[2], row[3]}, {row[4], row[5]}};
+    const Pair u[3]{{along[0], along[1]}, {along[2], along[3]}, {along[4], along[5]}};
+    const Pair v[3]{{across[0], across[1]}, {across[2], across[3]}, {across[4], across[5]}};
+    double *H = hessian.data(), *N = noise.data();
+    const auto add = [](double* to, const Pair& summand) {
+      Pair sum;
+      std::memcpy(&sum, to, sizeof sum);
+      sum += summand;
+      std::memcpy(to, &sum, sizeof sum);
+    };
+#pragma GCC unroll 6
+    for (int j = 0; j < 6; ++j) {
+      const double w_r = w * row[j], w_u = w_along * along[j], w_v = w_across * across[j];
+#pragma GCC unroll 3
+      for (int i = 0; i < 3; ++i) {
+        add(H + 6 * j + 2 * i, r[i] * w_r);
+        add(N + 6 * j + 2 * i, u[i] * w_u + v[i] * w_v);
+      }
+    }
+  }
+
   PlaneEquations& operator+=(const PlaneEquations& other) {
-    hessian += other.hessian;
-    gradient += other.gradient;
+    for (int i = 0; i < 36; ++i) hessian.data()[i] += other.hessian.data()[i];
+    for (int i = 0; i < 36; ++i) noise.data()[i] += other.noise.data()[i];
+    for (int i = 0; i < 6; ++i) gradient[i] += other.gradient[i];
     weight += other.weight;
     squared_residuals += other.squared_residuals;
     squared_ranges += other.squared_ranges;
-    noise += other.noise;
     matches += other.matches;
     return *this;
   }
@@ -177,7 +207,7 @@ struct PlaneEquations {
 template <Cloud Scan, Executor E, class Gate, class Weight>
 [[nodiscard]] PlaneEquations plane_equations(const Scan& scan, const std::vector<MatchedPlane>& planes,
                                              const SE3d& T_map_body, Gate&& gate, Weight&& weight, const E& executor) {
-  const Eigen::Matrix3d R = T_map_body.rotation().matrix();
+  const Eigen::Matrix3d R = T_map_body.rotation().matrix(), R_transposed = transposed(R);
   const Eigen::Vector3d& t = T_map_body.translation();
   const auto chunk = [&](Index begin, Index end) {
     PlaneEquations sum;
@@ -186,26 +216,25 @@ template <Cloud Scan, Executor E, class Gate, class Weight>
       if (n.squaredNorm() == 0) continue;
       const Eigen::Vector3d p = position(scan, i);
       const Eigen::Vector3d anchor = planes[i].anchor.cast<double>();
-      const double residual = n.dot(R * p + t - anchor);
+      const Eigen::Vector3d moved = product(R, p) + t;
+      const double residual = n.dot(Eigen::Vector3d(moved - anchor));
       const double squared_range = p.squaredNorm();
       if (std::abs(residual) > gate(std::sqrt(squared_range))) continue;
       const double w = weight(residual * residual);
       // What a change of the pose does to a distance along `direction` (map frame).
       const auto row_along = [&](const Eigen::Vector3d& direction) {
+        const Eigen::Vector3d m = product(R_transposed, direction), turned = p.cross(m);
         Vector6d row;
-        row.head<3>() = R.transpose() * direction;
-        row.tail<3>() = p.cross(row.head<3>());
+        for (int k = 0; k < 3; ++k) row[k] = m[k], row[3 + k] = turned[k];
         return row;
       };
       const Vector6d row = row_along(n);
-      const Vector6d weighted = w * row;
       const Eigen::Vector3d side = planes[i].long_side.cast<double>();
       const Vector6d along = row_along(side);
       const Vector6d across = row_along(n.cross(side));
-      sum.noise.noalias() += (w * static_cast<double>(planes[i].long_tilt)) * along * along.transpose();
-      sum.noise.noalias() += (w * static_cast<double>(planes[i].short_tilt)) * across * across.transpose();
-      sum.hessian.noalias() += weighted * row.transpose();
-      sum.gradient += residual * weighted;
+      sum.add_products(row, w, along, w * static_cast<double>(planes[i].long_tilt), across,
+                       w * static_cast<double>(planes[i].short_tilt));
+      for (int k = 0; k < 6; ++k) sum.gradient[k] += w * residual * row[k];
       sum.weight += w;
       sum.squared_residuals += w * residual * residual;
       sum.squared_ranges += w * squared_range;
