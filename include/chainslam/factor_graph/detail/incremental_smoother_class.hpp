@@ -50,9 +50,7 @@ class IncrementalSmoother {
   using Tangent = typename Group::Tangent;
 
   explicit IncrementalSmoother(const SmootherOptions& options = {});
-  IncrementalSmoother(const IncrementalSmoother&);
   IncrementalSmoother(IncrementalSmoother&&);
-  IncrementalSmoother& operator=(const IncrementalSmoother&);
   IncrementalSmoother& operator=(IncrementalSmoother&&);
   ~IncrementalSmoother();
 
@@ -348,12 +346,7 @@ IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions&
 
 // Out of the class, so that they are compiled once where the library holds a smoother.
 template <class Group, class... Extra>
-IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const IncrementalSmoother&) = default;
-template <class Group, class... Extra>
 IncrementalSmoother<Group, Extra...>::IncrementalSmoother(IncrementalSmoother&&) = default;
-template <class Group, class... Extra>
-IncrementalSmoother<Group, Extra...>& IncrementalSmoother<Group, Extra...>::operator=(const IncrementalSmoother&) =
-    default;
 template <class Group, class... Extra>
 IncrementalSmoother<Group, Extra...>& IncrementalSmoother<Group, Extra...>::operator=(IncrementalSmoother&&) = default;
 template <class Group, class... Extra>
