@@ -7,23 +7,12 @@
 #include <stdexcept>
 
 #include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/lie/detail/horn_matrix.hpp"
 #include "chainslam/lie/sim3.hpp"
 
 namespace chainslam {
 
 namespace detail {
-
-/// Horn's matrix: q' N q is the sum of target . (R(q) source) for unit q = (x, y, z, w); S is the sum of target
-/// source'.
-[[nodiscard]] inline Eigen::Matrix4d horn_matrix(const Eigen::Matrix3d& S) {
-  Eigen::Matrix4d N;
-  N.topLeftCorner<3, 3>() = S + S.transpose();
-  N.topLeftCorner<3, 3>().diagonal().array() -= S.trace();
-  N.topRightCorner<3, 1>() = Eigen::Vector3d(S(2, 1) - S(1, 2), S(0, 2) - S(2, 0), S(1, 0) - S(0, 1));
-  N.bottomLeftCorner<1, 3>() = N.topRightCorner<3, 1>().transpose();
-  N(3, 3) = S.trace();
-  return N;
-}
 
 [[nodiscard]] inline Eigen::Vector3d mean(std::span<const Eigen::Vector3d> points) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();

@@ -352,6 +352,10 @@ extern template class IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>;
 extern template UpdateReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::update(const Serial&);
 extern template ConvergeReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::converge(const ConvergeOptions&,
                                                                                                 const Serial&);
+extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(const PriorFactor<SE3d>&);
+extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(const BetweenFactor<SE3d>&);
+extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(
+    const BetweenFactor<SE3d, Cauchy>&);
 extern template class MapGraph<>;
 #endif
 

@@ -49,51 +49,21 @@ class IncrementalSmoother {
   using Noise = NoiseModel<Group::dof>;
   using Tangent = typename Group::Tangent;
 
-  explicit IncrementalSmoother(const SmootherOptions& options = {})
-      : options_(options),
-        solver_({.relative_excess = options.linear_tolerance,
-                 .least_error = options.least_error,
-                 .late_variables = options.late_variables}) {}
+  explicit IncrementalSmoother(const SmootherOptions& options = {});
+  IncrementalSmoother(IncrementalSmoother&&);
+  IncrementalSmoother& operator=(IncrementalSmoother&&);
+  ~IncrementalSmoother();
 
   /// @returns the new variable's key: 0, 1, ...
-  Key add_value(const Group& initial) {
-    begin();
-    solver_.add_variable();
-    look_.push_back(options_.first_look);
-    waits_at_.push_back(-1);
-    marginalized_.push_back(0);
-    if (!components_outdated_) components_.add_variable();
-    const Key key = origins_.add(initial);
-    estimates_.add(initial);
-    estimate(key);
-    changes_.push_back({ChangeKind::value_added, key, 0.0});
-    return key;
-  }
+  Key add_value(const Group& initial);
 
   /// Adds a factor of any of the smoother's types.
   /// @throws std::invalid_argument if a key is unknown or repeated.
   template <Factor F>
-  FactorId add(const F& factor) {
-    static_assert(Pools::template has<F>, "IncrementalSmoother: name this type of factor in the smoother's Extra");
-    const auto keys = factor.keys();
-    require_keys(keys);
-    begin();
-    const Index term = solver_.add_term(keys, detail::rows_of(factor));
-    const FactorId id = pools_.add(factor, term);
-    if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
-    if (term >= to_index(off_.size())) off_.resize(static_cast<std::size_t>(term) + 1, 0.0);
-    touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
-    changes_.push_back({ChangeKind::factor_added, term, 0.0});
-    if (!components_outdated_) tie(term);
-    return id;
-  }
-  FactorId add_prior(Key key, const Group& mean, const Noise& noise) {
-    return add(PriorFactor<Group>{key, mean, noise.sqrt_information()});
-  }
+  FactorId add(const F& factor);
+  FactorId add_prior(Key key, const Group& mean, const Noise& noise);
   /// @param measurement  T_from_to
-  FactorId add_between(Key from, Key to, const Group& measurement, const Noise& noise) {
-    return add(BetweenFactor<Group>{from, to, measurement, noise.sqrt_information()});
-  }
+  FactorId add_between(Key from, Key to, const Group& measurement, const Noise& noise);
 
   /// Adds all of another graph in one go, such as a session that was saved: values, factors with names of their own,
   /// and what is fixed. Its factors' members of type `Key` are their keys.
@@ -115,12 +85,7 @@ class IncrementalSmoother {
   }
 
   /// @throws std::invalid_argument if there is no such factor (any longer).
-  void remove(const FactorId& id) {
-    const Index term = term_of(id);
-    begin();
-    remove_term(term);
-    components_outdated_ = true;
-  }
+  void remove(const FactorId& id);
 
   /// Lets a factor's squared residual count so many times from the next update on: 0 switches it off, 1 is as it was
   /// added. It keeps its name. For factors with `sqrt_information` and without a kernel.
@@ -138,22 +103,13 @@ class IncrementalSmoother {
   [[nodiscard]] bool is_marginalized(Key key) const { return marginalized_[static_cast<std::size_t>(key)] != 0; }
 
   /// Keeps a variable where it is, or lets it go again.
-  void set_fixed(Key key, bool fixed = true) {
-    require_keys(std::array<Key, 1>{key});  // a marginalised one stays as it is
-    if (solver_.is_fixed(key) == fixed) return;
-    begin();
-    relinearize_at_estimate(key);
-    solver_.set_fixed(key, fixed);
-    components_outdated_ = true;
-  }
+  void set_fixed(Key key, bool fixed = true);
   [[nodiscard]] bool is_fixed(Key key) const { return solver_.is_fixed(key); }
 
   /// Takes in what was added and removed since the last update, and makes the estimate better. An executor shares out
   /// factorisations that are much work; any gives the same bits.
   template <Executor Exec = Serial>
-  [[nodiscard]] UpdateReport update(const Exec& executor = {}) {
-    return update_to(false, executor);
-  }
+  [[nodiscard]] UpdateReport update(const Exec& executor = {});
 
   /// Moves variables as one body: x becomes motion * x. Factors between them that see no change cost nothing, so that a
   /// session is carried into another frame in closed form. Takes part in the next `update`.
@@ -162,11 +118,7 @@ class IncrementalSmoother {
 
   /// Makes all as it was before the last successful `update` and what was added for it, bit for bit; what was added
   /// since is dropped too. Only the last update can be undone.
-  void undo() {
-    revert();
-    open_ = false;
-    revision_ += 2;
-  }
+  void undo();
 
   /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything linearised anew at each
   /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.
@@ -266,25 +218,15 @@ class IncrementalSmoother {
     if (!origins_.contains(key)) refuse("there is no variable ", key);
   }
   /// Of a factor.
-  void require_keys(std::span<const Key> keys) const {
-    for (std::size_t i = 0; i < keys.size(); ++i) {
-      require_known(keys[i]);
-      if (is_marginalized(keys[i])) refuse("variable ", keys[i], " was marginalised");
-      for (std::size_t j = 0; j < i; ++j) {
-        if (keys[i] == keys[j]) refuse("a factor names variable ", keys[i], " twice");
-      }
-    }
-  }
+  void require_keys(std::span<const Key> keys) const;
   [[nodiscard]] Index term_of(const FactorId& id) const {
     if (!pools_.contains(id)) refuse("there is no such factor");
     return pools_.pool(id.type).term(id.slot);
   }
-  void remove_term(Index term) {
-    set_off(term, 0.0);
-    solver_.remove_term(term);
-    set_alive(term, false);
-    changes_.push_back({ChangeKind::factor_removed, term, 0.0});
-  }
+  /// The term of a factor to be added, and what is kept of it once it is.
+  [[nodiscard]] Index begin_term(std::span<const Key> keys, Index rows);
+  void note_added(Index term);
+  void remove_term(Index term);
   void set_alive(Index term, bool alive) {
     const auto place = pools_.place(term);
     pools_.pool(place.type).set_alive(place.slot, alive);
@@ -342,10 +284,7 @@ class IncrementalSmoother {
   [[nodiscard]] bool all_due(Key key) const;
   void set_off(Index term, double off);
   void relinearize_at_estimate(Key key) { relinearize_at(key, (*this)[key]); }
-  void estimate(Key key) {
-    const Tangent step = Eigen::Map<const Tangent>(solver_.solution(key).data());
-    estimates_[key] = origins_[key].retract(step);
-  }
+  void estimate(Key key);
   void estimate_all() {
     for (Key key = 0; key < size(); ++key) estimate(key);
   }
@@ -397,5 +336,20 @@ class IncrementalSmoother {
   std::uint64_t revision_ = 0;
   bool open_ = false;  ///< whether changes wait for `update`
 };
+
+template <class Group, class... Extra>
+IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions& options)
+    : options_(options),
+      solver_({.relative_excess = options.linear_tolerance,
+               .least_error = options.least_error,
+               .late_variables = options.late_variables}) {}
+
+// Out of the class, so that they are compiled once where the library holds a smoother.
+template <class Group, class... Extra>
+IncrementalSmoother<Group, Extra...>::IncrementalSmoother(IncrementalSmoother&&) = default;
+template <class Group, class... Extra>
+IncrementalSmoother<Group, Extra...>& IncrementalSmoother<Group, Extra...>::operator=(IncrementalSmoother&&) = default;
+template <class Group, class... Extra>
+IncrementalSmoother<Group, Extra...>::~IncrementalSmoother() = default;
 
 }  // namespace chainslam

@@ -9,6 +9,12 @@ namespace chainslam {
 
 template <class Group, class... Extra>
 template <Executor Exec>
+UpdateReport IncrementalSmoother<Group, Extra...>::update(const Exec& executor) {
+  return update_to(false, executor);
+}
+
+template <class Group, class... Extra>
+template <Executor Exec>
 UpdateReport IncrementalSmoother<Group, Extra...>::update_to(bool exact, const Exec& executor) {
   begin();
   marginalize_old();
@@ -78,6 +84,13 @@ void IncrementalSmoother<Group, Extra...>::revert() {
   estimate_all();
   components_outdated_ = true;
   oldest_ = 0;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::undo() {
+  revert();
+  open_ = false;
+  revision_ += 2;
 }
 
 template <class Group, class... Extra>
@@ -236,6 +249,12 @@ void IncrementalSmoother<Group, Extra...>::set_off(Index term, double off) {
   before = off;
 }
 
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::estimate(Key key) {
+  const Tangent step = Eigen::Map<const Tangent>(solver_.solution(key).data());
+  estimates_[key] = origins_[key].retract(step);
+}
+
 /// Moves the point at which a variable's factors are linearised, and its estimate with it.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& origin) {
@@ -348,25 +367,6 @@ double IncrementalSmoother<Group, Extra...>::misprediction(Index term) {
     squared += off * off;
   }
   return squared;
-}
-
-template <class Group, class... Extra>
-void IncrementalSmoother<Group, Extra...>::set_weight(const FactorId& id, double weight) {
-  const Index term = term_of(id);
-  if (!traits(term).weighable) refuse("a factor's weight is that of its kernel");
-  if (!(weight >= 0.0) || !std::isfinite(weight)) refuse("a weight is finite and not negative");
-  const double before = this->weight(id);
-  if (weight == before) return;
-  begin();
-  changes_.push_back({ChangeKind::factor_weighed, term, before});
-  weigh_term(term, weight);
-  touch(term);
-}
-
-template <class Group, class... Extra>
-double IncrementalSmoother<Group, Extra...>::weight(const FactorId& id) const {
-  static_cast<void>(term_of(id));  // it is there
-  return pools_.pool(id.type).place(id.slot).weight;
 }
 
 template <class Group, class... Extra>

@@ -1,0 +1,122 @@
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <span>
+
+#include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
+
+// How `IncrementalSmoother` takes in values and factors, and lets them go.
+
+namespace chainslam {
+
+template <class Group, class... Extra>
+Key IncrementalSmoother<Group, Extra...>::add_value(const Group& initial) {
+  begin();
+  solver_.add_variable();
+  look_.push_back(options_.first_look);
+  waits_at_.push_back(-1);
+  marginalized_.push_back(0);
+  if (!components_outdated_) components_.add_variable();
+  const Key key = origins_.add(initial);
+  estimates_.add(initial);
+  estimate(key);
+  changes_.push_back({ChangeKind::value_added, key, 0.0});
+  return key;
+}
+
+template <class Group, class... Extra>
+template <Factor F>
+FactorId IncrementalSmoother<Group, Extra...>::add(const F& factor) {
+  static_assert(Pools::template has<F>, "IncrementalSmoother: name this type of factor in the smoother's Extra");
+  const Index term = begin_term(factor.keys(), detail::rows_of(factor));
+  const FactorId id = pools_.add(factor, term);
+  note_added(term);
+  return id;
+}
+
+template <class Group, class... Extra>
+FactorId IncrementalSmoother<Group, Extra...>::add_prior(Key key, const Group& mean, const Noise& noise) {
+  return add(PriorFactor<Group>{key, mean, noise.sqrt_information()});
+}
+
+template <class Group, class... Extra>
+FactorId IncrementalSmoother<Group, Extra...>::add_between(Key from, Key to, const Group& measurement,
+                                                           const Noise& noise) {
+  return add(BetweenFactor<Group>{from, to, measurement, noise.sqrt_information()});
+}
+
+template <class Group, class... Extra>
+Index IncrementalSmoother<Group, Extra...>::begin_term(std::span<const Key> keys, Index rows) {
+  require_keys(keys);
+  begin();
+  return solver_.add_term(keys, rows);
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::note_added(Index term) {
+  if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
+  if (term >= to_index(off_.size())) off_.resize(static_cast<std::size_t>(term) + 1, 0.0);
+  touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
+  changes_.push_back({ChangeKind::factor_added, term, 0.0});
+  if (!components_outdated_) tie(term);
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::require_keys(std::span<const Key> keys) const {
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    require_known(keys[i]);
+    if (is_marginalized(keys[i])) refuse("variable ", keys[i], " was marginalised");
+    for (std::size_t j = 0; j < i; ++j) {
+      if (keys[i] == keys[j]) refuse("a factor names variable ", keys[i], " twice");
+    }
+  }
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::remove(const FactorId& id) {
+  const Index term = term_of(id);
+  begin();
+  remove_term(term);
+  components_outdated_ = true;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::remove_term(Index term) {
+  set_off(term, 0.0);
+  solver_.remove_term(term);
+  set_alive(term, false);
+  changes_.push_back({ChangeKind::factor_removed, term, 0.0});
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::set_fixed(Key key, bool fixed) {
+  require_keys(std::array<Key, 1>{key});  // a marginalised one stays as it is
+  if (solver_.is_fixed(key) == fixed) return;
+  begin();
+  relinearize_at_estimate(key);
+  solver_.set_fixed(key, fixed);
+  components_outdated_ = true;
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::set_weight(const FactorId& id, double weight) {
+  const Index term = term_of(id);
+  if (!traits(term).weighable) refuse("a factor's weight is that of its kernel");
+  if (!(weight >= 0.0) || !std::isfinite(weight)) refuse("a weight is finite and not negative");
+  const double before = this->weight(id);
+  if (weight == before) return;
+  begin();
+  changes_.push_back({ChangeKind::factor_weighed, term, before});
+  weigh_term(term, weight);
+  touch(term);
+}
+
+template <class Group, class... Extra>
+double IncrementalSmoother<Group, Extra...>::weight(const FactorId& id) const {
+  static_cast<void>(term_of(id));  // it is there
+  return pools_.pool(id.type).place(id.slot).weight;
+}
+
+}  // namespace chainslam
