@@ -9,6 +9,7 @@
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/features/fpfh.hpp"
@@ -158,5 +159,12 @@ DescribedCloud FeatureRegistration<Estimator>::describe(ThinnedCloud thinned, co
   FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);
   return {IndexedCloud<>(std::move(cloud), std::move(thinned.tree)), std::move(described)};
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template GlobalAlignResult FeatureRegistration<>::align(const PointCloud<float>&, const PointCloud<float>&,
+                                                               const Serial&, const Deadline&) const;
+extern template GlobalAlignResult FeatureRegistration<>::align(const PointCloud<float>&, const PointCloud<float>&,
+                                                               const ThreadPool&, const Deadline&) const;
+#endif
 
 }  // namespace chainslam

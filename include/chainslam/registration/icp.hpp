@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
@@ -256,5 +257,25 @@ template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
   }
   return PointToPointIcp{}.align(source, target, guess, executor);
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template AlignResult Icp<PointToPlane, GemanMcClure>::align(const PointCloud<float>&, const IndexedCloud<>&,
+                                                                   const SE3d&, const Serial&, const Deadline&) const;
+extern template AlignResult Icp<PointToPlane, GemanMcClure>::align(const PointCloud<float>&, const IndexedCloud<>&,
+                                                                   const SE3d&, const ThreadPool&,
+                                                                   const Deadline&) const;
+extern template AlignResult Icp<PointToPlane, Huber>::align(const PointCloud<float>&, const IndexedCloud<>&,
+                                                            const SE3d&, const Serial&, const Deadline&) const;
+extern template AlignResult Icp<PointToPlane, Huber>::align(const PointCloud<float>&, const IndexedCloud<>&,
+                                                            const SE3d&, const ThreadPool&, const Deadline&) const;
+extern template AlignResult PointToPlaneIcp::align(const PointCloud<float>&, const IndexedCloud<>&, const SE3d&,
+                                                   const Serial&, const Deadline&) const;
+extern template AlignResult PointToPlaneIcp::align(const PointCloud<float>&, const IndexedCloud<>&, const SE3d&,
+                                                   const ThreadPool&, const Deadline&) const;
+extern template AlignResult PointToPointIcp::align(const PointCloud<float>&, const IndexedCloud<>&, const SE3d&,
+                                                   const Serial&, const Deadline&) const;
+extern template AlignResult PointToPointIcp::align(const PointCloud<float>&, const IndexedCloud<>&, const SE3d&,
+                                                   const ThreadPool&, const Deadline&) const;
+#endif
 
 }  // namespace chainslam
