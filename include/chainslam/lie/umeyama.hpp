@@ -16,12 +16,14 @@ namespace detail {
 /// Horn's matrix: q' N q is the sum of target . (R(q) source) for unit q = (x, y, z, w); S is the sum of target
 /// source'.
 [[nodiscard]] inline Eigen::Matrix4d horn_matrix(const Eigen::Matrix3d& S) {
+  const double trace = S(0, 0) + S(1, 1) + S(2, 2);
+  const double odd[3] = {S(2, 1) - S(1, 2), S(0, 2) - S(2, 0), S(1, 0) - S(0, 1)};
   Eigen::Matrix4d N;
-  N.topLeftCorner<3, 3>() = S + S.transpose();
-  N.topLeftCorner<3, 3>().diagonal().array() -= S.trace();
-  N.topRightCorner<3, 1>() = Eigen::Vector3d(S(2, 1) - S(1, 2), S(0, 2) - S(2, 0), S(1, 0) - S(0, 1));
-  N.bottomLeftCorner<1, 3>() = N.topRightCorner<3, 1>().transpose();
-  N(3, 3) = S.trace();
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) N(i, j) = S(i, j) + S(j, i) - (i == j ? trace : 0);
+    N(i, 3) = N(3, i) = odd[i];
+  }
+  N(3, 3) = trace;
   return N;
 }
 
@@ -54,17 +56,20 @@ namespace detail {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   double source_variance = 0;
   for (std::size_t i = 0; i < source.size(); ++i) {
-    const Eigen::Vector3d p = source[i] - source_mean;
-    covariance += (target[i] - target_mean) * p.transpose();
+    const Eigen::Vector3d p = source[i] - source_mean, q = target[i] - target_mean;
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < 3; ++k) covariance(k, j) += q[k] * p[j];
     source_variance += p.squaredNorm();
   }
   const JacobiEigen<double, 4> eigen = jacobi_eigen(detail::horn_matrix(covariance));
   // Written so that NaN is refused, too.
   if (!(eigen.values[3] - eigen.values[2] > least_gap * eigen.values[3]) || !(source_variance > 0)) return std::nullopt;
-  const Eigen::Vector4d q = eigen.vectors.col(3);
-  const SO3d rotation = SO3d::from_quaternion(SO3d::Quaternion(q));
+  const double* q = eigen.vectors.data() + 12;  // the last column: x, y, z, w
+  const SO3d rotation = SO3d::from_quaternion(SO3d::Quaternion(q[3], q[0], q[1], q[2]));
   const double scale = with_scale ? eigen.values[3] / source_variance : 1.0;
-  return Sim3d(rotation, target_mean - scale * (rotation * source_mean), scale);
+  const Eigen::Vector3d moved = rotation * source_mean;
+  const Eigen::Vector3d scaled = scale * moved;
+  return Sim3d(rotation, target_mean - scaled, scale);
 }
 
 }  // namespace chainslam
