@@ -108,4 +108,12 @@ template <class Scalar>
   return S;
 }
 
+/// |a - b|^2, summed in the order of the axes, as all searches form it.
+template <int Dim, class Scalar>
+[[nodiscard]] Scalar squared_distance(const Scalar* a, const Scalar* b) {
+  Scalar sum = 0;
+  for (int axis = 0; axis < Dim; ++axis) sum += (a[axis] - b[axis]) * (a[axis] - b[axis]);
+  return sum;
+}
+
 }  // namespace chainslam

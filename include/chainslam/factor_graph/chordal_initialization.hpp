@@ -11,7 +11,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
-#include "chainslam/lie/detail/horn_matrix.hpp"
+#include "chainslam/lie/horn_matrix.hpp"
 #include "chainslam/lie/so3.hpp"
 #include "chainslam/sparse/cholesky.hpp"
 

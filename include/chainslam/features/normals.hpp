@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/features/detail/plane_lanes.hpp"
@@ -205,5 +206,12 @@ NormalEstimates estimate_normals(PointCloud<float>& cloud, const NormalOptions& 
                                  const Eigen::Vector3d& viewpoint = Eigen::Vector3d::Zero(), const Exec& exec = {}) {
   return estimate_normals(cloud, KdTree<float>(cloud), options, viewpoint, exec);
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template NormalEstimates estimate_normals(PointCloud<float>&, const NormalOptions&, const Eigen::Vector3d&,
+                                                 const Serial&);
+extern template NormalEstimates estimate_normals(PointCloud<float>&, const NormalOptions&, const Eigen::Vector3d&,
+                                                 const ThreadPool&);
+#endif
 
 }  // namespace chainslam

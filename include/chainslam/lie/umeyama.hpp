@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "chainslam/core/jacobi_eigen.hpp"
-#include "chainslam/lie/detail/horn_matrix.hpp"
+#include "chainslam/lie/horn_matrix.hpp"
 #include "chainslam/lie/sim3.hpp"
 
 namespace chainslam {
@@ -29,8 +29,7 @@ namespace detail {
 ///
 /// @param source, target  n >= 3 corresponding points, metres.
 /// @returns T_target_source with scale 1 if not `with_scale`; nothing if the rotation is not determined: fewer than
-/// three
-///          points, all on a line or in one place, a mirror image without a preferred axis, or a coordinate not finite.
+/// three points, all on a line or in one place, a mirror image without a preferred axis, or a coordinate not finite.
 /// @throws std::invalid_argument if the lengths differ.
 [[nodiscard]] inline std::optional<Sim3d> umeyama(std::span<const Eigen::Vector3d> source,
                                                   std::span<const Eigen::Vector3d> target, bool with_scale) {
@@ -43,17 +42,20 @@ namespace detail {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   double source_variance = 0;
   for (std::size_t i = 0; i < source.size(); ++i) {
-    const Eigen::Vector3d p = source[i] - source_mean;
-    covariance += (target[i] - target_mean) * p.transpose();
+    const Eigen::Vector3d p = source[i] - source_mean, q = target[i] - target_mean;
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < 3; ++k) covariance(k, j) += q[k] * p[j];
     source_variance += p.squaredNorm();
   }
   const JacobiEigen<double, 4> eigen = jacobi_eigen(detail::horn_matrix(covariance));
   // Written so that NaN is refused, too.
   if (!(eigen.values[3] - eigen.values[2] > least_gap * eigen.values[3]) || !(source_variance > 0)) return std::nullopt;
-  const Eigen::Vector4d q = eigen.vectors.col(3);
-  const SO3d rotation = SO3d::from_quaternion(SO3d::Quaternion(q));
+  const double* q = eigen.vectors.data() + 12;  // the last column: x, y, z, w
+  const SO3d rotation = SO3d::from_quaternion(SO3d::Quaternion(q[3], q[0], q[1], q[2]));
   const double scale = with_scale ? eigen.values[3] / source_variance : 1.0;
-  return Sim3d(rotation, target_mean - scale * (rotation * source_mean), scale);
+  const Eigen::Vector3d moved = rotation * source_mean;
+  const Eigen::Vector3d scaled = scale * moved;
+  return Sim3d(rotation, target_mean - scaled, scale);
 }
 
 }  // namespace chainslam

@@ -18,14 +18,19 @@ struct CoarseToFine {
 
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
-                                  const Exec& executor = {}, const Deadline& deadline = {}) const {
-    const AlignResult first = coarse.align(source, target, guess, executor, deadline);
-    if (first.status == AlignStatus::no_overlap || first.status == AlignStatus::too_few_points ||
-        first.status == AlignStatus::cancelled)
-      return first;
-    return fine.align(source, target, first.T_target_source, executor, deadline);
-  }
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const;
 };
+
+template <class Coarse, class Fine>
+template <Cloud Source, AlignTarget Target, Executor Exec>
+AlignResult CoarseToFine<Coarse, Fine>::align(const Source& source, const Target& target, const SE3d& guess,
+                                              const Exec& executor, const Deadline& deadline) const {
+  const AlignResult first = coarse.align(source, target, guess, executor, deadline);
+  if (first.status == AlignStatus::no_overlap || first.status == AlignStatus::too_few_points ||
+      first.status == AlignStatus::cancelled)
+    return first;
+  return fine.align(source, target, first.T_target_source, executor, deadline);
+}
 
 /// One registration at distances that shrink, as the pose gets better, to the registration's own: each stage but the
 /// last takes a few steps from where the one before it ended.
@@ -40,21 +45,26 @@ struct DistanceSchedule {
 
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
-                                  const Exec& executor = {}, const Deadline& deadline = {}) const {
-    if (!(ratio > 0 && ratio < 1)) throw std::invalid_argument("DistanceSchedule: ratio must lie in (0, 1)");
-    SE3d pose = guess;
-    Registration stage = registration;
-    stage.max_iterations = steps_a_stage;
-    for (stage.max_distance = first_distance; stage.max_distance > registration.max_distance;
-         stage.max_distance *= ratio) {
-      const AlignResult result = stage.align(source, target, pose, executor, deadline);
-      if (result.status == AlignStatus::no_overlap || result.status == AlignStatus::too_few_points ||
-          result.status == AlignStatus::cancelled)
-        return result;
-      pose = result.T_target_source;
-    }
-    return registration.align(source, target, pose, executor, deadline);
-  }
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const;
 };
+
+template <class Registration>
+template <Cloud Source, AlignTarget Target, Executor Exec>
+AlignResult DistanceSchedule<Registration>::align(const Source& source, const Target& target, const SE3d& guess,
+                                                  const Exec& executor, const Deadline& deadline) const {
+  if (!(ratio > 0 && ratio < 1)) throw std::invalid_argument("DistanceSchedule: ratio must lie in (0, 1)");
+  SE3d pose = guess;
+  Registration stage = registration;
+  stage.max_iterations = steps_a_stage;
+  for (stage.max_distance = first_distance; stage.max_distance > registration.max_distance;
+       stage.max_distance *= ratio) {
+    const AlignResult result = stage.align(source, target, pose, executor, deadline);
+    if (result.status == AlignStatus::no_overlap || result.status == AlignStatus::too_few_points ||
+        result.status == AlignStatus::cancelled)
+      return result;
+    pose = result.T_target_source;
+  }
+  return registration.align(source, target, pose, executor, deadline);
+}
 
 }  // namespace chainslam

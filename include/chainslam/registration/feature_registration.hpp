@@ -9,6 +9,7 @@
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/features/fpfh.hpp"
@@ -61,42 +62,24 @@ struct FeatureRegistration {
   ///                else it is the side of the frame's origin. That side must be the same in clouds that are compared.
   /// @throws std::invalid_argument if an option makes no sense.
   template <Cloud Points, Executor Exec = Serial>
-  [[nodiscard]] DescribedCloud describe(const Points& points, const Exec& executor = {}) const {
-    return describe(thin(points), executor);
-  }
+  [[nodiscard]] DescribedCloud describe(const Points& points, const Exec& executor = {}) const;
 
   /// Both at once: what one thread does for a cloud, two do for two.
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
   [[nodiscard]] std::pair<DescribedCloud, DescribedCloud> describe_both(const Source& source, const Target& target,
-                                                                        const Exec& executor = {}) const {
-    ThinnedCloud thin_source, thin_target;
-    call_both(
-        executor, [&] { thin_source = thin(source); }, [&] { thin_target = thin(target); });
-    return {describe(std::move(thin_source), executor), describe(std::move(thin_target), executor)};
-  }
+                                                                        const Exec& executor = {}) const;
 
   /// @param deadline  for an estimator that takes one; past it, the best so far is the answer.
   /// @returns T_target_source with its figures, which count thinned points; the same to the bit for any executor.
   /// @throws std::invalid_argument if an option makes no sense.
   template <Executor Exec = Serial>
   [[nodiscard]] GlobalAlignResult align(const DescribedCloud& source, const DescribedCloud& target,
-                                        const Exec& executor = {}, const Deadline& deadline = {}) const {
-    constexpr std::size_t least_points = 3;
-    if (source.cloud.size() < least_points || target.cloud.size() < least_points) return {};
-    const std::vector<FeatureMatch> matches = match_features(source.features, target.features, matching, executor);
-    if constexpr (requires { estimator.align(source.cloud.cloud(), target.cloud, matches, executor, deadline); })
-      return estimator.align(source.cloud.cloud(), target.cloud, matches, executor, deadline);
-    else
-      return estimator.align(source.cloud.cloud(), target.cloud, matches, executor);
-  }
+                                        const Exec& executor = {}, const Deadline& deadline = {}) const;
 
   /// The same for clouds as they come; see `describe`.
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
   [[nodiscard]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {},
-                                        const Deadline& deadline = {}) const {
-    const auto described = describe_both(source, target, executor);
-    return align(described.first, described.second, executor, deadline);
-  }
+                                        const Deadline& deadline = {}) const;
 
  private:
   /// One point a voxel, and the normals that came with them, taken off.
@@ -107,28 +90,81 @@ struct FeatureRegistration {
   };
 
   template <Cloud Points>
-  [[nodiscard]] ThinnedCloud thin(const Points& points) const {
-    ThinnedCloud thinned{.cloud = voxel_downsample(points, voxel_size), .seen_sides = {}, .tree = {}};
-    thinned.seen_sides = std::move(thinned.cloud.normals);
-    thinned.cloud.normals.clear();
-    thinned.tree = KdTree<float>(thinned.cloud);
-    return thinned;
-  }
+  [[nodiscard]] ThinnedCloud thin(const Points& points) const;
 
   template <Executor Exec>
-  [[nodiscard]] DescribedCloud describe(ThinnedCloud thinned, const Exec& executor) const {
-    PointCloud<float>& cloud = thinned.cloud;
-    const Neighborhoods near(cloud, thinned.tree, features.radius, features.max_neighbors, executor);
-    if (normals.radius <= features.radius)
-      estimate_normals(cloud, near, normals, Eigen::Vector3d::Zero(), executor);
-    else
-      estimate_normals(cloud, thinned.tree, normals, Eigen::Vector3d::Zero(), executor);
-    for (std::size_t i = 0; i < thinned.seen_sides.size(); ++i)
-      if (cloud.normals[i].dot(thinned.seen_sides[i]) < 0) cloud.normals[i] *= -1.0F;
-    FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);
-    return {IndexedCloud<>(std::move(cloud), std::move(thinned.tree)), std::move(described)};
-  }
+  [[nodiscard]] DescribedCloud describe(ThinnedCloud thinned, const Exec& executor) const;
 };
 static_assert(GlobalRegistration<FeatureRegistration<>, PointCloud<float>, PointCloud<float>>);
+
+template <class Estimator>
+template <Cloud Points, Executor Exec>
+DescribedCloud FeatureRegistration<Estimator>::describe(const Points& points, const Exec& executor) const {
+  return describe(thin(points), executor);
+}
+
+template <class Estimator>
+template <Cloud Source, Cloud Target, Executor Exec>
+std::pair<DescribedCloud, DescribedCloud> FeatureRegistration<Estimator>::describe_both(const Source& source,
+                                                                                        const Target& target,
+                                                                                        const Exec& executor) const {
+  ThinnedCloud thin_source, thin_target;
+  call_both(
+      executor, [&] { thin_source = thin(source); }, [&] { thin_target = thin(target); });
+  return {describe(std::move(thin_source), executor), describe(std::move(thin_target), executor)};
+}
+
+template <class Estimator>
+template <Executor Exec>
+GlobalAlignResult FeatureRegistration<Estimator>::align(const DescribedCloud& source, const DescribedCloud& target,
+                                                        const Exec& executor, const Deadline& deadline) const {
+  constexpr std::size_t least_points = 3;
+  if (source.cloud.size() < least_points || target.cloud.size() < least_points) return {};
+  const std::vector<FeatureMatch> matches = match_features(source.features, target.features, matching, executor);
+  if constexpr (requires { estimator.align(source.cloud.cloud(), target.cloud, matches, executor, deadline); })
+    return estimator.align(source.cloud.cloud(), target.cloud, matches, executor, deadline);
+  else
+    return estimator.align(source.cloud.cloud(), target.cloud, matches, executor);
+}
+
+template <class Estimator>
+template <Cloud Source, Cloud Target, Executor Exec>
+GlobalAlignResult FeatureRegistration<Estimator>::align(const Source& source, const Target& target,
+                                                        const Exec& executor, const Deadline& deadline) const {
+  const auto described = describe_both(source, target, executor);
+  return align(described.first, described.second, executor, deadline);
+}
+
+template <class Estimator>
+template <Cloud Points>
+typename FeatureRegistration<Estimator>::ThinnedCloud FeatureRegistration<Estimator>::thin(const Points& points) const {
+  ThinnedCloud thinned{.cloud = voxel_downsample(points, voxel_size), .seen_sides = {}, .tree = {}};
+  thinned.seen_sides = std::move(thinned.cloud.normals);
+  thinned.cloud.normals.clear();
+  thinned.tree = KdTree<float>(thinned.cloud);
+  return thinned;
+}
+
+template <class Estimator>
+template <Executor Exec>
+DescribedCloud FeatureRegistration<Estimator>::describe(ThinnedCloud thinned, const Exec& executor) const {
+  PointCloud<float>& cloud = thinned.cloud;
+  const Neighborhoods near(cloud, thinned.tree, features.radius, features.max_neighbors, executor);
+  if (normals.radius <= features.radius)
+    estimate_normals(cloud, near, normals, Eigen::Vector3d::Zero(), executor);
+  else
+    estimate_normals(cloud, thinned.tree, normals, Eigen::Vector3d::Zero(), executor);
+  for (std::size_t i = 0; i < thinned.seen_sides.size(); ++i)
+    if (cloud.normals[i].dot(thinned.seen_sides[i]) < 0) cloud.normals[i] *= -1.0F;
+  FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);
+  return {IndexedCloud<>(std::move(cloud), std::move(thinned.tree)), std::move(described)};
+}
+
+#ifdef CHAINSLAM_COMPILED
+extern template GlobalAlignResult FeatureRegistration<>::align(const PointCloud<float>&, const PointCloud<float>&,
+                                                               const Serial&, const Deadline&) const;
+extern template GlobalAlignResult FeatureRegistration<>::align(const PointCloud<float>&, const PointCloud<float>&,
+                                                               const ThreadPool&, const Deadline&) const;
+#endif
 
 }  // namespace chainslam

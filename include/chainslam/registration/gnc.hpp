@@ -9,10 +9,10 @@
 #include <stdexcept>
 #include <vector>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/matched_points.hpp"
-#include "chainslam/search/detail/nearest_list.hpp"
 
 namespace chainslam {
 
@@ -58,7 +58,7 @@ struct GncTls {
     for (; result.iterations < max_iterations; ++result.iterations) {
       for (std::size_t i = 0; i < squared.size(); ++i) {
         const Eigen::Vector3d moved = *T * source[i];
-        squared[i] = detail::squared_distance<3>(moved.data(), target[i].data());
+        squared[i] = squared_distance<3>(moved.data(), target[i].data());
       }
       if (result.iterations == 0) {
         const double largest = *std::max_element(squared.begin(), squared.end());

@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
@@ -92,30 +93,7 @@ struct Icp {
   /// @throws std::invalid_argument if an option or the guess makes no sense, or if a cloud lacks the normals needed.
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
-                                  const Exec& executor = {}, const Deadline& deadline = {}) const {
-    require_metric<Source, Target>();
-    check(source, target, guess);
-    const detail::SourceColumns points = detail::source_columns(source, wants());
-    AlignResult result;
-    result.T_target_source = guess;
-    if (points.count < least_points || target.size() < static_cast<std::size_t>(least_points)) return result;
-
-    SE3d start = guess;
-    const bool piloted = points.count >= pilot * least_pilot_points && pilot > 1 && max_iterations > 0;
-    if (piloted) start = steer(points, target, guess, executor, deadline, result.iterations);
-    detail::IcpRun<Icp, Target, Exec> run(*this, points, target, start, degeneracy_threshold, executor);
-    run.measure(piloted);
-    result.stop = iterate(run, deadline, result.iterations, false);
-    if (!run.overlaps()) {
-      run.count(result);
-      result.status = AlignStatus::no_overlap;
-      result.stop = StopReason::lost_overlap;
-      return result;
-    }
-    run.report(result);
-    result.status = status_after(result.stop, run.left_out());
-    return result;
-  }
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const;
 
  private:
   /// Points that the first steps are to look at, at least.
@@ -124,38 +102,11 @@ struct Icp {
   /// The first steps: brings some of the points near, or leaves them at the guess where too few have a match.
   template <class Target, class Exec>
   [[nodiscard]] SE3d steer(const detail::SourceColumns& points, const Target& target, const SE3d& guess,
-                           const Exec& executor, const Deadline& deadline, Index& iterations) const {
-    const detail::SourceColumns some = detail::one_of_each(points, pilot);
-    // What some points tell all but do not determine is not for them to decide.
-    detail::IcpRun<Icp, Target, Exec> run(*this, some, target, guess, 2 * degeneracy_threshold, executor);
-    run.measure(false);
-    const StopReason stop = iterate(run, deadline, iterations, true);
-    return stop == StopReason::lost_overlap || !run.overlaps() ? guess : run.T_target_source();
-  }
+                           const Exec& executor, const Deadline& deadline, Index& iterations) const;
 
   /// @param pilot_only  whether to end with the first short step.
   template <class Run>
-  [[nodiscard]] StopReason iterate(Run& run, const Deadline& deadline, Index& iterations, bool pilot_only) const {
-    double damping = optimizer.initial_damping;
-    while (iterations < max_iterations) {
-      if (!run.overlaps()) return StopReason::lost_overlap;
-      if (deadline.passed()) return StopReason::deadline;
-      const std::optional<Vector6d> step = optimizer.step(run, damping);
-      if (!step) return StopReason::no_improvement;
-      const double cost_before = run.mean_cost();
-      const bool last = pilot_only && run.is_short(*step);
-      ++iterations;
-      run.move(*step);
-      if (last) return StopReason::small_step;
-      run.measure(!pilot_only);
-      if (pilot_only) continue;
-      if (detail::translation_of(*step).norm() < translation_tolerance &&
-          detail::rotation_of(*step).norm() < rotation_tolerance)
-        return StopReason::small_step;
-      if (std::abs(run.mean_cost() - cost_before) < cost_tolerance * cost_before) return StopReason::small_improvement;
-    }
-    return max_iterations > 0 ? StopReason::iteration_limit : StopReason::not_started;
-  }
+  [[nodiscard]] StopReason iterate(Run& run, const Deadline& deadline, Index& iterations, bool pilot_only) const;
 
   [[nodiscard]] static AlignStatus status_after(StopReason stop, Index left_out) {
     if (stop == StopReason::deadline) return AlignStatus::cancelled;
@@ -193,23 +144,95 @@ struct Icp {
   }
 
   template <class Source, class Target>
-  void check(const Source& source, const Target& target, const SE3d& guess) const {
-    if (!(max_distance > 0) || max_iterations < 0 || pilot < 1)
-      throw std::invalid_argument("Icp: max_distance and pilot must be positive, max_iterations not negative");
-    if (!is_finite(guess.translation()) || !is_finite(guess.rotation().quaternion().coeffs()))
-      throw std::invalid_argument("Icp: the guess is not finite");
-    constexpr Surface of_source = detail::source_surface<Metric>(), of_target = detail::target_surface<Metric>();
-    if constexpr (requires { target.has_normals(); }) {
-      if ((of_target == Surface::normal || Rejector::needs_normals) && target.size() > 0 && !target.has_normals())
-        throw std::invalid_argument("Icp: the metric needs normals in the target; call estimate_normals first");
-    }
-    const bool source_covariances = DistributedCloud<Source>;
-    if ((of_source == Surface::normal || Rejector::needs_normals ||
-         (of_source == Surface::covariance && !source_covariances)) &&
-        cloud_size(source) > 0 && !carries_normals(source))
-      throw std::invalid_argument("Icp: the metric needs normals in the source; call estimate_normals first");
-  }
+  void check(const Source& source, const Target& target, const SE3d& guess) const;
 };
+
+template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>
+template <Cloud Source, AlignTarget Target, Executor Exec>
+AlignResult Icp<Metric, Kernel, Rejector, Optimizer, Prior>::align(const Source& source, const Target& target,
+                                                                   const SE3d& guess, const Exec& executor,
+                                                                   const Deadline& deadline) const {
+  require_metric<Source, Target>();
+  check(source, target, guess);
+  const detail::SourceColumns points = detail::source_columns(source, wants());
+  AlignResult result;
+  result.T_target_source = guess;
+  if (points.count < least_points || target.size() < static_cast<std::size_t>(least_points)) return result;
+
+  SE3d start = guess;
+  const bool piloted = points.count >= pilot * least_pilot_points && pilot > 1 && max_iterations > 0;
+  if (piloted) start = steer(points, target, guess, executor, deadline, result.iterations);
+  detail::IcpRun<Icp, Target, Exec> run(*this, points, target, start, degeneracy_threshold, executor);
+  run.measure(piloted);
+  result.stop = iterate(run, deadline, result.iterations, false);
+  if (!run.overlaps()) {
+    run.count(result);
+    result.status = AlignStatus::no_overlap;
+    result.stop = StopReason::lost_overlap;
+    return result;
+  }
+  run.report(result);
+  result.status = status_after(result.stop, run.left_out());
+  return result;
+}
+
+template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>
+template <class Target, class Exec>
+SE3d Icp<Metric, Kernel, Rejector, Optimizer, Prior>::steer(const detail::SourceColumns& points, const Target& target,
+                                                            const SE3d& guess, const Exec& executor,
+                                                            const Deadline& deadline, Index& iterations) const {
+  const detail::SourceColumns some = detail::one_of_each(points, pilot);
+  // What some points tell all but do not determine is not for them to decide.
+  detail::IcpRun<Icp, Target, Exec> run(*this, some, target, guess, 2 * degeneracy_threshold, executor);
+  run.measure(false);
+  const StopReason stop = iterate(run, deadline, iterations, true);
+  return stop == StopReason::lost_overlap || !run.overlaps() ? guess : run.T_target_source();
+}
+
+template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>
+template <class Run>
+StopReason Icp<Metric, Kernel, Rejector, Optimizer, Prior>::iterate(Run& run, const Deadline& deadline,
+                                                                    Index& iterations, bool pilot_only) const {
+  double damping = optimizer.initial_damping;
+  while (iterations < max_iterations) {
+    if (!run.overlaps()) return StopReason::lost_overlap;
+    if (deadline.passed()) return StopReason::deadline;
+    const std::optional<Vector6d> step = optimizer.step(run, damping);
+    if (!step) return StopReason::no_improvement;
+    const double cost_before = run.mean_cost();
+    const bool last = pilot_only && run.is_short(*step);
+    ++iterations;
+    run.move(*step);
+    if (last) return StopReason::small_step;
+    run.measure(!pilot_only);
+    if (pilot_only) continue;
+    if (detail::translation_of(*step).norm() < translation_tolerance &&
+        detail::rotation_of(*step).norm() < rotation_tolerance)
+      return StopReason::small_step;
+    if (std::abs(run.mean_cost() - cost_before) < cost_tolerance * cost_before) return StopReason::small_improvement;
+  }
+  return max_iterations > 0 ? StopReason::iteration_limit : StopReason::not_started;
+}
+
+template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>
+template <class Source, class Target>
+void Icp<Metric, Kernel, Rejector, Optimizer, Prior>::check(const Source& source, const Target& target,
+                                                            const SE3d& guess) const {
+  if (!(max_distance > 0) || max_iterations < 0 || pilot < 1)
+    throw std::invalid_argument("Icp: max_distance and pilot must be positive, max_iterations not negative");
+  if (!is_finite(guess.translation()) || !is_finite(guess.rotation().quaternion().coeffs()))
+    throw std::invalid_argument("Icp: the guess is not finite");
+  constexpr Surface of_source = detail::source_surface<Metric>(), of_target = detail::target_surface<Metric>();
+  if constexpr (requires { target.has_normals(); }) {
+    if ((of_target == Surface::normal || Rejector::needs_normals) && target.size() > 0 && !target.has_normals())
+      throw std::invalid_argument("Icp: the metric needs normals in the target; call estimate_normals first");
+  }
+  const bool source_covariances = DistributedCloud<Source>;
+  if ((of_source == Surface::normal || Rejector::needs_normals ||
+       (of_source == Surface::covariance && !source_covariances)) &&
+      cloud_size(source) > 0 && !carries_normals(source))
+    throw std::invalid_argument("Icp: the metric needs normals in the source; call estimate_normals first");
+}
 
 using PointToPlaneIcp = Icp<PointToPlane, Trivial>;
 using PointToPointIcp = Icp<PointToPoint, Trivial>;
@@ -234,5 +257,25 @@ template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
   }
   return PointToPointIcp{}.align(source, target, guess, executor);
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template AlignResult Icp<PointToPlane, GemanMcClure>::align(const PointCloud<float>&, const IndexedCloud<>&,
+                                                                   const SE3d&, const Serial&, const Deadline&) const;
+extern template AlignResult Icp<PointToPlane, GemanMcClure>::align(const PointCloud<float>&, const IndexedCloud<>&,
+                                                                   const SE3d&, const ThreadPool&,
+                                                                   const Deadline&) const;
+extern template AlignResult Icp<PointToPlane, Huber>::align(const PointCloud<float>&, const IndexedCloud<>&,
+                                                            const SE3d&, const Serial&, const Deadline&) const;
+extern template AlignResult Icp<PointToPlane, Huber>::align(const PointCloud<float>&, const IndexedCloud<>&,
+                                                            const SE3d&, const ThreadPool&, const Deadline&) const;
+extern template AlignResult PointToPlaneIcp::align(const PointCloud<float>&, const IndexedCloud<>&, const SE3d&,
+                                                   const Serial&, const Deadline&) const;
+extern template AlignResult PointToPlaneIcp::align(const PointCloud<float>&, const IndexedCloud<>&, const SE3d&,
+                                                   const ThreadPool&, const Deadline&) const;
+extern template AlignResult PointToPointIcp::align(const PointCloud<float>&, const IndexedCloud<>&, const SE3d&,
+                                                   const Serial&, const Deadline&) const;
+extern template AlignResult PointToPointIcp::align(const PointCloud<float>&, const IndexedCloud<>&, const SE3d&,
+                                                   const ThreadPool&, const Deadline&) const;
+#endif
 
 }  // namespace chainslam

@@ -15,6 +15,7 @@
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/random.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/features/matching.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/concepts.hpp"

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/search_verbs.hpp"
 

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/box_build.hpp"
@@ -387,5 +388,9 @@ auto IkdTree<ScalarType, Policy, Dim, Payload>::load(std::span<const std::byte> 
   tree.rejected_ = static_cast<Index>(head.rejected);
   return tree;
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template class IkdTree<float>;
+#endif
 
 }  // namespace chainslam

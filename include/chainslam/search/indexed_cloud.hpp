@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/kd_tree.hpp"
 
@@ -69,5 +70,9 @@ class IndexedCloud {
   Search search_;
 };
 static_assert(OrientedSearch<IndexedCloud<>> && SeededSearch<IndexedCloud<>> && FixedSizeSearch<IndexedCloud<>>);
+
+#ifdef CHAINSLAM_COMPILED
+extern template KdTree<float>::KdTree(const PointCloud<float>&);
+#endif
 
 }  // namespace chainslam

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/box_split.hpp"
@@ -201,5 +202,9 @@ void KdTree<ScalarType, Dim>::search(const Vector& query, Collector& found) cons
     offset = stack[pending].offset;
   }
 }
+
+#ifdef CHAINSLAM_COMPILED
+extern template class KdTree<float>;
+#endif
 
 }  // namespace chainslam

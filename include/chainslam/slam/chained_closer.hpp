@@ -79,22 +79,7 @@ class ChainedCloser {
   template <ClosureAligner Closer, Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
                                                LoopClosure& direct, Index loaded, Closer& closer,
-                                               const E& executor = {}) {
-    std::vector<LoopClosure> tried;
-    if (!options_.enabled || direct.from.value >= loaded) return tried;
-    for (const Candidate& candidate : candidates(keyframes, graph, direct, loaded, closer)) {
-      if (options_.max_alignments > 0 && to_index(tried.size()) >= options_.max_alignments) break;
-      LoopClosure closure = closer.align(keyframes, candidate.id, direct.to, candidate.guess, executor);
-      closure.kind = ClosureKind::chained;
-      if (closure.verdict == ClosureVerdict::accepted && contradicts(closure, candidate.guess)) {
-        closure.verdict = ClosureVerdict::inconsistent;
-        closure.sqrt_information.setZero();
-      }
-      tried.push_back(closure);
-    }
-    share_information(direct, tried);
-    return tried;
-  }
+                                               const E& executor = {});
 
   [[nodiscard]] const ChainOptions& options() const { return options_; }
 
@@ -125,21 +110,7 @@ class ChainedCloser {
 
   template <class Closer>
   [[nodiscard]] std::vector<Candidate> candidates(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
-                                                  const LoopClosure& direct, Index loaded, const Closer& closer) {
-    const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
-    const Keyframe& i = at(direct.to);
-    const SE3d T_map_i = options_.guess_through_chain ? at(direct.from).T_map_body * direct.T_from_to : i.T_map_body;
-    std::vector<Candidate> all;
-    const SubmapRange submap = submap_range(keyframes, direct.from, options_.reach);
-    for (const KeyframeId k : connected(graph, direct.from, submap, loaded)) {
-      if (!closer.eligible(at(k), i) || graph.connected(k.value, i.id.value)) continue;
-      const SE3d guess = at(k).T_map_body.inverse() * T_map_i;
-      if (options_.max_distance > 0 && !(guess.translation().norm() <= options_.max_distance)) continue;
-      all.push_back({k, guess});
-    }
-    std::ranges::stable_sort(all, {}, [](const Candidate& one) { return one.guess.translation().norm(); });
-    return options_.min_separation > 0 ? spread_out(keyframes, direct.from, all) : all;
-  }
+                                                  const LoopClosure& direct, Index loaded, const Closer& closer);
 
   /// Leaves out those whose submap is largely that of one before.
   [[nodiscard]] std::vector<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
@@ -178,6 +149,44 @@ class ChainedCloser {
   ChainOptions options_;
   BfsWorkspace workspace_;
 };
+
+template <ClosureAligner Closer, Executor E>
+std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
+                                              LoopClosure& direct, Index loaded, Closer& closer, const E& executor) {
+  std::vector<LoopClosure> tried;
+  if (!options_.enabled || direct.from.value >= loaded) return tried;
+  for (const Candidate& candidate : candidates(keyframes, graph, direct, loaded, closer)) {
+    if (options_.max_alignments > 0 && to_index(tried.size()) >= options_.max_alignments) break;
+    LoopClosure closure = closer.align(keyframes, candidate.id, direct.to, candidate.guess, executor);
+    closure.kind = ClosureKind::chained;
+    if (closure.verdict == ClosureVerdict::accepted && contradicts(closure, candidate.guess)) {
+      closure.verdict = ClosureVerdict::inconsistent;
+      closure.sqrt_information.setZero();
+    }
+    tried.push_back(closure);
+  }
+  share_information(direct, tried);
+  return tried;
+}
+
+template <class Closer>
+std::vector<ChainedCloser::Candidate> ChainedCloser::candidates(std::span<const Keyframe> keyframes,
+                                                                const ClosureGraph& graph, const LoopClosure& direct,
+                                                                Index loaded, const Closer& closer) {
+  const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
+  const Keyframe& i = at(direct.to);
+  const SE3d T_map_i = options_.guess_through_chain ? at(direct.from).T_map_body * direct.T_from_to : i.T_map_body;
+  std::vector<Candidate> all;
+  const SubmapRange submap = submap_range(keyframes, direct.from, options_.reach);
+  for (const KeyframeId k : connected(graph, direct.from, submap, loaded)) {
+    if (!closer.eligible(at(k), i) || graph.connected(k.value, i.id.value)) continue;
+    const SE3d guess = at(k).T_map_body.inverse() * T_map_i;
+    if (options_.max_distance > 0 && !(guess.translation().norm() <= options_.max_distance)) continue;
+    all.push_back({k, guess});
+  }
+  std::ranges::stable_sort(all, {}, [](const Candidate& one) { return one.guess.translation().norm(); });
+  return options_.min_separation > 0 ? spread_out(keyframes, direct.from, all) : all;
+}
 
 /// Tries nothing: direct closures only.
 struct NoChaining {

@@ -44,18 +44,14 @@ struct ProximityCandidates {
   [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                              KeyframeId query) const {
     const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];
-    std::vector<PositionIndex::Found> near = index.within(here.T_map_body.translation(), radius);
-    std::erase_if(near, [&](const PositionIndex::Found& found) {
-      return !eligible(keyframes[static_cast<std::size_t>(found.id.value)], here);
-    });
-    for (PositionIndex::Found& found : near) {
+    std::vector<PositionIndex::Found> near;
+    for (const PositionIndex::Found& found : index.within(here.T_map_body.translation(), radius)) {
       const Keyframe& there = keyframes[static_cast<std::size_t>(found.id.value)];
+      if (!eligible(there, here)) continue;
       const SE3d between = there.T_map_body.inverse() * here.T_map_body;
-      found.distance += heading_weight * between.rotation().log().norm();
+      near.push_back({found.id, found.distance + heading_weight * between.rotation().log().norm()});
     }
-    std::ranges::sort(near, [](const auto& a, const auto& b) {
-      return a.distance != b.distance ? a.distance < b.distance : a.id < b.id;
-    });
+    std::sort(near.begin(), near.end());
     std::vector<KeyframeId> proposals;
     for (const PositionIndex::Found& found : near) {
       if (to_index(proposals.size()) >= max_count) break;

@@ -1,9 +1,10 @@
 #pragma once
 
-#include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <algorithm>
 #include <concepts>
 
+#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/registration/concepts.hpp"
 
@@ -15,13 +16,28 @@ concept ClosureCovariance = requires(const C& covariance, const AlignResult& res
   { covariance(result) } -> std::convertible_to<Matrix6d>;
 };
 
+namespace detail {
+
+/// Adds the squares of one number for the translation and one for the rotation to the diagonal.
+inline void add_squares(Matrix6d& sum, double translation, double rotation) {
+  for (int i = 0; i < 3; ++i) {
+    sum(i, i) += translation * translation;
+    sum(i + 3, i + 3) += rotation * rotation;
+  }
+}
+
+}  // namespace detail
+
 /// The paper's: lambda e_ij I_6, the same number for m^2 and rad^2.
 struct IsotropicCovariance {
   double lambda = 1e-4;
   double least = 1e-9;  ///< m^2 and rad^2: a perfect fit is still no certainty
 
   [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
-    return std::max(lambda * result.mean_squared_error, least) * Matrix6d::Identity();
+    const double variance = std::max(lambda * result.mean_squared_error, least);
+    Matrix6d covariance = Matrix6d::Zero();
+    for (int i = 0; i < 6; ++i) covariance(i, i) = variance;
+    return covariance;
   }
 };
 static_assert(ClosureCovariance<IsotropicCovariance>);
@@ -41,17 +57,13 @@ struct HessianCovariance {
   [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
     constexpr double least_residual = 1e-4;  // m^2: a centimetre, the sensor's own noise
     const double variance = correlated_residuals * std::max(result.mean_squared_residual, least_residual);
-    const Matrix6d information = result.hessian / variance + diagonal(1 / prior_translation, 1 / prior_rotation);
-    const Matrix6d covariance = information.llt().solve(Matrix6d::Identity());
-    return 0.5 * (covariance + covariance.transpose()) + diagonal(floor_translation, floor_rotation);
-  }
-
- private:
-  /// Squares of one number for the translation and one for the rotation.
-  [[nodiscard]] static Matrix6d diagonal(double translation, double rotation) {
-    Vector6d squares;
-    squares << Eigen::Vector3d::Constant(translation * translation), Eigen::Vector3d::Constant(rotation * rotation);
-    return squares.asDiagonal();
+    Matrix6d information = result.hessian;
+    for (int i = 0; i < 36; ++i) information.data()[i] /= variance;
+    detail::add_squares(information, 1 / prior_translation, 1 / prior_rotation);
+    const Matrix6d root = solved_right(Matrix6d(Matrix6d::Identity()), cholesky(information));
+    Matrix6d covariance = symmetric(times_transposed(root, root));
+    detail::add_squares(covariance, floor_translation, floor_rotation);
+    return covariance;
   }
 };
 static_assert(ClosureCovariance<HessianCovariance>);

@@ -12,6 +12,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/search/kd_tree.hpp"
+#include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
 
@@ -56,10 +57,7 @@ class GnssCandidates {
   }
 
  private:
-  struct Found {
-    KeyframeId id;
-    double distance = 0;  ///< metres, along the ground
-  };
+  using Found = PositionIndex::Found;  ///< with its distance along the ground
 
   [[nodiscard]] static const Keyframe& keyframe(const SlamMap& map, KeyframeId id) {
     return map.keyframes[static_cast<std::size_t>(id.value)];
@@ -70,9 +68,10 @@ class GnssCandidates {
 
   [[nodiscard]] bool usable(const Keyframe& keyframe) const {
     if (!keyframe.gnss || keyframe.gnss->quality == GnssQuality::none) return false;
-    const Eigen::Vector3d variances = keyframe.gnss->covariance_ecef.diagonal();
+    const Eigen::Matrix3d& covariance = keyframe.gnss->covariance_ecef;
+    const Eigen::Vector3d variances(covariance(0, 0), covariance(1, 1), covariance(2, 2));
     return is_finite(keyframe.gnss->position_ecef) && is_finite(variances) &&
-           variances.maxCoeff() <= options_.max_sigma * options_.max_sigma;
+           std::max({variances[0], variances[1], variances[2]}) <= options_.max_sigma * options_.max_sigma;
   }
 
   /// Earlier sessions get no new keyframes, so their fixes are put into a tree once for each session that asks.
@@ -102,12 +101,12 @@ class GnssCandidates {
       if (frame(map, there) == frame(map, here)) continue;
       const Eigen::Vector3d way = there.gnss->position_ecef - center;
       const double height = way.dot(up);
-      const double distance = (way - height * up).norm();
+      const Eigen::Vector3d climb = height * up;
+      const Eigen::Vector3d ground = way - climb;
+      const double distance = ground.norm();
       if (distance <= options_.radius && std::abs(height) <= options_.max_height) found.push_back({id, distance});
     }
-    std::ranges::sort(found, [](const Found& a, const Found& b) {
-      return a.distance != b.distance ? a.distance < b.distance : a.id < b.id;
-    });
+    std::sort(found.begin(), found.end());
     return found;
   }
 

@@ -4,6 +4,7 @@
 #include <optional>
 #include <utility>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sensor/gnss_fix.hpp"
@@ -23,7 +24,7 @@ class GnssInterpolator {
   /// Fixes without a position or not later than the last are left out.
   template <class Assign>
   void add(const GnssFix& fix, Assign&& assign) {
-    if (fix.quality == GnssQuality::none || !fix.position_ecef.allFinite() || !fix.covariance_ecef.allFinite()) return;
+    if (fix.quality == GnssQuality::none || !is_finite(fix.position_ecef) || !is_finite(fix.covariance_ecef)) return;
     if (last_ && fix.time <= last_->time) return;
     while (!waiting_.empty() && waiting_.front().time <= fix.time) {
       const Waiting keyframe = waiting_.front();
@@ -45,8 +46,10 @@ class GnssInterpolator {
     const double share = to_seconds(time - a.time) / to_seconds(b.time - a.time);
     GnssFix fix;
     fix.time = time;
-    fix.position_ecef = a.position_ecef + share * (b.position_ecef - a.position_ecef);
-    fix.covariance_ecef = a.covariance_ecef + share * (b.covariance_ecef - a.covariance_ecef);
+    const auto blend = [share](double from, double to) { return from + share * (to - from); };
+    for (int i = 0; i < 3; ++i) fix.position_ecef[i] = blend(a.position_ecef[i], b.position_ecef[i]);
+    for (int i = 0; i < 9; ++i)
+      fix.covariance_ecef.data()[i] = blend(a.covariance_ecef.data()[i], b.covariance_ecef.data()[i]);
     fix.quality = a.quality < b.quality ? a.quality : b.quality;
     return fix;
   }

@@ -78,10 +78,7 @@ class LoopCloser {
   /// @see search
   template <Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
-                                               const E& executor = {}) {
-    if (keyframes.empty() || !due(keyframes)) return {};
-    return search(keyframes, index, keyframes.back().id, executor);
-  }
+                                               const E& executor = {});
 
   /// Tries candidates for `query` in their order until one is accepted.
   ///
@@ -89,16 +86,7 @@ class LoopCloser {
   /// @returns what was tried, refusals and at most one accepted closure, each with its verdict.
   template <Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index,
-                                                KeyframeId query, const E& executor = {}) {
-    std::vector<LoopClosure> tried;
-    const SE3d& here = keyframes[static_cast<std::size_t>(query.value)].T_map_body;
-    for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
-      const SE3d guess = keyframes[static_cast<std::size_t>(candidate.value)].T_map_body.inverse() * here;
-      tried.push_back(align(keyframes, candidate, query, guess, executor));
-      if (tried.back().verdict == ClosureVerdict::accepted) break;
-    }
-    return tried;
-  }
+                                                KeyframeId query, const E& executor = {});
 
   /// Whether two keyframes may be closed at all.
   [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
@@ -109,36 +97,14 @@ class LoopCloser {
   /// @param guess  T_from_to to start from, from which the gate measures the correction.
   template <Executor E = Serial>
   [[nodiscard]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
-                                  const SE3d& guess, const E& executor = {}) {
-    const Keyframe& i = keyframes[static_cast<std::size_t>(to.value)];
-    LoopClosure closure{.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::too_few_inliers};
-    if (!i.cloud) return closure;
-    const auto submap = submaps_.get(keyframes, from, executor);
-    const AlignResult result = registration_.align(*i.cloud, *submap, guess, executor);
-    closure.T_from_to = result.T_target_source;
-    closure.verdict = options_.gate.judge(result, guess);
-    closure.mean_squared_error = result.mean_squared_error;
-    closure.inlier_ratio = result.inlier_ratio;
-    if (closure.verdict == ClosureVerdict::accepted)
-      closure.sqrt_information = NoiseModel<6>::from_covariance(covariance_(result)).sqrt_information();
-    return closure;
-  }
+                                  const SE3d& guess, const E& executor = {});
 
   [[nodiscard]] const LoopCloserOptions& options() const { return options_; }
   [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }
 
  private:
   /// Whether the newest keyframe lies far enough along the path from the last one that was tried.
-  [[nodiscard]] bool due(std::span<const Keyframe> keyframes) {
-    const Keyframe& newest = keyframes.back();
-    if (keyframes.size() > 1 && keyframes[keyframes.size() - 2].session == newest.session) {
-      const Keyframe& before = keyframes[keyframes.size() - 2];
-      travelled_ += (before.T_odom_body.inverse() * newest.T_odom_body).translation().norm();
-    }
-    if (travelled_ < options_.min_travel) return false;
-    travelled_ = 0;
-    return true;
-  }
+  [[nodiscard]] bool due(std::span<const Keyframe> keyframes);
 
   LoopCloserOptions options_;
   [[no_unique_address]] Candidates candidates_;
@@ -148,5 +114,60 @@ class LoopCloser {
   // Metres since the last search: the first is due at once.
   double travelled_ = std::numeric_limits<double>::infinity();
 };
+
+template <class Candidates, class Registration, class Covariance>
+template <Executor E>
+std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::close(std::span<const Keyframe> keyframes,
+                                                                                 const PositionIndex& index,
+                                                                                 const E& executor) {
+  if (keyframes.empty() || !due(keyframes)) return {};
+  return search(keyframes, index, keyframes.back().id, executor);
+}
+
+template <class Candidates, class Registration, class Covariance>
+template <Executor E>
+std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::search(std::span<const Keyframe> keyframes,
+                                                                                  const PositionIndex& index,
+                                                                                  KeyframeId query, const E& executor) {
+  std::vector<LoopClosure> tried;
+  const SE3d& here = keyframes[static_cast<std::size_t>(query.value)].T_map_body;
+  for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
+    const SE3d guess = keyframes[static_cast<std::size_t>(candidate.value)].T_map_body.inverse() * here;
+    tried.push_back(align(keyframes, candidate, query, guess, executor));
+    if (tried.back().verdict == ClosureVerdict::accepted) break;
+  }
+  return tried;
+}
+
+template <class Candidates, class Registration, class Covariance>
+template <Executor E>
+LoopClosure LoopCloser<Candidates, Registration, Covariance>::align(std::span<const Keyframe> keyframes,
+                                                                    KeyframeId from, KeyframeId to, const SE3d& guess,
+                                                                    const E& executor) {
+  const Keyframe& i = keyframes[static_cast<std::size_t>(to.value)];
+  LoopClosure closure{.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::too_few_inliers};
+  if (!i.cloud) return closure;
+  const auto submap = submaps_.get(keyframes, from, executor);
+  const AlignResult result = registration_.align(*i.cloud, *submap, guess, executor);
+  closure.T_from_to = result.T_target_source;
+  closure.verdict = options_.gate.judge(result, guess);
+  closure.mean_squared_error = result.mean_squared_error;
+  closure.inlier_ratio = result.inlier_ratio;
+  if (closure.verdict == ClosureVerdict::accepted)
+    closure.sqrt_information = NoiseModel<6>::from_covariance(covariance_(result)).sqrt_information();
+  return closure;
+}
+
+template <class Candidates, class Registration, class Covariance>
+bool LoopCloser<Candidates, Registration, Covariance>::due(std::span<const Keyframe> keyframes) {
+  const Keyframe& newest = keyframes.back();
+  if (keyframes.size() > 1 && keyframes[keyframes.size() - 2].session == newest.session) {
+    const Keyframe& before = keyframes[keyframes.size() - 2];
+    travelled_ += (before.T_odom_body.inverse() * newest.T_odom_body).translation().norm();
+  }
+  if (travelled_ < options_.min_travel) return false;
+  travelled_ = 0;
+  return true;
+}
 
 }  // namespace chainslam

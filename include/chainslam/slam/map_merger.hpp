@@ -59,37 +59,10 @@ class MapMerger {
   /// comes last. Those that wait for others to agree with them are not among them: see `withdraw`.
   template <ClosureAligner Closer, Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> attempt(const SlamMap& map, KeyframeId query, Closer& closer,
-                                                 const E& executor = {}) {
-    std::vector<LoopClosure> tried;
-    if (!options_.enabled) return tried;
-    const double travelled = travelled_to(map, query);
-    const double since = travelled - last_attempt_;
-    if (since < options_.min_travel || since <= 0) return tried;  // asked again at the same place: nothing new to see
-    for (const KeyframeId candidate : candidates_.find(map, query)) {
-      last_attempt_ = travelled;
-      LoopClosure closure = register_submaps(map, candidate, query, closer, executor);
-      if (closure.verdict != ClosureVerdict::accepted) {
-        tried.push_back(closure);
-        continue;
-      }
-      hypotheses_.push_back({closure, travelled});
-      if (confirm(map, tried)) break;
-    }
-    return tried;
-  }
+                                                 const E& executor = {});
 
   /// Gives up what waits for confirmation: at the session's end. @returns it as refusals.
-  [[nodiscard]] std::vector<LoopClosure> withdraw() {
-    std::vector<LoopClosure> refused;
-    for (Hypothesis& hypothesis : hypotheses_) {
-      hypothesis.closure.verdict = ClosureVerdict::unconfirmed;
-      refused.push_back(hypothesis.closure);
-    }
-    hypotheses_.clear();
-    path_ = {};
-    last_attempt_ = -std::numeric_limits<double>::infinity();
-    return refused;
-  }
+  [[nodiscard]] std::vector<LoopClosure> withdraw();
 
   [[nodiscard]] const MergeOptions& options() const { return options_; }
 
@@ -112,79 +85,20 @@ class MapMerger {
   }
 
   /// Queries come in order.
-  [[nodiscard]] double travelled_to(const SlamMap& map, KeyframeId query) {
-    if (!path_.to.valid() || keyframe(map, path_.to).session != keyframe(map, query).session) path_ = {query, 0};
-    for (; path_.to < query; ++path_.to.value)
-      path_.length +=
-          (keyframe(map, path_.to).T_odom_body.inverse() * keyframe(map, KeyframeId{path_.to.value + 1}).T_odom_body)
-              .translation()
-              .norm();
-    return path_.length;
-  }
+  [[nodiscard]] double travelled_to(const SlamMap& map, KeyframeId query);
 
   template <class Closer, Executor E>
   [[nodiscard]] LoopClosure register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to, Closer& closer,
-                                             const E& executor) const {
-    SubmapRange current = submap_range(map.keyframes, to, options_.submap_radius);
-    current.end = to.value + 1;
-    const auto source = assemble_submap(map.keyframes, to, current, options_.voxel_size);
-    const auto target = assemble_submap(map.keyframes, from, submap_range(map.keyframes, from, options_.submap_radius),
-                                        options_.voxel_size);
-    const GlobalAlignResult result = registration_.align(source, target, executor);
-    LoopClosure closure{.from = from, .to = to, .T_from_to = result.T_target_source, .kind = ClosureKind::merge};
-    closure.verdict = judge(map, closure, result);
-    closure.inlier_ratio = result.fitness_target;
-    closure.mean_squared_error = result.inlier_rmse * result.inlier_rmse;
-    if (closure.verdict != ClosureVerdict::accepted || !options_.refine) return closure;
-    LoopClosure refined = closer.align(map.keyframes, from, to, closure.T_from_to, executor);
-    refined.kind = ClosureKind::merge;
-    refined.inlier_ratio = result.fitness_target;
-    return refined;
-  }
+                                             const E& executor) const;
 
   [[nodiscard]] ClosureVerdict judge(const SlamMap& map, const LoopClosure& closure,
-                                     const GlobalAlignResult& result) const {
-    if (!result.found()) return ClosureVerdict::not_converged;
-    if (!(result.fitness_target >= options_.min_fitness && result.putative_ratio >= options_.min_putative))
-      return ClosureVerdict::low_fitness;
-    const SE3d T = T_frame_joined(map, closure);
-    const bool same_frame =
-        T.translation().norm() < options_.min_translation && T.rotation().log().norm() < options_.min_rotation;
-    return same_frame ? ClosureVerdict::implausible : ClosureVerdict::accepted;
-  }
+                                     const GlobalAlignResult& result) const;
 
   /// If enough hypotheses agree with the newest, moves all to `tried`: the others as refusals, then those that agree.
-  [[nodiscard]] bool confirm(const SlamMap& map, std::vector<LoopClosure>& tried) {
-    const Hypothesis newest = hypotheses_.back();
-    std::vector<LoopClosure> agreeing, others;
-    double last = -std::numeric_limits<double>::infinity();
-    for (const Hypothesis& one : hypotheses_) {
-      const bool is_newest = &one == &hypotheses_.back();
-      const bool apart = one.travelled - last >= options_.apart && newest.travelled - one.travelled >= options_.apart;
-      if (is_newest || (apart && agree(map, one, newest))) {
-        agreeing.push_back(one.closure);
-        last = one.travelled;
-      } else {
-        others.push_back(one.closure);
-        others.back().verdict = ClosureVerdict::unconfirmed;
-      }
-    }
-    if (to_index(agreeing.size()) < options_.confirmations) return false;
-    tried.insert(tried.end(), others.begin(), others.end());
-    tried.insert(tried.end(), agreeing.begin(), agreeing.end());
-    hypotheses_.clear();
-    return true;
-  }
+  [[nodiscard]] bool confirm(const SlamMap& map, std::vector<LoopClosure>& tried);
 
   /// Whether two places put the newer of them at the same pose, as far as the paths between them can be trusted.
-  [[nodiscard]] bool agree(const SlamMap& map, const Hypothesis& a, const Hypothesis& b) const {
-    if (frame(map, a.closure.from) != frame(map, b.closure.from)) return false;
-    const SE3d& here = keyframe(map, b.closure.to).T_map_body;
-    const SE3d difference = (T_frame_joined(map, a.closure) * here).inverse() * (T_frame_joined(map, b.closure) * here);
-    const double path = b.travelled - a.travelled;
-    return difference.translation().norm() <= options_.agree_translation + options_.agree_per_metre * path &&
-           difference.rotation().log().norm() <= options_.agree_rotation;
-  }
+  [[nodiscard]] bool agree(const SlamMap& map, const Hypothesis& a, const Hypothesis& b) const;
 
   /// Carries the current session's frame over into the other one's: x_j T_j_i x_i^-1.
   [[nodiscard]] static SE3d T_frame_joined(const SlamMap& map, const LoopClosure& closure) {
@@ -198,6 +112,118 @@ class MapMerger {
   Path path_;
   double last_attempt_ = -std::numeric_limits<double>::infinity();
 };
+
+template <class Candidates, class Registration>
+template <ClosureAligner Closer, Executor E>
+std::vector<LoopClosure> MapMerger<Candidates, Registration>::attempt(const SlamMap& map, KeyframeId query,
+                                                                      Closer& closer, const E& executor) {
+  std::vector<LoopClosure> tried;
+  if (!options_.enabled) return tried;
+  const double travelled = travelled_to(map, query);
+  const double since = travelled - last_attempt_;
+  if (since < options_.min_travel || since <= 0) return tried;  // asked again at the same place: nothing new to see
+  for (const KeyframeId candidate : candidates_.find(map, query)) {
+    last_attempt_ = travelled;
+    LoopClosure closure = register_submaps(map, candidate, query, closer, executor);
+    if (closure.verdict != ClosureVerdict::accepted) {
+      tried.push_back(closure);
+      continue;
+    }
+    hypotheses_.push_back({closure, travelled});
+    if (confirm(map, tried)) break;
+  }
+  return tried;
+}
+
+template <class Candidates, class Registration>
+std::vector<LoopClosure> MapMerger<Candidates, Registration>::withdraw() {
+  std::vector<LoopClosure> refused;
+  for (Hypothesis& hypothesis : hypotheses_) {
+    hypothesis.closure.verdict = ClosureVerdict::unconfirmed;
+    refused.push_back(hypothesis.closure);
+  }
+  hypotheses_.clear();
+  path_ = {};
+  last_attempt_ = -std::numeric_limits<double>::infinity();
+  return refused;
+}
+
+template <class Candidates, class Registration>
+double MapMerger<Candidates, Registration>::travelled_to(const SlamMap& map, KeyframeId query) {
+  if (!path_.to.valid() || keyframe(map, path_.to).session != keyframe(map, query).session) path_ = {query, 0};
+  for (; path_.to < query; ++path_.to.value)
+    path_.length +=
+        (keyframe(map, path_.to).T_odom_body.inverse() * keyframe(map, KeyframeId{path_.to.value + 1}).T_odom_body)
+            .translation()
+            .norm();
+  return path_.length;
+}
+
+template <class Candidates, class Registration>
+template <class Closer, Executor E>
+LoopClosure MapMerger<Candidates, Registration>::register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to,
+                                                                  Closer& closer, const E& executor) const {
+  SubmapRange current = submap_range(map.keyframes, to, options_.submap_radius);
+  current.end = to.value + 1;
+  const auto source = assemble_submap(map.keyframes, to, current, options_.voxel_size);
+  const auto target = assemble_submap(map.keyframes, from, submap_range(map.keyframes, from, options_.submap_radius),
+                                      options_.voxel_size);
+  const GlobalAlignResult result = registration_.align(source, target, executor);
+  LoopClosure closure{.from = from, .to = to, .T_from_to = result.T_target_source, .kind = ClosureKind::merge};
+  closure.verdict = judge(map, closure, result);
+  closure.inlier_ratio = result.fitness_target;
+  closure.mean_squared_error = result.inlier_rmse * result.inlier_rmse;
+  if (closure.verdict != ClosureVerdict::accepted || !options_.refine) return closure;
+  LoopClosure refined = closer.align(map.keyframes, from, to, closure.T_from_to, executor);
+  refined.kind = ClosureKind::merge;
+  refined.inlier_ratio = result.fitness_target;
+  return refined;
+}
+
+template <class Candidates, class Registration>
+ClosureVerdict MapMerger<Candidates, Registration>::judge(const SlamMap& map, const LoopClosure& closure,
+                                                          const GlobalAlignResult& result) const {
+  if (!result.found()) return ClosureVerdict::not_converged;
+  if (!(result.fitness_target >= options_.min_fitness && result.putative_ratio >= options_.min_putative))
+    return ClosureVerdict::low_fitness;
+  const SE3d T = T_frame_joined(map, closure);
+  const bool same_frame =
+      T.translation().norm() < options_.min_translation && T.rotation().log().norm() < options_.min_rotation;
+  return same_frame ? ClosureVerdict::implausible : ClosureVerdict::accepted;
+}
+
+template <class Candidates, class Registration>
+bool MapMerger<Candidates, Registration>::confirm(const SlamMap& map, std::vector<LoopClosure>& tried) {
+  const Hypothesis newest = hypotheses_.back();
+  std::vector<LoopClosure> agreeing, others;
+  double last = -std::numeric_limits<double>::infinity();
+  for (const Hypothesis& one : hypotheses_) {
+    const bool is_newest = &one == &hypotheses_.back();
+    const bool apart = one.travelled - last >= options_.apart && newest.travelled - one.travelled >= options_.apart;
+    if (is_newest || (apart && agree(map, one, newest))) {
+      agreeing.push_back(one.closure);
+      last = one.travelled;
+    } else {
+      others.push_back(one.closure);
+      others.back().verdict = ClosureVerdict::unconfirmed;
+    }
+  }
+  if (to_index(agreeing.size()) < options_.confirmations) return false;
+  tried.insert(tried.end(), others.begin(), others.end());
+  tried.insert(tried.end(), agreeing.begin(), agreeing.end());
+  hypotheses_.clear();
+  return true;
+}
+
+template <class Candidates, class Registration>
+bool MapMerger<Candidates, Registration>::agree(const SlamMap& map, const Hypothesis& a, const Hypothesis& b) const {
+  if (frame(map, a.closure.from) != frame(map, b.closure.from)) return false;
+  const SE3d& here = keyframe(map, b.closure.to).T_map_body;
+  const SE3d difference = (T_frame_joined(map, a.closure) * here).inverse() * (T_frame_joined(map, b.closure) * here);
+  const double path = b.travelled - a.travelled;
+  return difference.translation().norm() <= options_.agree_translation + options_.agree_per_metre * path &&
+         difference.rotation().log().norm() <= options_.agree_rotation;
+}
 
 /// Joins no frames: every session stays by itself.
 struct NoMerging {

@@ -43,10 +43,14 @@ class PositionIndex {
     if (listed > 64 && listed * listed > positions_.size()) fold();
   }
 
-  /// A keyframe and its distance from the query, metres.
+  /// A keyframe and its distance from the query, metres. Ordered by the distance; equal distances by id.
   struct Found {
     KeyframeId id;
     double distance = 0;
+
+    [[nodiscard]] bool operator<(const Found& other) const {
+      return distance != other.distance ? distance < other.distance : id < other.id;
+    }
   };
 
   /// All keyframes within `radius` metres of `center`, nearest first; equal distances by id.
@@ -54,13 +58,14 @@ class PositionIndex {
     std::vector<Neighbor<double>> neighbors;
     tree_.within(center, radius, neighbors);
     std::vector<Found> found;
-    const auto add = [&](std::size_t i) { found.push_back({ids_[i], (positions_[i] - center).norm()}); };
+    const auto add = [&](std::size_t i) {
+      const Eigen::Vector3d way = positions_[i] - center;
+      const double distance = way.norm();
+      if (distance <= radius) found.push_back({ids_[i], distance});
+    };
     for (const auto& neighbor : neighbors) add(static_cast<std::size_t>(neighbor.index));
     for (std::size_t i = in_tree_; i < positions_.size(); ++i) add(i);
-    std::erase_if(found, [&](const Found& one) { return !(one.distance <= radius); });
-    std::ranges::sort(found, [](const Found& a, const Found& b) {
-      return a.distance != b.distance ? a.distance < b.distance : a.id < b.id;
-    });
+    std::sort(found.begin(), found.end());
     return found;
   }
 

@@ -42,22 +42,7 @@ class SubmapCache {
   /// @param keyframes  all keyframes of the map; ids are positions.
   template <Executor E = Serial>
   [[nodiscard]] std::shared_ptr<const Submap> get(std::span<const Keyframe> keyframes, KeyframeId center,
-                                                  const E& executor = {}) {
-    const SubmapRange range = submap_range(keyframes, center, options_.radius);
-    if (const auto known = by_center_.find(center.value); known != by_center_.end()) {
-      if (still_good(*known->second, keyframes, range)) {
-        entries_.splice(entries_.begin(), entries_, known->second);
-        return entries_.front().submap;
-      }
-      erase(known->second);
-    }
-    ++built_;
-    entries_.push_front(build(keyframes, center, range, executor));
-    by_center_[center.value] = entries_.begin();
-    bytes_ += entries_.front().bytes;
-    while (bytes_ > options_.max_bytes && entries_.size() > 1) erase(std::prev(entries_.end()));
-    return entries_.front().submap;
-  }
+                                                  const E& executor = {});
 
   [[nodiscard]] std::size_t bytes() const { return bytes_; }  ///< of all submaps kept, about
   [[nodiscard]] std::size_t size() const { return entries_.size(); }
@@ -96,15 +81,7 @@ class SubmapCache {
 
   template <Executor E>
   [[nodiscard]] Entry build(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
-                            const E& executor) const {
-    PointCloud<float> points = assemble_submap(keyframes, center, range, options_.voxel_size);
-    estimate_normals(points, NormalOptions{.neighbors = options_.normal_neighbors, .radius = options_.normal_radius},
-                     Eigen::Vector3d::Zero(), executor);
-    // Positions and normals, and as much again for the tree's own columns and links.
-    const std::size_t bytes = points.size() * 4 * sizeof(Eigen::Vector3f);
-    return {center, range, relative_poses(keyframes, center, range), std::make_shared<const Submap>(std::move(points)),
-            bytes};
-  }
+                            const E& executor) const;
 
   void erase(Entries::iterator entry) {
     bytes_ -= entry->bytes;
@@ -118,5 +95,36 @@ class SubmapCache {
   std::size_t bytes_ = 0;
   std::size_t built_ = 0;
 };
+
+template <Executor E>
+std::shared_ptr<const Submap> SubmapCache::get(std::span<const Keyframe> keyframes, KeyframeId center,
+                                               const E& executor) {
+  const SubmapRange range = submap_range(keyframes, center, options_.radius);
+  if (const auto known = by_center_.find(center.value); known != by_center_.end()) {
+    if (still_good(*known->second, keyframes, range)) {
+      entries_.splice(entries_.begin(), entries_, known->second);
+      return entries_.front().submap;
+    }
+    erase(known->second);
+  }
+  ++built_;
+  entries_.push_front(build(keyframes, center, range, executor));
+  by_center_[center.value] = entries_.begin();
+  bytes_ += entries_.front().bytes;
+  while (bytes_ > options_.max_bytes && entries_.size() > 1) erase(std::prev(entries_.end()));
+  return entries_.front().submap;
+}
+
+template <Executor E>
+SubmapCache::Entry SubmapCache::build(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
+                                      const E& executor) const {
+  PointCloud<float> points = assemble_submap(keyframes, center, range, options_.voxel_size);
+  estimate_normals(points, NormalOptions{.neighbors = options_.normal_neighbors, .radius = options_.normal_radius},
+                   Eigen::Vector3d::Zero(), executor);
+  // Positions and normals, and as much again for the tree's own columns and links.
+  const std::size_t bytes = points.size() * 4 * sizeof(Eigen::Vector3f);
+  return {center, range, relative_poses(keyframes, center, range), std::make_shared<const Submap>(std::move(points)),
+          bytes};
+}
 
 }  // namespace chainslam

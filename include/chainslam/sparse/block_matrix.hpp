@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam {
 

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "chainslam/factor_graph/values.hpp"
-#include "chainslam/sparse/detail/dense_kernels.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/dense_kernels.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

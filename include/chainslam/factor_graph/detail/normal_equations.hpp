@@ -11,8 +11,8 @@
 #include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
-#include "chainslam/sparse/detail/dense_kernels.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/dense_kernels.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

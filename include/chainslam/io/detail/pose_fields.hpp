@@ -2,9 +2,11 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/io/detail/text.hpp"
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -41,17 +43,26 @@ inline SO3d read_quaternion(LineFields& fields, QuaternionOrder order) {
 inline SE3d read_matrix_3x4(LineFields& fields) {
   constexpr std::array<const char*, 12> names{"r11", "r12", "r13", "x",   "r21", "r22",
                                               "r23", "y",   "r31", "r32", "r33", "z"};
-  Eigen::Matrix<double, 3, 4> matrix;
-  for (int i = 0; i < 12; ++i) matrix(i / 4, i % 4) = fields.number(names[static_cast<std::size_t>(i)]);
-  const Eigen::Matrix3d R = matrix.leftCols<3>();
-  const Eigen::Matrix3d defect = R.transpose() * R - Eigen::Matrix3d::Identity();
-  const Eigen::Vector3d third = R.col(0).cross(R.col(1));
-  if (!(defect.cwiseAbs().maxCoeff() <= rotation_tolerance) || third.dot(R.col(2)) < 0)
-    fields.fail(
-        "r11..r33",
-        "a matrix that is no rotation (R^T R differs from I by " + std::to_string(defect.cwiseAbs().maxCoeff()) + ")",
-        "write row-major 3x4 poses [R | t] with R orthonormal and right-handed");
-  return SE3d(SO3d::from_matrix(R), matrix.col(3));
+  Eigen::Matrix3d R;
+  Eigen::Vector3d t;
+  for (int i = 0; i < 12; ++i) {
+    const double number = fields.number(names[static_cast<std::size_t>(i)]);
+    (i % 4 < 3 ? R(i / 4, i % 4) : t[i / 4]) = number;
+  }
+  const Eigen::Matrix3d square = transposed_product(R, R);
+  double defect = 0;
+  bool orthonormal = true;  // not so if a number is NaN
+  for (int i = 0; i < 9; ++i) {
+    const double off = std::abs(square.data()[i] - (i % 4 == 0 ? 1 : 0));
+    orthonormal = orthonormal && off <= rotation_tolerance;
+    defect = std::max(defect, off);
+  }
+  const Eigen::Vector3d x(R(0, 0), R(1, 0), R(2, 0)), y(R(0, 1), R(1, 1), R(2, 1)), z(R(0, 2), R(1, 2), R(2, 2));
+  const Eigen::Vector3d third = x.cross(y);
+  if (!orthonormal || third.dot(z) < 0)
+    fields.fail("r11..r33", "a matrix that is no rotation (R^T R differs from I by " + std::to_string(defect) + ")",
+                "write row-major 3x4 poses [R | t] with R orthonormal and right-handed");
+  return SE3d(SO3d::from_matrix(R), t);
 }
 
 inline void append_position(std::string& text, const Eigen::Vector3d& p) {

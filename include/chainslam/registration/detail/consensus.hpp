@@ -18,7 +18,6 @@
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/matched_points.hpp"
 #include "chainslam/registration/overlap.hpp"
-#include "chainslam/search/detail/nearest_list.hpp"
 
 namespace chainslam {
 

@@ -28,14 +28,6 @@ template <class Scalar>
   return next_above(squared);
 }
 
-/// The sum in the order of the axes, as all models form it.
-template <int Dim, class Scalar>
-[[nodiscard]] Scalar squared_distance(const Scalar* a, const Scalar* b) {
-  Scalar sum = 0;
-  for (int axis = 0; axis < Dim; ++axis) sum += (a[axis] - b[axis]) * (a[axis] - b[axis]);
-  return sum;
-}
-
 /// Collects the nearest points, ascending, in the caller's memory. Points with d < bound() are worth offering.
 template <class Scalar>
 class NearestList {

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
 #include "chainslam/search/detail/point_source.hpp"

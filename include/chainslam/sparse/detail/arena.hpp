@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

@@ -8,7 +8,7 @@
 #include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

@@ -5,7 +5,7 @@
 #include <span>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

@@ -5,9 +5,9 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/detail/dense_kernels.hpp"
+#include "chainslam/sparse/dense_kernels.hpp"
 #include "chainslam/sparse/detail/panel.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

@@ -7,7 +7,7 @@
 #include "chainslam/sparse/detail/block_terms.hpp"
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

@@ -19,7 +19,7 @@
 #include "chainslam/sparse/detail/front_tree.hpp"
 #include "chainslam/sparse/detail/partial_elimination.hpp"
 #include "chainslam/sparse/detail/path_solver.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 #include "chainslam/sparse/detail/tree_inverse.hpp"
 
 namespace chainslam {

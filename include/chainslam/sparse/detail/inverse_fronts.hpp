@@ -5,8 +5,8 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
-#include "chainslam/sparse/detail/dense_kernels.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/dense_kernels.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

@@ -3,8 +3,8 @@
 #include <span>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/detail/dense_kernels.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/dense_kernels.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

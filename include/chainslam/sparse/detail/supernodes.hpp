@@ -8,7 +8,7 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 #include "chainslam/sparse/elimination_tree.hpp"
 
 namespace chainslam::detail {

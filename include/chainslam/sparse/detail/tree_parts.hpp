@@ -6,7 +6,7 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 

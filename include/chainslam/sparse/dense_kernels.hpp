@@ -5,7 +5,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "chainslam/sparse/detail/table.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 
