@@ -91,10 +91,11 @@ void back_end() {
     back_end.begin_session(name);
     for (int i = 0; i < 16; ++i) {
       const double x = 1.5 * i - 11.5;
-      back_end.add(Keyframe{.time = Timestamp::from_seconds(i),
-                            .T_odom_body = SE3d({}, {1.5 * i, 0, 0}),
-                            .cloud = std::make_shared<const PointCloud<float>>(scan(x)),
-                            .gnss = GnssFix{.position_ecef = {6378137, x, 0}, .quality = GnssQuality::three_dimensional}});
+      back_end.add(
+          Keyframe{.time = Timestamp::from_seconds(i),
+                   .T_odom_body = SE3d({}, {1.5 * i, 0, 0}),
+                   .cloud = std::make_shared<const PointCloud<float>>(scan(x)),
+                   .gnss = GnssFix{.position_ecef = {6378137, x, 0}, .quality = GnssQuality::three_dimensional}});
     }
   }
   const auto map = back_end.finish();

@@ -17,9 +17,9 @@
 #include "chainslam/sparse/detail/inverse_fronts.hpp"
 #include "chainslam/sparse/detail/panel.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
-#include "chainslam/sparse/table.hpp"
 #include "chainslam/sparse/detail/tree_parts.hpp"
 #include "chainslam/sparse/ordering.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam {
 

@@ -139,7 +139,8 @@ class MatchCache : public MatchColumns<typename Target::Scalar, TargetSurface> {
     std::array<Neighbor<Scalar>, kept> nearest;
     const std::size_t wanted = keep ? kept : 1;
     bound = std::min(bound, keep ? reach_ : max_distance_);
-    const auto found = static_cast<std::size_t>(target_.knn(query, std::span<Neighbor<Scalar>>(nearest.data(), wanted), bound));
+    const auto found =
+        static_cast<std::size_t>(target_.knn(query, std::span<Neighbor<Scalar>>(nearest.data(), wanted), bound));
     Candidates& near = candidates_[static_cast<std::size_t>(i)];
     for (std::size_t k = 0; k < kept; ++k) {
       for (auto& row : near.positions) row[k] = Base::far;

@@ -70,7 +70,8 @@ template <class Scalar, int K>
   requires(K > SmallNearest<Scalar>::max_k)
 class FixedNearestList<Scalar, K> : private KNearest<Scalar, K>, public NearestList<Scalar> {
  public:
-  explicit FixedNearestList(Scalar bound) : NearestList<Scalar>({this->neighbors.data(), this->neighbors.size()}, bound) {}
+  explicit FixedNearestList(Scalar bound)
+      : NearestList<Scalar>({this->neighbors.data(), this->neighbors.size()}, bound) {}
   FixedNearestList(const FixedNearestList&) = delete;
   FixedNearestList& operator=(const FixedNearestList&) = delete;
   ~FixedNearestList() = default;

@@ -19,8 +19,8 @@
 #include "chainslam/sparse/detail/front_tree.hpp"
 #include "chainslam/sparse/detail/partial_elimination.hpp"
 #include "chainslam/sparse/detail/path_solver.hpp"
-#include "chainslam/sparse/table.hpp"
 #include "chainslam/sparse/detail/tree_inverse.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam {
 

@@ -4,8 +4,8 @@
 #include <span>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/detail/arena.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
+#include "chainslam/sparse/detail/arena.hpp"
 #include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {

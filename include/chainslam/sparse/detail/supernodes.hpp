@@ -8,8 +8,8 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
-#include "chainslam/sparse/table.hpp"
 #include "chainslam/sparse/elimination_tree.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 
