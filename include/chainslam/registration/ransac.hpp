@@ -157,7 +157,7 @@ struct BasicRansac {
     if (!T) return {};
     for (std::size_t i = 0; i < chosen.size(); ++i) {
       const Eigen::Vector3d moved = *T * source[i];
-      if (detail::squared_distance<3>(moved.data(), target[i].data()) > max_distance * max_distance) return {};
+      if (squared_distance<3>(moved.data(), target[i].data()) > max_distance * max_distance) return {};
     }
     return judge_quickly(table, *T, least_gain);
   }
@@ -167,8 +167,8 @@ struct BasicRansac {
     const double least = edge_length_ratio * edge_length_ratio;
     for (std::size_t i = 0; i < source.size(); ++i) {
       const std::size_t next = (i + 1) % source.size();
-      const double a = detail::squared_distance<3>(source[i].data(), source[next].data());
-      const double b = detail::squared_distance<3>(target[i].data(), target[next].data());
+      const double a = squared_distance<3>(source[i].data(), source[next].data());
+      const double b = squared_distance<3>(target[i].data(), target[next].data());
       if (!(std::min(a, b) >= least * std::max(a, b))) return false;
     }
     return true;

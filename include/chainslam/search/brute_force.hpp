@@ -86,7 +86,7 @@ class BruteForce : public detail::IncrementalVerbs<BruteForce<ScalarType, Dim>, 
   template <class Collector>
   void search(const Vector& query, Collector& found) const {
     for (std::size_t i = 0; i < positions_.size(); ++i) {
-      const Scalar distance = detail::squared_distance<Dim>(positions_[i].data(), query.data());
+      const Scalar distance = squared_distance<Dim>(positions_[i].data(), query.data());
       if (distance < found.bound()) found.offer(static_cast<Index>(i), distance);  // false for NaN
     }
   }
