@@ -59,7 +59,10 @@ class SE3 {
   }
   SE3& operator*=(const SE3& other) { return *this = *this * other; }
 
-  [[nodiscard]] Vector3 operator*(const Vector3& p) const { return rotation_ * p + translation_; }
+  [[nodiscard]] Vector3 operator*(const Vector3& p) const {
+    const Vector3 turned = rotation_ * p;  // one by one in registers: a sum of vectors would wait for it in memory
+    return Vector3(turned[0] + translation_[0], turned[1] + translation_[1], turned[2] + translation_[2]);
+  }
 
   /// *this * exp(xi)
   [[nodiscard]] SE3 retract(const Tangent& xi) const { return *this * exp(xi); }

@@ -150,14 +150,15 @@ template <class Scalar>
 template <class Scalar>
 [[nodiscard]] Eigen::Matrix<Scalar, 3, 3> axial_matrix(const Scalar& one, const Scalar& b, const Scalar& c,
                                                        const Eigen::Matrix<Scalar, 3, 1>& w) {
-  const Eigen::Matrix<Scalar, 3, 3> W = hat3<Scalar>(w), W2 = hat_product<Scalar>(w, w);
+  const Scalar c_x = c * w[0], c_y = c * w[1], c_z = c * w[2];
+  const Scalar xx = c_x * w[0], yy = c_y * w[1], zz = c_z * w[2];
+  const Scalar xy = c_x * w[1], xz = c_x * w[2], yz = c_y * w[2];
+  const Scalar b_x = b * w[0], b_y = b * w[1], b_z = b * w[2];
   Eigen::Matrix<Scalar, 3, 3> matrix;
-#pragma GCC unroll 3
-  for (int j = 0; j < 3; ++j) {
-#pragma GCC unroll 3
-    for (int i = 0; i < 3; ++i) matrix(i, j) = b * W(i, j) + c * W2(i, j);
-    matrix(j, j) += one;
-  }
+  matrix(0, 0) = one - (yy + zz), matrix(1, 1) = one - (xx + zz), matrix(2, 2) = one - (xx + yy);
+  matrix(2, 1) = yz + b_x, matrix(1, 2) = yz - b_x;
+  matrix(0, 2) = xz + b_y, matrix(2, 0) = xz - b_y;
+  matrix(1, 0) = xy + b_z, matrix(0, 1) = xy - b_z;
   return matrix;
 }
 
