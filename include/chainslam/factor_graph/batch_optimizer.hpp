@@ -13,6 +13,7 @@
 #include "chainslam/factor_graph/detail/held_components.hpp"
 #include "chainslam/factor_graph/detail/normal_equations.hpp"
 #include "chainslam/factor_graph/detail/open_directions.hpp"
+#include "chainslam/factor_graph/detail/springed_system.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/sparse/cholesky.hpp"
@@ -291,7 +292,7 @@ template <class Graph, class Method, class Solver>
   if (report.status == OptimizeStatus::singular) {
     NormalEquations<Graph> equations(graph);
     equations.linearize(graph, graph.values());
-    report.free = open_parts<typename Graph::Value>(equations, graph.values());
+    report.free = open_parts(SpringedSystem<NormalEquations<Graph>::dof>(equations), graph.values());
   }
   return report;
 }

@@ -2,6 +2,7 @@
 
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 #include "chainslam/factor_graph/detail/open_directions.hpp"
+#include "chainslam/factor_graph/detail/springed_terms.hpp"
 
 // How `IncrementalSmoother` updates.
 
@@ -172,19 +173,13 @@ void IncrementalSmoother<Group, Extra...>::tie(Index term) {
 /// What the factors leave open, at the estimates.
 template <class Group, class... Extra>
 std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
-  detail::NormalSystem<dof> system(size(), [&](Key key) { return is_fixed(key); });
+  detail::SpringedTerms<dof> system;
+  for (Key key = 0; key < size(); ++key) system.add_variable(is_fixed(key));
   std::vector<Key> keys;
   pools_.for_each_term([&](Index term) {
     list_keys(term, keys);
-    system.connect(keys);
-  });
-  system.make_pattern();
-  std::vector<double> numbers;
-  pools_.for_each_term([&](Index term) {
-    list_keys(term, keys);
-    numbers.resize(static_cast<std::size_t>(solver_.terms().size(term)));
-    pools_.linearize(term, estimates_, numbers.data(), solver_.terms().size(term));
-    system.add(keys, solver_.terms().rows(term), numbers.data());
+    double* const numbers = system.add(keys, solver_.terms().rows(term));
+    pools_.linearize(term, estimates_, numbers, solver_.terms().size(term));
   });
   return detail::open_parts(system, estimates_);
 }

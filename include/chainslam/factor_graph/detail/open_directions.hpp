@@ -3,15 +3,17 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <span>
+#include <cstddef>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
-#include "chainslam/factor_graph/detail/normal_equations.hpp"
 #include "chainslam/factor_graph/free_part.hpp"
-#include "chainslam/sparse/cholesky.hpp"
+#include "chainslam/factor_graph/values.hpp"
+#include "chainslam/sparse/concepts.hpp"
+#include "chainslam/sparse/detail/table.hpp"
 
 namespace chainslam::detail {
 
@@ -20,8 +22,11 @@ namespace chainslam::detail {
 /// Variables whose pivots are bad are held by springs as stiff as their own factors, one after another, until the
 /// factorisation succeeds. What then resists a motion of such a variable by its spring alone is open; the others move
 /// as the solution of a pull along it says.
-template <int Dof>
+/// @tparam System  linearised factors, with `size`, `key`, `diagonal`, `factorize` and `solve`, as `SpringedSystem`.
+template <class System>
 class OpenDirections {
+  static constexpr int Dof = System::dof;
+
  public:
   using Matrix = Eigen::Matrix<double, Dof, Dof>;
   using Vector = Eigen::Matrix<double, Dof, 1>;
@@ -34,17 +39,15 @@ class OpenDirections {
     Index moving = 0;            ///< how many do
   };
 
-  explicit OpenDirections(const NormalSystem<Dof>& system)
-      : system_(system), damping_(static_cast<std::size_t>(system.gradient().size()), 0.0), diagonal_(damping_) {
+  explicit OpenDirections(System& system) : system_(system), damping_(row(system.size()), 0.0), diagonal_(damping_) {
     system_.diagonal(diagonal_);
   }
 
   [[nodiscard]] std::vector<Open> find() {
     std::vector<Open> parts;
     std::vector<Index> held;
-    solver_.analyze(system_.matrix().pattern());
     for (;;) {
-      const FactorizationResult result = solver_.factorize(system_.matrix(), damping_);
+      const FactorizationResult result = system_.factorize(damping_);
       if (result.ok()) break;
       if (held.size() == most_parts || damping_[row(result.block_column)] != 0.0) return parts;
       held.push_back(result.block_column);
@@ -68,14 +71,6 @@ class OpenDirections {
 
   [[nodiscard]] static std::size_t row(Index column) { return static_cast<std::size_t>(Offset{column} * Dof); }
 
-  /// Solves for a pull at one column.
-  [[nodiscard]] std::vector<double> solve(Index column, const Vector& pull) {
-    std::vector<double> x(damping_.size(), 0.0);
-    std::copy_n(pull.data(), Dof, x.data() + row(column));
-    solver_.solve(x);
-    return x;
-  }
-
   [[nodiscard]] Eigen::MatrixXd directions_at(Index column) {
     // In units of the springs: 1 where nothing else resists.
     Vector root, inverse;
@@ -87,7 +82,7 @@ class OpenDirections {
     for (int k = 0; k < Dof; ++k) {
       Vector pull = Vector::Zero();
       pull[k] = root[k];
-      const std::vector<double> moved = solve(column, pull);
+      const std::vector<double> moved = system_.solve(column, pull.data());
       for (int r = 0; r < Dof; ++r) give(r, k) = root[r] * moved[row(column) + static_cast<std::size_t>(r)];
     }
     Matrix resists;
@@ -104,7 +99,7 @@ class OpenDirections {
       Vector pull;
       for (int r = 0; r < Dof; ++r)
         pull[r] = damping_[row(open.column) + static_cast<std::size_t>(r)] * open.directions(r, k);
-      const std::vector<double> step = solve(open.column, pull);
+      const std::vector<double> step = system_.solve(open.column, pull.data());
       for (std::size_t i = 0; i < step.size(); ++i) moved[i] += std::abs(step[i]);
     }
     for (Index other = system_.size() - 1; other >= 0; --other) {
@@ -115,17 +110,16 @@ class OpenDirections {
     }
   }
 
-  const NormalSystem<Dof>& system_;
-  BlockCholesky<Dof> solver_;
+  System& system_;
   std::vector<double> damping_;
   std::vector<double> diagonal_;
 };
 
 /// In terms of a graph's variables.
-template <class Group>
-[[nodiscard]] std::vector<FreePart> open_parts(const NormalSystem<Group::dof>& system, const Values<Group>& values) {
+template <class System, class Group>
+[[nodiscard]] std::vector<FreePart> open_parts(System&& system, const Values<Group>& values) {
   std::vector<FreePart> parts;
-  for (auto& open : OpenDirections<Group::dof>(system).find()) {
+  for (auto& open : OpenDirections<std::remove_cvref_t<System>>(system).find()) {
     const Key at = system.key(open.column);
     const Key least = open.least == -1 ? -1 : system.key(open.least);
     parts.push_back(free_part(least, open.moving, at, values[at], std::move(open.directions)));
