@@ -184,6 +184,7 @@
 #include "chainslam/slam/position_index.hpp"
 #include "chainslam/slam/submap_cache.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
+#include "chainslam/sparse/block_terms.hpp"
 #include "chainslam/sparse/cholesky.hpp"
 #include "chainslam/sparse/concepts.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"

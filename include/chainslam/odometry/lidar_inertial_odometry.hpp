@@ -80,20 +80,27 @@ class LidarInertialOdometry {
   [[nodiscard]] const Map& local_map() const { return map_.points(); }  ///< in its own frame
 
  private:
-  using Filter = InertialMotion::Filter;
   struct Sweep {
     Timestamp begin, end;
     PointCloud<float> points;  ///< usable ones, lidar frame
+
+    /// Seconds from the points' mean time to the sweep's end.
+    [[nodiscard]] double mean_age() const {
+      if (!points.has_times()) return 0;
+      double sum = 0;
+      for (const float offset : points.time_offsets) sum += static_cast<double>(offset);
+      const double duration = to_seconds(end - begin);
+      return std::clamp(duration - sum / static_cast<double>(points.size()), 0.0, duration);
+    }
   };
   struct Clouds {
-    PointCloud<float> whole;   ///< body frame at the sweep's end
-    PointCloud<float> map;     ///< for the map
-    PointCloud<float> points;  ///< for the filter
+    PointCloud<float> whole;        ///< body frame at the sweep's end
+    PointCloud<float> map, points;  ///< of these, for the map and for the filter
   };
   /// A scan, straightened and measured.
   struct Attempt {
     Clouds clouds;
-    Filter filter;
+    InertialMotion::Filter filter;
     FilterReport<InertialState> report;
     ScanMatch match;
   };
@@ -133,7 +140,6 @@ class LidarInertialOdometry {
     return options_.residual_variance > 0 ? 1.0 : options_.scan_to_map.correlated_residuals;
   }
   [[nodiscard]] double expected_error() const;
-  [[nodiscard]] static double mean_age(const Sweep& sweep);
   void bound_mounting();
 
   Options options_;
@@ -246,7 +252,7 @@ auto LidarInertialOdometry<Map, Kernel>::attempt(const Sweep& sweep, const Vecto
       .state = state(),
       .error = error,
       .variance = options_.residual_variance > 0 ? options_.residual_variance : noise * noise * residuals_per_fact(),
-      .mean_age = first_ ? 0.0 : mean_age(sweep)};  // a map as skewed as the scan lies at its mean time, too
+      .mean_age = first_ ? 0.0 : sweep.mean_age()};  // a map as skewed as the scan lies at its mean time, too
   const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * block_of<3, 1>(correction, 0, 0);
   R3d& velocity = prior.state.template get<Inertial::velocity>();
   velocity = R3d(velocity.value() + bent / std::max(motion_.interval(), 1e-3));
@@ -361,16 +367,6 @@ double LidarInertialOdometry<Map, Kernel>::expected_error() const {
   const double error = 3 * (std::sqrt(variances[0] + variances[1] + variances[2]) +
                             lever * std::sqrt(variances[3] + variances[4] + variances[5]));
   return std::clamp(error, options_.min_error, options_.max_error);
-}
-
-/// Seconds from the points' mean time to the sweep's end.
-template <class Map, class Kernel>
-double LidarInertialOdometry<Map, Kernel>::mean_age(const Sweep& sweep) {
-  if (!sweep.points.has_times()) return 0;
-  double sum = 0;
-  for (const float offset : sweep.points.time_offsets) sum += static_cast<double>(offset);
-  const double duration = to_seconds(sweep.end - sweep.begin);
-  return std::clamp(duration - sum / static_cast<double>(sweep.points.size()), 0.0, duration);
 }
 
 /// A mounting that was estimated too far from the one given is given up, and held from then on.

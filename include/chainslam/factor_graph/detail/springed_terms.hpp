@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/detail/block_terms.hpp"
+#include "chainslam/sparse/block_terms.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
 
 namespace chainslam::detail {

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/detail/block_terms.hpp"
+#include "chainslam/sparse/block_terms.hpp"
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
 #include "chainslam/sparse/table.hpp"
