@@ -192,7 +192,7 @@ TEST_SUITE("slam/map_merger") {
   TEST_CASE("places too near each other on the path do not confirm each other") {
     Sessions sessions(2);
     for (const Index query : {45, 46, 49, 50}) sessions.place(query, query - 39);
-    Merger merger = sessions.merger({.min_travel = 0, .apart = 10});
+    Merger merger = sessions.merger({.min_travel = 0, .apart = 9.9});  // the first and the last: 10 m, but for rounding
     const Outcome outcome(sessions.attempts(merger));
     CHECK(outcome.joined_at == 10);
     REQUIRE(outcome.accepted.size() == 2);
