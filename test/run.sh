@@ -193,7 +193,7 @@ if [ "$mode" != quick ]; then
       run_step "compiled programs of users compile in time" "$root/test/compile_times.sh" --check --compiled
     else
       run_step "programs of users compile in time" env CXX=g++ "$root/test/compile_times.sh" --check \
-        icp smoother lidar_inertial_odometry back_end
+        ikd_tree icp smoother lidar_inertial_odometry
     fi
     run_step "every header compiles alone" "$root/test/headers.sh" "$root/include" ${headers[@]+"${headers[@]}"}
   fi
