@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Compiles a small user program for each entry point of the library and prints what that costs beside a file that uses
-# Eigen alone.
+# Compiles a small user program for each entry point of the library and prints the cost relative to a file that
+# uses Eigen alone.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 

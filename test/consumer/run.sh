@@ -34,7 +34,7 @@ for how in $ways; do
 done
 "$build/find_package/archive"
 if [ -n "$library" ]; then
-  echo "== header-only and compiled, the same bits"
+  echo "== header-only and compiled results are bit-identical"
   for how in chainslam compiled; do "$build/find_package/results_$how" >"$build/results_$how.txt"; done
   [ "$(wc -l <"$build/results_compiled.txt")" -gt 50 ]
   diff "$build/results_chainslam.txt" "$build/results_compiled.txt"

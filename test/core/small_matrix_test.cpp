@@ -39,6 +39,14 @@ TEST_SUITE("core/small_matrix") {
     });
   }
 
+  TEST_CASE("a symmetric matrix of its upper triangle, and squared distances") {
+    const Eigen::Matrix3d expected{{1, 2, 3}, {2, 4, 5}, {3, 5, 6}};
+    CHECK(symmetric_matrix(1.0, 2.0, 3.0, 4.0, 5.0, 6.0) == expected);
+    const double a[] = {1, 2, 3}, b[] = {2, 4, 6};
+    CHECK(squared_distance<3>(a, b) == 14);
+    CHECK(squared_distance<2>(a, b) == 5);
+  }
+
   TEST_CASE("a block that was set is what is read, and nothing else has changed") {
     Eigen::Matrix<double, 5, 7> A = Eigen::Matrix<double, 5, 7>::Random(), before = A;
     const Eigen::Matrix<double, 2, 3> block{{1, 2, 3}, {4, 5, 6}};
