@@ -17,6 +17,8 @@
 namespace chainslam {
 namespace {
 
+static_assert(IncrementalSearch<IkdTree<double, NearestToCenter, 2>>);
+
 using test::for_all;
 using test::Points;
 using Box = Eigen::AlignedBox3f;

@@ -15,6 +15,8 @@
 namespace chainslam {
 namespace {
 
+static_assert(FixedSizeSearch<KdTree<double, 2>>);
+
 std::vector<Eigen::Vector3f> flat_points(Rng& rng, int count) {
   std::vector<Eigen::Vector3f> points;
   for (int i = 0; i < count; ++i)

@@ -13,6 +13,8 @@
 namespace chainslam {
 namespace {
 
+static_assert(IncrementalSearch<VoxelMap<double, NearestToCenter, 2>>);
+
 using test::check_queries;
 using test::for_all;
 using test::Points;
