@@ -1,14 +1,12 @@
 #!/usr/bin/env bash
-# Checks that every public header compiles alone, included by nothing but itself; with --all those in detail/ as well.
-# usage: test/headers.sh INCLUDE-FOLDER [--all]
-# Asks $CXX, else clang++-14. Eigen's core, and its geometry, are precompiled for the headers that include them, which
-# takes less than half of the time; those that do not are compiled without, so that none leans on it. Each is precompiled,
-# which leaves what its functions would instantiate to those who include it.
+# Checks that every header compiles alone, included by nothing but itself.
+# usage: test/headers.sh INCLUDE-FOLDER
+# Asks $CXX, else clang++-14. Headers that several others include are precompiled, and each of the others is read on top of
+# the largest of those that it includes, itself or through others: what is common to many is read a few times, not hundreds.
+# What a function would instantiate is left to those who include it.
 set -euo pipefail
-[ $# -gt 0 ] || { sed -n 3p "$0" >&2; exit 2; }
+[ $# -eq 1 ] || { sed -n 3p "$0" >&2; exit 2; }
 include="$(cd "$1" && pwd)"
-hidden=/detail/
-[ "${2-}" = --all ] && hidden=/none/
 compiler="${CXX:-clang++-14}"
 command -v "$compiler" >/dev/null || { echo "headers: no compiler $compiler" >&2; exit 2; }
 
@@ -18,49 +16,73 @@ for folder in {/usr/local,/usr}/include/suitesparse; do [ -d "$folder" ] && flag
 
 scratch="$(mktemp -d)"
 trap 'rm -r "$scratch"' EXIT
-cd "$include"
-find chainslam -name '*.hpp' | LC_ALL=C sort >"$scratch/all"
-xargs grep -H '^#include ["<]\(chainslam\|Eigen\)/' <"$scratch/all" >"$scratch/lines"
 
-# precompile PART PATTERN: precompiles Eigen/PART for the headers that include what fits PATTERN, themselves or through
-# others of ours, and lists them.
-precompile() {
-  echo "#include <Eigen/$1>" >"$scratch/$1.hpp"
-  "$compiler" "${flags[@]}" -x c++-header "$scratch/$1.hpp" -o "$scratch/$1.pch" &
-  awk -F'[:"<>]' -v pattern="$2" '
-    { from[NR] = $1; to[NR] = $3; if ($3 ~ pattern) with[$1] = 1 }
-    END { do { grown = 0; for (i in from) if (to[i] in with && !(from[i] in with)) with[from[i]] = grown = 1 } while (grown)
-          for (header in with) print header }' "$scratch/lines" >"$scratch/with_$1"
-}
-precompile Core '^Eigen/'
-precompile Geometry '^Eigen/Geometry$'
-wait
-[ -s "$scratch/with_Geometry" ] || { echo "headers: none includes Eigen's geometry, which cannot be" >&2; exit 1; }
-
-# verdict HEADER: nothing if it compiles alone, else what the compiler says.
-verdict() {
-  local part with=()
-  for part in Core Geometry; do
-    grep -qxF "$1" "$scratch/with_$part" && with=(-include-pch "$scratch/$part.pch")
-  done
-  echo "#include \"$1\"" |
-    "$compiler" "${flags[@]}" ${with[@]+"${with[@]}"} -x c++-header - -o /dev/null 2>&1 | head -n 20
-}
-
-# The check itself must be able to fail.
+# The check itself must be able to fail: a header that does not include what it needs, though what it includes is there.
 mkdir "$scratch/chainslam"
-echo 'inline std::vector<int> without_include;' >"$scratch/chainslam/bad.hpp"
+printf '#include "chainslam/core/version.hpp"\ninline std::vector<int> without_include;\n' >"$scratch/chainslam/bad.hpp"
 flags+=(-I "$scratch")
-[ -n "$(verdict chainslam/bad.hpp)" ] || { echo "headers: the check sees no missing include" >&2; exit 1; }
 
-number=0
-while read -r header; do
-  case "$header" in *"$hidden"* | chainslam/chainslam.hpp) continue ;; esac  # consumers include all, and nothing else
-  while [ "$(jobs -rp | wc -l)" -ge "${CHAINSLAM_JOBS:-$(nproc)}" ]; do wait -n || true; done
-  number=$((number + 1))
-  verdict "$header" >"$scratch/$number.verdict" &
-done <"$scratch/all"
-wait
-echo "headers: $number, $(wc -l <"$scratch/with_Core") of all with Eigen"
-cat "$scratch"/*.verdict
-[ -z "$(cat "$scratch"/*.verdict)" ]
+# write_build_file: reads `HEADER:` for each header and `HEADER:#include LINE`; writes Ninja's build file, whose targets
+# are the headers.
+write_build_file() {
+  LC_ALL=C awk -v compiler="$compiler" -v flags="${flags[*]}" '
+    function closure(header, reached,   list, i, size) {  # the headers that come with it, and how many they are
+      if (header in reached) return 0
+      reached[header] = 1
+      split(includes[header], list, " ")
+      for (i in list) size += closure(list[i], reached)
+      return size + 1
+    }
+    function largest(header, bases,   reached, other, best) {  # of what it includes
+      closure(header, reached)
+      delete reached[header]
+      for (other in reached)
+        if (other in bases && (size[other] > size[best] || (size[other] == size[best] && other < best))) best = other
+      return best
+    }
+    function build(header, output, options, base) {
+      print "build " output ": compile" (base ? " | " base ".pch" : "")
+      print "  header = " header "\n  options = " (base ? "-include-pch " base ".pch " : "") options
+    }
+    {
+      header = substr($0, 1, index($0, ":") - 1)
+      ours[header] = 1
+      if (split($0, part, /[<">]/) > 2) {
+        if (part[2] ~ /^Eigen\// && part[2] != "Eigen/Geometry") part[2] = "Eigen/Core"
+        includes[header] = includes[header] " " part[2]
+      }
+    }
+    END {
+      eigen["Eigen/Core"] = eigen["Eigen/Geometry"] = 1
+      includes["Eigen/Geometry"] = "Eigen/Core"
+      for (header in ours) { delete reached; size[header] = closure(header, reached) }
+      size["Eigen/Core"] = 1; size["Eigen/Geometry"] = 2
+      for (header in ours) ++followers[largest(header, ours)]
+      for (header in ours) if (followers[header] > 1 && size[header] > 4) common[header] = 1
+      print "rule compile\n  command = echo \"#include <$header>\" | " compiler " " flags " -x c++-header - $options"
+      for (header in eigen) build(header, header ".pch", "-o " header ".pch", "")
+      for (header in common) build(header, header ".pch", "-o " header ".pch", largest(header, eigen))
+      for (header in eigen) common[header] = 1
+      for (header in ours)
+        if (header in common) print "build " header ": phony " header ".pch"
+        else build(header, header, "-fsyntax-only", largest(header, common))
+    }'
+}
+
+cd "$include"
+{
+  find chainslam -name '*.hpp' | sed 's/$/:/'
+  find chainslam -name '*.hpp' -exec grep -H '^#include ["<]\(chainslam\|Eigen\)/' {} +
+  echo 'chainslam/bad.hpp:#include "chainslam/core/version.hpp"'
+} | write_build_file >"$scratch/build.ninja"
+mapfile -t headers < <(find chainslam -name '*.hpp' -not -path chainslam/chainslam.hpp)  # that one is for consumers to compile
+cd "$scratch"
+if ninja chainslam/bad.hpp >bad.log; then
+  echo "headers: the check does not see a missing include" >&2
+  exit 1
+fi
+status=0
+ninja -k 0 -j "${CHAINSLAM_JOBS:-$(nproc)}" "${headers[@]}" >log || status=$?
+sed '/^\[[0-9]*\/[0-9]*\] echo/d' log | head -n 200
+echo "headers: ${#headers[@]}, $(grep -c '^build chain.*pch: compile' build.ninja) of them precompiled for others"
+exit "$status"

@@ -7,12 +7,12 @@ root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 usage() {
   cat <<TEXT
 usage: test/run.sh [--quick | --full] [ROOM...]
-  (nothing)   g++ -O2; clang with ASan and UBSan for the parts; TSan for what runs in threads; every header alone;
-              consumers
-  --quick     g++ -O2 only, without the long runs: a few minutes
-  --full      all of the default, every room under ASan, clang -O2 as well, fuzzed readers, every bench once, the
-              example from end to end
-  ROOM        only these rooms (folders of test/), each under ASan, too, for instance: lie io
+  (nothing)   the parts by clang with ASan and UBSan; what is put together of them by g++ -O2; TSan for what runs in
+              threads; every header alone; consumers
+  --quick     the parts by g++ -O2 only: a few minutes
+  --full      every room by g++ -O2, clang -O2 and under ASan; all else of the default; fuzzed readers, every bench once,
+              the example from end to end
+  ROOM        only these rooms (folders of test/), by g++ and under ASan, for instance: lie io
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA (a folder of real data), CHAINSLAM_JOBS,
              CHAINSLAM_TEST_SEED (repeat one seed of the property tests)
 TEXT
@@ -127,6 +127,15 @@ all_rooms() {
   for file in "$root"/test/*/*_test.cpp; do basename "$(dirname "$file")"; done | sort -u
 }
 
+# What is put together of parts that have rooms of their own; test/README.md has the reason for each.
+assembled="architecture factor_graph lie odometry program registration simulator slam"
+
+# parts_of ROOM...: those that are not put together of others, a line each.
+parts_of() {
+  local room
+  for room in "$@"; do case " $assembled " in *" $room "*) ;; *) echo "$room" ;; esac; done
+}
+
 mkdir -p "$build/logs" || fail "cannot write to $build; set CHAINSLAM_BUILD_DIR to a folder that can be written"
 # shellcheck disable=SC2086
 if [ "$mode" = quick ]; then
@@ -136,7 +145,6 @@ else
 fi
 unpack_data
 if [ ${#rooms[@]} -eq 0 ]; then mapfile -t rooms < <(all_rooms); selected=all; else selected=some; fi
-programs="${rooms[*]/#/test_}"
 threaded=()
 for room in "${rooms[@]}"; do
   if grep -q '"threads: ' "$root/test/$room"/*_test.cpp; then threaded+=("$room"); fi
@@ -147,30 +155,33 @@ done
 # All files of a room are one compilation: what they instantiate alike is compiled once.
 unity=(-DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=0)
 common=("${unity[@]}" -DCMAKE_BUILD_TYPE=Release -DCHAINSLAM_BUILD_BENCH=OFF)
+# A room is built once: by g++ what is put together, under the sanitizers the parts, unless all is asked for.
+fast=("${rooms[@]}") checked=("${rooms[@]}")
+if [ "$selected" = all ]; then
+  case "$mode" in
+    quick) mapfile -t fast < <(parts_of "${rooms[@]}") ;;
+    default) read -ra fast <<<"$assembled"
+             mapfile -t checked < <(parts_of "${rooms[@]}") ;;
+  esac
+fi
 # As users build it. Eigen's assertions would take a fifth of g++'s time: they are on under the sanitizers.
-configure_and_build gcc "g++, -O2" "chainslam_compiled $programs" "${common[@]}" \
-  "-DCMAKE_CXX_FLAGS_RELEASE=-O2 -DNDEBUG" -DCMAKE_CXX_COMPILER=g++ -DCHAINSLAM_COMPILED=ON
+configure_and_build gcc "g++, -O2" "${fast[*]/#/test_}" "${common[@]}" "-DCMAKE_CXX_FLAGS_RELEASE=-O2 -DNDEBUG" \
+  -DCMAKE_CXX_COMPILER=g++ -DCHAINSLAM_COMPILED=ON
 slowest gcc
-run_programs gcc "g++" "${rooms[@]}"
+run_programs gcc "g++" "${fast[@]}"
 
 if [ "$mode" != quick ]; then
-  # Assertions stay on under the sanitizers; the long real-data runs stay with the fast build. Line numbers in stacks
-  # would take a fifth of the compile time: -O1 -g1 where one is to be looked at. An assertion that throws names its test
-  # alone, not its line: that is g++'s to say, and a catch around each takes another fifth.
-  export CHAINSLAM_QUICK=1
+  # Assertions stay on under the sanitizers. Line numbers in stacks would take a fifth of the compile time: -O1 -g1 where
+  # one is to be looked at. An assertion that throws names its test alone, not its line: that is g++'s to say, and a catch
+  # around each takes another fifth.
   sanitized=("${unity[@]}" -DCMAKE_BUILD_TYPE=Sanitized -DCHAINSLAM_BUILD_BENCH=OFF
              "-DCMAKE_CXX_FLAGS_SANITIZED=-O1 -DDOCTEST_CONFIG_NO_TRY_CATCH_IN_ASSERTS"
              -DCMAKE_CXX_COMPILER=clang++-14)
-  # What is put together of parts that have rooms of their own is checked where it is asked for: half of the time.
-  checked=()
-  for room in "${rooms[@]}"; do
-    if [ "$selected" = all ] && [ "$mode" = default ]; then
-      case "$room" in architecture | factor_graph | lie | odometry | program | registration | slam) continue ;; esac
-    fi
-    checked+=("$room")
-  done
+  # The long runs stay with the fast build of the same room.
+  [ "$mode" = default ] && [ "$selected" = all ] || export CHAINSLAM_QUICK=1
   configure_and_build asan "clang, ASan + UBSan" "${checked[*]/#/test_}" "${sanitized[@]}" -DCHAINSLAM_SANITIZE=address
   run_programs asan "ASan" "${checked[@]}"
+  export CHAINSLAM_QUICK=1
   if [ ${#threaded[@]} -gt 0 ]; then
     configure_and_build tsan "clang, TSan" "${threaded[*]/#/test_}" "${sanitized[@]}" -DCHAINSLAM_SANITIZE=thread
     suites='threads: *'
@@ -178,7 +189,6 @@ if [ "$mode" != quick ]; then
     suites='*'
   fi
   if [ "$selected" = all ]; then
-    [ "$mode" = full ] && headers=(--all) || headers=()
     seam_compilers=clang++-14
     [ "$mode" = full ] && seam_compilers="g++ clang++-14"
     consumers=("$build/consumer" --library "$build/gcc")
@@ -195,12 +205,12 @@ if [ "$mode" != quick ]; then
       run_step "programs of users compile in time" env CXX=g++ "$root/test/compile_times.sh" --check \
         ikd_tree icp smoother lidar_inertial_odometry
     fi
-    run_step "every header compiles alone" "$root/test/headers.sh" "$root/include" ${headers[@]+"${headers[@]}"}
+    run_step "every header compiles alone" "$root/test/headers.sh" "$root/include"
   fi
 fi
 if [ "$mode" = full ]; then
   unset CHAINSLAM_QUICK
-  configure_and_build clang "clang, -O2" "$programs" "${common[@]}" -DCMAKE_CXX_FLAGS_RELEASE=-O2 \
+  configure_and_build clang "clang, -O2" "${rooms[*]/#/test_}" "${common[@]}" -DCMAKE_CXX_FLAGS_RELEASE=-O2 \
     -DCMAKE_CXX_COMPILER=clang++-14
   run_programs clang "clang" "${rooms[@]}"
   if [ "$selected" = all ]; then  # from what the tests have written

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/block_terms.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
 
