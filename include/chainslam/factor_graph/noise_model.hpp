@@ -1,11 +1,12 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
+#include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam {
@@ -25,13 +26,14 @@ class NoiseModel {
     require_symmetric(covariance, "covariance");
     // Scaled to unit diagonal, so that 1e-12 rad^2 beside 1e4 m^2 is not taken for singular.
     if (!(covariance.diagonal().minCoeff() > 0.0)) refuse("covariance", "is not positive definite");
-    const Vector sigmas = covariance.diagonal().cwiseSqrt();
-    const Matrix correlation = sigmas.cwiseInverse().asDiagonal() * covariance * sigmas.cwiseInverse().asDiagonal();
-    const Eigen::LLT<Matrix> factor(correlation);
-    if (factor.info() != Eigen::Success) refuse("covariance", "is not positive definite");
-    Matrix root = sigmas.cwiseInverse().asDiagonal();
-    factor.matrixL().solveInPlace(root);
-    return NoiseModel(root, "covariance");
+    Matrix scale = Matrix::Zero(), correlation;
+    for (int i = 0; i < Dof; ++i) scale(i, i) = 1.0 / std::sqrt(covariance(i, i));
+    for (int j = 0; j < Dof; ++j)
+      for (int i = 0; i < Dof; ++i) correlation(i, j) = scale(i, i) * covariance(i, j) * scale(j, j);
+    const Matrix L = cholesky(correlation);
+    for (int i = 0; i < Dof; ++i)
+      if (!(L(i, i) > 0.0)) refuse("covariance", "is not positive definite");
+    return NoiseModel(transposed(solved_right(scale, L)), "covariance");
   }
 
   /// @param information  symmetric, positive semi-definite: directions without information are allowed.

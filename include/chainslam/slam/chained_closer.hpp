@@ -12,6 +12,7 @@
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
 #include "chainslam/map/submap.hpp"
+#include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
 
@@ -112,6 +113,18 @@ class ChainedCloser {
   [[nodiscard]] std::vector<Candidate> candidates(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
                                                   const LoopClosure& direct, Index loaded, const Closer& closer);
 
+  /// Puts the nearest first; equally near ones stay as they are.
+  static void sort(std::vector<Candidate>& candidates) {
+    std::vector<PositionIndex::Found> places;  // found where the candidate is in the list
+    for (const Candidate& one : candidates)
+      places.push_back({KeyframeId{to_index(places.size())}, one.guess.translation().norm()});
+    PositionIndex::sort(places);
+    std::vector<Candidate> sorted;
+    for (const PositionIndex::Found& place : places)
+      sorted.push_back(candidates[static_cast<std::size_t>(place.id.value)]);
+    candidates.swap(sorted);
+  }
+
   /// Leaves out those whose submap is largely that of one before.
   [[nodiscard]] std::vector<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
                                                   const std::vector<Candidate>& candidates) const {
@@ -184,7 +197,7 @@ std::vector<ChainedCloser::Candidate> ChainedCloser::candidates(std::span<const 
     if (options_.max_distance > 0 && !(guess.translation().norm() <= options_.max_distance)) continue;
     all.push_back({k, guess});
   }
-  std::ranges::stable_sort(all, {}, [](const Candidate& one) { return one.guess.translation().norm(); });
+  sort(all);
   return options_.min_separation > 0 ? spread_out(keyframes, direct.from, all) : all;
 }
 

@@ -1,17 +1,14 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <concepts>
-#include <limits>
 #include <vector>
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/slam_map.hpp"
-#include "chainslam/search/kd_tree.hpp"
 #include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
@@ -58,6 +55,11 @@ class GnssCandidates {
 
  private:
   using Found = PositionIndex::Found;  ///< with its distance along the ground
+  /// Where a receiver put a keyframe.
+  struct Fix {
+    KeyframeId id;
+    Eigen::Vector3d position_ecef;
+  };
 
   [[nodiscard]] static const Keyframe& keyframe(const SlamMap& map, KeyframeId id) {
     return map.keyframes[static_cast<std::size_t>(id.value)];
@@ -74,46 +76,37 @@ class GnssCandidates {
            std::max({variances[0], variances[1], variances[2]}) <= options_.max_sigma * options_.max_sigma;
   }
 
-  /// Earlier sessions get no new keyframes, so their fixes are put into a tree once for each session that asks.
+  /// Earlier sessions get no new keyframes, so their fixes are listed once for each session that asks.
   void index_earlier_sessions(const SlamMap& map, SessionId session) {
     if (indexed_for_ == session) return;
     indexed_for_ = session;
-    ids_.clear();
-    std::vector<Eigen::Vector3d> positions;
-    for (const Keyframe& one : map.keyframes) {
-      if (!(one.session < session) || !usable(one)) continue;
-      ids_.push_back(one.id);
-      positions.push_back(one.gnss->position_ecef);
-    }
-    tree_ = KdTree<double>(positions);
+    fixes_.clear();
+    for (const Keyframe& one : map.keyframes)
+      if (one.session < session && usable(one)) fixes_.push_back({one.id, one.gnss->position_ecef});
   }
 
   /// Fixes of other frames within the radius along the ground, the nearest first.
   [[nodiscard]] std::vector<Found> near(const SlamMap& map, const Keyframe& here) const {
     const Eigen::Vector3d& center = here.gnss->position_ecef;
     const Eigen::Vector3d up = center.normalized();  // off the vertical by less than 0.2 degrees
-    std::vector<Neighbor<double>> neighbors;
-    tree_.within(center, std::hypot(options_.radius, options_.max_height), neighbors);
     std::vector<Found> found;
-    for (const Neighbor<double>& neighbor : neighbors) {
-      const KeyframeId id = ids_[static_cast<std::size_t>(neighbor.index)];
-      const Keyframe& there = keyframe(map, id);
-      if (frame(map, there) == frame(map, here)) continue;
-      const Eigen::Vector3d way = there.gnss->position_ecef - center;
+    for (const Fix& fix : fixes_) {
+      const Eigen::Vector3d way = fix.position_ecef - center;
       const double height = way.dot(up);
       const Eigen::Vector3d climb = height * up;
       const Eigen::Vector3d ground = way - climb;
       const double distance = ground.norm();
-      if (distance <= options_.radius && std::abs(height) <= options_.max_height) found.push_back({id, distance});
+      if (distance <= options_.radius && std::abs(height) <= options_.max_height &&
+          frame(map, keyframe(map, fix.id)) != frame(map, here))
+        found.push_back({fix.id, distance});
     }
-    std::sort(found.begin(), found.end());
+    PositionIndex::sort(found);
     return found;
   }
 
   GnssCandidateOptions options_;
   SessionId indexed_for_;
-  std::vector<KeyframeId> ids_;
-  KdTree<double> tree_;
+  std::vector<Fix> fixes_;
 };
 static_assert(MergeCandidates<GnssCandidates>);
 

@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -51,14 +52,14 @@ class MapGraph {
                                       IncrementalSmoother<SE3d, ClosureFactor>>;
 
   explicit MapGraph(const MapGraphOptions& options = {}, Kernel kernel = {})
-      : options_(options), kernel_(std::move(kernel)), smoother_(options.smoother) {}
+      : options_(options), kernel_(std::move(kernel)), smoother_(std::in_place, options.smoother) {}
 
   /// For the thread that changes the map.
   [[nodiscard]] const SlamMap& map() const { return map_; }
   /// The map as it is, whole: copied where it has changed since the last call, at the cost of the thread that asks.
   [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const;
   /// The variables are the keyframes, by number.
-  [[nodiscard]] const Smoother& smoother() const { return smoother_; }
+  [[nodiscard]] const Smoother& smoother() const { return *smoother_; }
   /// The session whose start defines the frame of a keyframe's T_map_body.
   [[nodiscard]] SessionId frame(const Keyframe& keyframe) const { return session(keyframe.session).frame; }
 
@@ -111,7 +112,7 @@ class MapGraph {
   void remeasure();
 
   void take(std::span<const Key> keys) {
-    for (const Key key : keys) keyframe(key).T_map_body = smoother_[key];
+    for (const Key key : keys) keyframe(key).T_map_body = (*smoother_)[key];
   }
 
   void rebuild();
@@ -120,19 +121,19 @@ class MapGraph {
 
   void add_prior(const Session& session);
   void add_factor(const OdometryMeasurement& step) {
-    smoother_.add(BetweenFactor<SE3d>{step.from.value, step.to.value, step.T_from_to, step.sqrt_information});
+    smoother_->add(BetweenFactor<SE3d>{step.from.value, step.to.value, step.T_from_to, step.sqrt_information});
   }
   void add_factor(const LoopClosure& closure) {
     if (!closure.sqrt_information.isZero(0))
-      smoother_.add(
+      smoother_->add(
           ClosureFactor{closure.from.value, closure.to.value, closure.T_from_to, closure.sqrt_information, kernel_});
   }
 
   MapGraphOptions options_;
   [[no_unique_address]] Kernel kernel_;
   SlamMap map_;
-  Smoother smoother_;
-  std::vector<FactorId> priors_;  ///< of each session
+  std::optional<Smoother> smoother_;  ///< always there; to be made anew where it is
+  std::vector<FactorId> priors_;      ///< of each session
   mutable std::mutex changing_;
   mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since
 };
@@ -178,7 +179,7 @@ KeyframeId MapGraph<Kernel>::append(Keyframe keyframe) {
     keyframe.T_map_body = last.T_map_body * T_last_new;
     map_.odometry.push_back({last.id, keyframe.id, T_last_new, options_.odometry_noise(T_last_new).sqrt_information()});
   }
-  smoother_.add_value(keyframe.T_map_body);
+  smoother_->add_value(keyframe.T_map_body);
   if (session.keyframes++ == 0)
     add_prior(session);
   else
@@ -217,10 +218,10 @@ void MapGraph<Kernel>::join(SessionId frame, SessionId joined, const SE3d& T_fra
     session.prior = T_frame_joined * session.prior;
     if (!options_.anchor_joined_sessions || session.keyframes == 0) session.prior_sqrt_information.setZero();
     FactorId& prior = priors_[static_cast<std::size_t>(session.id.value)];
-    if (smoother_.contains(prior)) smoother_.remove(prior);
+    if (smoother_->contains(prior)) smoother_->remove(prior);
     for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) moved.push_back(i);
   }
-  smoother_.move(moved, T_frame_joined);
+  smoother_->move(moved, T_frame_joined);
   take(moved);
   if (!options_.anchor_joined_sessions) return;
   for (const Key key : moved) {
@@ -277,13 +278,13 @@ void MapGraph<Kernel>::load(const SlamMap& other) {
 template <class Kernel>
 UpdateReport MapGraph<Kernel>::optimise() {
   UpdateReport report;
-  report.variables = smoother_.floating();
+  report.variables = smoother_->floating();
   if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
   for (Index k = 0; report.ok() && k < options_.optimizer.max_iterations; ++k) {
-    report = smoother_.update();
+    report = smoother_->update();
     const Change change(*this);
     if (report.ok())
-      take(smoother_.changed());
+      take(smoother_->changed());
     else
       rebuild();
     if (report.waiting == 0) break;
@@ -294,17 +295,17 @@ UpdateReport MapGraph<Kernel>::optimise() {
 template <class Kernel>
 ConvergeReport MapGraph<Kernel>::converge() {
   ConvergeReport report;
-  report.variables = smoother_.floating();
+  report.variables = smoother_->floating();
   if (!report.variables.empty()) {
     report.status = UpdateStatus::unconstrained;
     return report;
   }
-  report = smoother_.converge(options_.optimizer);
+  report = smoother_->converge(options_.optimizer);
   const Change change(*this);
   if (!report.ok())
     rebuild();
   else
-    for (Key key = 0; key < smoother_.size(); ++key) keyframe(key).T_map_body = smoother_[key];
+    for (Key key = 0; key < smoother_->size(); ++key) keyframe(key).T_map_body = (*smoother_)[key];
   return report;
 }
 
@@ -324,7 +325,7 @@ void MapGraph<Kernel>::remeasure() {
 
 template <class Kernel>
 void MapGraph<Kernel>::rebuild() {
-  smoother_ = Smoother(options_.smoother);
+  smoother_.emplace(options_.smoother);
   priors_.assign(map_.sessions.size(), {});
   add_to_smoother(0, 0, 0, 0);
 }
@@ -334,7 +335,7 @@ void MapGraph<Kernel>::add_to_smoother(Index sessions, Index keyframes, Index od
   const auto from = [](const auto& list, Index first) {
     return std::span(list).subspan(static_cast<std::size_t>(first));
   };
-  for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) smoother_.add_value(keyframe.T_map_body);
+  for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) smoother_->add_value(keyframe.T_map_body);
   for (const Session& session : from(map_.sessions, sessions)) add_prior(session);
   for (const OdometryMeasurement& step : from(map_.odometry, odometry)) add_factor(step);
   for (const LoopClosure& closure : from(map_.closures, closures)) add_factor(closure);
@@ -344,7 +345,7 @@ template <class Kernel>
 void MapGraph<Kernel>::add_prior(const Session& session) {
   if (session.keyframes == 0 || session.prior_sqrt_information.isZero(0)) return;
   priors_[static_cast<std::size_t>(session.id.value)] =
-      smoother_.add(PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
+      smoother_->add(PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
 }
 
 #ifdef CHAINSLAM_COMPILED

@@ -209,8 +209,8 @@ bool MapMerger<Candidates, Registration>::confirm(const SlamMap& map, std::vecto
     }
   }
   if (to_index(agreeing.size()) < options_.confirmations) return false;
-  tried.insert(tried.end(), others.begin(), others.end());
-  tried.insert(tried.end(), agreeing.begin(), agreeing.end());
+  for (const auto& list : {&others, &agreeing})
+    for (const LoopClosure& closure : *list) tried.push_back(closure);
   hypotheses_.clear();
   return true;
 }

@@ -8,14 +8,13 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/keyframe.hpp"
-#include "chainslam/search/kd_tree.hpp"
 
 namespace chainslam {
 
 /// Finds keyframes by where the graph believes they are.
 ///
-/// A k-d tree over the positions at the last `rebuild`, and a plain list of those appended since, which is folded into
-/// the tree when it has grown to the tree's square root.
+/// A plain list that is looked through: it is made anew whenever the graph has moved, and asked once for each search
+/// for closures. Of 10 000 keyframes a search takes 60 us, where a k-d tree takes 10 us but 2 ms to build.
 class PositionIndex {
  public:
   /// Takes all positions anew: after the graph has moved them, or after frames were joined.
@@ -24,12 +23,8 @@ class PositionIndex {
   void rebuild(std::span<const Keyframe> keyframes, Chosen&& chosen) {
     ids_.clear();
     positions_.clear();
-    for (const Keyframe& keyframe : keyframes) {
-      if (!chosen(keyframe)) continue;
-      ids_.push_back(keyframe.id);
-      positions_.push_back(keyframe.T_map_body.translation());
-    }
-    fold();
+    for (const Keyframe& keyframe : keyframes)
+      if (chosen(keyframe)) append(keyframe.id, keyframe.T_map_body.translation());
   }
   void rebuild(std::span<const Keyframe> keyframes) {
     rebuild(keyframes, [](const Keyframe&) { return true; });
@@ -39,8 +34,6 @@ class PositionIndex {
   void append(KeyframeId id, const Eigen::Vector3d& position) {
     ids_.push_back(id);
     positions_.push_back(position);
-    const std::size_t listed = positions_.size() - in_tree_;
-    if (listed > 64 && listed * listed > positions_.size()) fold();
   }
 
   /// A keyframe and its distance from the query, metres. Ordered by the distance; equal distances by id.
@@ -55,32 +48,24 @@ class PositionIndex {
 
   /// All keyframes within `radius` metres of `center`, nearest first; equal distances by id.
   [[nodiscard]] std::vector<Found> within(const Eigen::Vector3d& center, double radius) const {
-    std::vector<Neighbor<double>> neighbors;
-    tree_.within(center, radius, neighbors);
     std::vector<Found> found;
-    const auto add = [&](std::size_t i) {
+    for (std::size_t i = 0; i < positions_.size(); ++i) {
       const Eigen::Vector3d way = positions_[i] - center;
       const double distance = way.norm();
       if (distance <= radius) found.push_back({ids_[i], distance});
-    };
-    for (const auto& neighbor : neighbors) add(static_cast<std::size_t>(neighbor.index));
-    for (std::size_t i = in_tree_; i < positions_.size(); ++i) add(i);
-    std::sort(found.begin(), found.end());
+    }
+    sort(found);
     return found;
   }
+
+  /// The nearest first.
+  static void sort(std::vector<Found>& found) { std::sort(found.begin(), found.end()); }
 
   [[nodiscard]] std::size_t size() const { return positions_.size(); }
 
  private:
-  void fold() {
-    tree_ = KdTree<double>(positions_);
-    in_tree_ = positions_.size();
-  }
-
   std::vector<KeyframeId> ids_;  // ascending
   std::vector<Eigen::Vector3d> positions_;
-  KdTree<double> tree_;
-  std::size_t in_tree_ = 0;
 };
 
 }  // namespace chainslam
