@@ -15,7 +15,7 @@
 namespace chainslam::detail {
 
 /// Linearised factors whose variables are held by springs, on the solver that an `IncrementalSmoother` has anyway. A
-/// spring is a term of its own, and a pull its residual.
+/// spring is a term of its own, and a pull its residual. Cold: it comes once, before a failure is reported.
 template <int Dof>
 class SpringedTerms {
  public:
@@ -44,7 +44,7 @@ class SpringedTerms {
   }
 
   /// @param stiffness  of the springs: of a variable's rows, all are positive or all zero.
-  [[nodiscard]] FactorizationResult factorize(std::span<const double> stiffness) {
+  [[nodiscard]] [[gnu::cold]] FactorizationResult factorize(std::span<const double> stiffness) {
     solver_ = std::make_unique<Solver>(typename Solver::Options{.relative_excess = 0.0});
     Solver& solver = *solver_;
     springs_.assign(size(), -1);
@@ -70,7 +70,7 @@ class SpringedTerms {
   }
 
   /// How all move where a variable with springs is pulled, after a successful `factorize`.
-  [[nodiscard]] std::vector<double> solve(Index variable, const double* pull) {
+  [[nodiscard]] [[gnu::cold]] std::vector<double> solve(Index variable, const double* pull) {
     Solver& solver = *solver_;
     solver.begin();
     if (pulled_ != -1) {
