@@ -73,7 +73,7 @@ void IncrementalSmoother<Group, Extra...>::tighten() {
     if constexpr (detail::is_constraint<F>) {
       changes_.push_back({ChangeKind::factor_tightened, entry.term, static_cast<double>(multipliers_before_.size())});
       const auto& before = entry.factor.multipliers;
-      multipliers_before_.insert(multipliers_before_.end(), before.data(), before.data() + before.size());
+      multipliers_before_.append({before.data(), static_cast<std::size_t>(before.size())});
       pools_.template pool<F>().factor(pools_.place(entry.term).slot).tighten(estimates_);
     }
   });
@@ -88,8 +88,8 @@ void IncrementalSmoother<Group, Extra...>::restore_multipliers(const Change& cha
     if constexpr (detail::is_constraint<F>) {
       if (type == place.type)
         pool.factor(place.slot)
-            .set_multipliers(Eigen::Map<const typename F::Residual>(multipliers_before_.data() +
-                                                                    static_cast<std::size_t>(change.look)));
+            .set_multipliers(
+                Eigen::Map<const typename F::Residual>(multipliers_before_.data() + static_cast<Offset>(change.look)));
     }
     ++type;
   });
