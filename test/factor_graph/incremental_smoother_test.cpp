@@ -321,7 +321,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
       for (int k = 0; k < size; ++k)
         smoother.add_between(k, (k + 1) % size, step, NoiseModel<3>::from_sigmas({0.1, 0.1, 0.1}));
       smoother.set_fixed(0);
-      const ConvergeReport report = smoother.converge({.restart = restart});
+      const ConvergeReport report = restart ? smoother.converge() : smoother.converge(ConvergeOptions<NoRestart>{});
       REQUIRE(report.ok());
       CHECK(report.converged);
       CHECK(report.final_cost == doctest::Approx(smoother.cost()).epsilon(1e-9).scale(1e-9));
@@ -345,7 +345,8 @@ TEST_SUITE("factor_graph/incremental_smoother") {
       smoother.set_fixed(0);
       graph.set_fixed(0);
       REQUIRE(optimise(graph).ok());
-      const ConvergeReport report = smoother.converge({.restart = size % 2 == 0});
+      const ConvergeReport report =
+          size % 2 == 0 ? smoother.converge() : smoother.converge(ConvergeOptions<NoRestart>{});
       REQUIRE(report.ok());
       CHECK(report.final_cost <= report.initial_cost);
       CHECK(report.final_cost == doctest::Approx(smoother.cost()));

@@ -33,16 +33,17 @@ struct BetweenFactor {
   [[nodiscard]] std::array<Key, arity> keys() const { return {from, to}; }
 
   [[nodiscard]] Residual residual(const Values<Group>& values) const {
-    return sqrt_information * (measurement.inverse() * (values[from].inverse() * values[to])).log();
+    return whitened<rows, 1>(sqrt_information, (measurement.inverse() * (values[from].inverse() * values[to])).log());
   }
 
   [[nodiscard]] Linearized linearize(const Values<Group>& values) const {
     const Group T_from_to = values[from].inverse() * values[to];
     const typename Group::Tangent error = (measurement.inverse() * T_from_to).log();
     Linearized result;
-    result.residual.noalias() = sqrt_information * error;
-    result.jacobians[1].noalias() = sqrt_information * Group::right_jacobian_inverse(error);
-    result.jacobians[0].noalias() = -result.jacobians[1] * T_from_to.inverse().adjoint();
+    result.residual = whitened<rows, 1>(sqrt_information, error);
+    result.jacobians[1] = whitened<rows, rows>(sqrt_information, Group::right_jacobian_inverse(error));
+    const typename Group::Jacobian forth = product(result.jacobians[1], T_from_to.inverse().adjoint());
+    for (int k = 0; k < rows * rows; ++k) result.jacobians[0].data()[k] = -forth.data()[k];
     return result;
   }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -10,6 +11,15 @@
 #include "chainslam/core/types.hpp"
 
 namespace chainslam {
+
+/// R A, for what a factor whitens: a residual or a Jacobian.
+template <int Dof, int Columns>
+[[nodiscard]] Eigen::Matrix<double, Dof, Columns> whitened(const SqrtInformation<Dof>& sqrt_information,
+                                                           const Eigen::Matrix<double, Dof, Columns>& A) {
+  Eigen::Matrix<double, Dof, Dof> root;
+  std::copy_n(sqrt_information.data(), Dof * Dof, root.data());
+  return product(root, A);
+}
 
 /// Gaussian noise of a residual of `Dof` rows, kept as square-root information: the whitened residual is R r.
 ///
@@ -52,22 +62,30 @@ class NoiseModel {
     for (const double sigma : sigmas) {
       if (!(sigma > 0.0)) refuse("sigmas", "must be positive; a residual that must be zero is a Constrained factor's");
     }
-    return NoiseModel(sigmas.cwiseInverse().asDiagonal(), "sigmas");
+    Matrix root = Matrix::Zero();
+    for (int k = 0; k < Dof; ++k) root(k, k) = 1.0 / sigmas[k];
+    return NoiseModel(root, "sigmas");
   }
 
   /// The same standard deviation in all directions.
-  [[nodiscard]] static NoiseModel from_sigma(double sigma) { return from_sigmas(Vector::Constant(sigma)); }
+  [[nodiscard]] static NoiseModel from_sigma(double sigma) { return from_sigmas(Vector(Vector::Constant(sigma))); }
 
   [[nodiscard]] const SqrtInformation<Dof>& sqrt_information() const { return sqrt_information_; }
   [[nodiscard]] Matrix information() const { return sqrt_information_.transpose() * sqrt_information_; }
 
  private:
-  NoiseModel(const Matrix& root, const char* origin) : sqrt_information_(root) {
-    if (!root.allFinite()) refuse(origin, "is not finite");
+  NoiseModel(const Matrix& root, const char* origin) {
+    require_finite(root, origin);
+    std::copy_n(root.data(), Dof * Dof, sqrt_information_.data());
+  }
+
+  static void require_finite(const Matrix& matrix, const char* name) {
+    if (!std::all_of(matrix.data(), matrix.data() + Dof * Dof, [](double entry) { return std::isfinite(entry); }))
+      refuse(name, "is not finite");
   }
 
   static void require_symmetric(const Matrix& matrix, const char* name) {
-    if (!matrix.allFinite()) refuse(name, "is not finite");
+    require_finite(matrix, name);
     const double scale = matrix.cwiseAbs().maxCoeff();
     // Files state six digits and more.
     if ((matrix - matrix.transpose()).cwiseAbs().maxCoeff() > 1e-6 * scale) refuse(name, "is not symmetric");

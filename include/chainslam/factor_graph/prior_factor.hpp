@@ -28,14 +28,14 @@ struct PriorFactor {
   [[nodiscard]] std::array<Key, arity> keys() const { return {key}; }
 
   [[nodiscard]] Residual residual(const Values<Group>& values) const {
-    return sqrt_information * (mean.inverse() * values[key]).log();
+    return whitened<rows, 1>(sqrt_information, (mean.inverse() * values[key]).log());
   }
 
   [[nodiscard]] Linearized linearize(const Values<Group>& values) const {
     const typename Group::Tangent error = (mean.inverse() * values[key]).log();
     Linearized result;
-    result.residual.noalias() = sqrt_information * error;
-    result.jacobians[0].noalias() = sqrt_information * Group::right_jacobian_inverse(error);
+    result.residual = whitened<rows, 1>(sqrt_information, error);
+    result.jacobians[0] = whitened<rows, rows>(sqrt_information, Group::right_jacobian_inverse(error));
     return result;
   }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <type_traits>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
@@ -57,16 +58,25 @@ struct UpdateReport {
   [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
 };
 
+/// `converge` ends in the local optimum of the estimate it starts from.
+struct NoRestart {};
+
+/// `converge` starts again from the chordal relaxation where full steps raise the squared error or it ends above what
+/// its degrees of freedom let expect. The lower optimum counts. A type, not a setting: the relaxation has a solver of
+/// its own, which programs that do not ask for it need not compile.
+struct ChordalRestart {};
+
 /// When `converge` is done, and how it goes on where full steps fail.
+template <class Restart = ChordalRestart>
 struct ConvergeOptions {
+  static_assert(std::is_same_v<Restart, ChordalRestart> || std::is_same_v<Restart, NoRestart>,
+                "chainslam: ConvergeOptions takes ChordalRestart or NoRestart");
+
   Index max_iterations = 50;
   /// Done when a full step is predicted to gain less than this share of the squared error,
   double relative_tolerance = 1e-9;
   /// or less than this.
   double absolute_tolerance = 1e-9;
-  /// Whether optimisation may start again from the chordal relaxation, where full steps raise the squared error or it
-  /// ends above what its degrees of freedom let expect. The lower optimum counts.
-  bool restart = true;
 };
 
 /// What led to where `converge` ended: a local optimum always, not always the global one.

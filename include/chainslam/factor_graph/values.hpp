@@ -56,7 +56,7 @@ namespace detail {
 
 /// Ascending, each once.
 inline void sort_unique(std::vector<Key>& keys) {
-  std::sort(keys.begin(), keys.end());
+  std::sort(keys.data(), keys.data() + keys.size());  // by pointers, as all lists of indices
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
 }
 

@@ -32,7 +32,7 @@ struct MapGraphOptions {
   /// How near each optimisation comes to the optimum. Without patience, since it goes on until nothing waits.
   SmootherOptions smoother{.patience = 0.0};
   /// How near the last one does. Its iterations also bound the updates of the others.
-  ConvergeOptions optimizer{.max_iterations = 50, .relative_tolerance = 1e-6, .restart = false};
+  ConvergeOptions<NoRestart> optimizer{.max_iterations = 50, .relative_tolerance = 1e-6};
 };
 
 /// A map and its pose graph: a variable for each keyframe, a prior for each frame, factors for odometry and closures.
@@ -351,8 +351,8 @@ void MapGraph<Kernel>::add_prior(const Session& session) {
 #ifdef CHAINSLAM_COMPILED
 extern template class IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>;
 extern template UpdateReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::update(const Serial&);
-extern template ConvergeReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::converge(const ConvergeOptions&,
-                                                                                                const Serial&);
+extern template ConvergeReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::converge(
+    const ConvergeOptions<NoRestart>&, const Serial&);
 extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(const PriorFactor<SE3d>&);
 extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(const BetweenFactor<SE3d>&);
 extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(

@@ -123,7 +123,7 @@ class BlockCholesky {
   /// Coefficients that the factor stores, zeros kept on purpose included.
   [[nodiscard]] Offset stored_coefficients() const { return panels_.size(); }
   /// The caller's block columns in the order of their elimination.
-  [[nodiscard]] std::span<const Index> elimination_order() const { return nodes_.order.vector(); }
+  [[nodiscard]] std::span<const Index> elimination_order() const { return nodes_.order.all(); }
 
  private:
   struct Entry {

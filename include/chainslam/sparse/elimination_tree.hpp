@@ -65,7 +65,7 @@ inline std::vector<Index> elimination_tree(const BlockPattern& pattern) {
       }
     }
   }
-  return std::move(parent).vector();
+  return {parent.begin(), parent.end()};
 }
 
 inline std::vector<Index> factor_column_counts(const BlockPattern& pattern, std::span<const Index> parents) {
@@ -82,7 +82,7 @@ inline std::vector<Index> factor_column_counts(const BlockPattern& pattern, std:
       }
     }
   }
-  return std::move(counts).vector();
+  return {counts.begin(), counts.end()};
 }
 
 inline std::vector<Index> postorder(std::span<const Index> parents, std::span<const Index> weights) {

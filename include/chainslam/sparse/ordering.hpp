@@ -26,7 +26,8 @@ static_assert(Ordering<Natural>);
 /// Amestoy, Davis and Duff 1996, "An approximate minimum degree ordering algorithm", with aggressive absorption.
 struct Amd {
   [[nodiscard]] std::vector<Index> operator()(const BlockPattern& pattern) const {
-    return detail::QuotientGraph(pattern).eliminate();
+    const detail::Table<Index> order = detail::QuotientGraph(pattern).eliminate();
+    return {order.begin(), order.end()};
   }
 };
 static_assert(Ordering<Amd>);

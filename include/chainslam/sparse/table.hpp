@@ -1,11 +1,15 @@
 #pragma once
 
+#include <algorithm>
 #include <cassert>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <new>
 #include <span>
+#include <type_traits>
 #include <utility>
-#include <vector>
 
 namespace chainslam {
 
@@ -16,50 +20,112 @@ using Offset = std::int64_t;
 
 namespace chainslam::detail {
 
-/// A vector counted in signed numbers, as the sparse algorithms count their columns and blocks.
+/// A table's memory. How it grows does not depend on what it holds, and is compiled once for all of them.
+struct TableMemory {
+  void* data = nullptr;
+  Offset size = 0;  ///< in elements, as `capacity`
+  Offset capacity = 0;
+
+  /// Takes memory for at least `count` elements, and for twice as many as before.
+  [[gnu::noinline]] void grow(Offset count, std::size_t element) {
+    const Offset larger = std::max(count, 2 * capacity);
+    void* const grown = std::realloc(data, static_cast<std::size_t>(larger) * element);
+    if (grown == nullptr) throw std::bad_alloc();
+    data = grown;
+    capacity = larger;
+  }
+  /// Holds as many elements as another one from now on, and the same.
+  [[gnu::noinline]] void copy(const TableMemory& other, std::size_t element) {
+    if (other.size > capacity) grow(other.size, element);
+    size = other.size;
+    if (size > 0) std::memcpy(data, other.data, static_cast<std::size_t>(size) * element);
+  }
+};
+
+/// A vector counted in signed numbers, as the sparse algorithms count their columns and blocks. Its elements are plain
+/// data, so that it costs next to nothing to compile for another type.
 template <class T>
 class Table {
+  static_assert(std::is_trivially_copyable_v<T> && std::is_trivially_destructible_v<T>);
+  static_assert(alignof(T) <= alignof(std::max_align_t));
+
  public:
+  using value_type = T;
+
   Table() = default;
-  explicit Table(Offset size, const T& value = T{}) : values_(static_cast<std::size_t>(size), value) {}
-  explicit Table(std::vector<T> values) : values_(std::move(values)) {}
+  explicit Table(Offset size, const T& value = T{}) { assign(size, value); }
+  explicit Table(std::span<const T> values) { append(values); }
+  Table(const Table& other) { memory_.copy(other.memory_, sizeof(T)); }
+  Table(Table&& other) noexcept : memory_(std::exchange(other.memory_, {})) {}
+  Table& operator=(const Table& other) {
+    if (this != &other) memory_.copy(other.memory_, sizeof(T));
+    return *this;
+  }
+  Table& operator=(Table&& other) noexcept {
+    std::swap(memory_, other.memory_);
+    other.clear();
+    return *this;
+  }
+  ~Table() { std::free(memory_.data); }
 
   [[nodiscard]] T& operator[](Offset i) {
     assert(i >= 0 && i < size());
-    return values_[static_cast<std::size_t>(i)];
+    return data()[i];
   }
   [[nodiscard]] const T& operator[](Offset i) const {
     assert(i >= 0 && i < size());
-    return values_[static_cast<std::size_t>(i)];
+    return data()[i];
   }
 
-  [[nodiscard]] Offset size() const { return static_cast<Offset>(values_.size()); }
-  [[nodiscard]] T* data() { return values_.data(); }
-  [[nodiscard]] const T* data() const { return values_.data(); }
-  void assign(Offset size, const T& value) { values_.assign(static_cast<std::size_t>(size), value); }
-  void resize(Offset size) { values_.resize(static_cast<std::size_t>(size)); }
-  void reserve(Offset size) { values_.reserve(static_cast<std::size_t>(size)); }
-  void push_back(const T& value) { values_.push_back(value); }
-  void append(std::span<const T> values) { values_.insert(values_.end(), values.begin(), values.end()); }
-  void pop_back() { values_.pop_back(); }
-  void clear() { values_.clear(); }
-  [[nodiscard]] T& back() { return values_.back(); }
+  [[nodiscard]] Offset size() const { return memory_.size; }
+  [[nodiscard]] bool empty() const { return memory_.size == 0; }
+  [[nodiscard]] T* data() { return static_cast<T*>(memory_.data); }
+  [[nodiscard]] const T* data() const { return static_cast<const T*>(memory_.data); }
+  [[nodiscard]] T& back() { return (*this)[size() - 1]; }
+
+  void assign(Offset size, const T& value) {
+    clear();
+    resize(size, value);
+  }
+  void resize(Offset size, const T& value = T{}) {
+    reserve(size);
+    for (Offset k = memory_.size; k < size; ++k) data()[k] = value;
+    memory_.size = size;
+  }
+  void reserve(Offset capacity) {
+    if (capacity > memory_.capacity) memory_.grow(capacity, sizeof(T));
+  }
+  void push_back(T value) {
+    reserve(size() + 1);
+    data()[memory_.size++] = value;
+  }
+  /// @param values  not of this table.
+  void append(std::span<const T> values) {
+    reserve(size() + static_cast<Offset>(values.size()));
+    if (!values.empty()) std::memcpy(end(), values.data(), values.size_bytes());
+    memory_.size += static_cast<Offset>(values.size());
+  }
+  void pop_back() {
+    assert(!empty());
+    --memory_.size;
+  }
+  void clear() { memory_.size = 0; }
+
   [[nodiscard]] std::span<const T> range(Offset begin, Offset end) const {
-    return {values_.data() + begin, static_cast<std::size_t>(end - begin)};
+    return {data() + begin, static_cast<std::size_t>(end - begin)};
   }
   [[nodiscard]] std::span<T> range(Offset begin, Offset end) {
-    return {values_.data() + begin, static_cast<std::size_t>(end - begin)};
+    return {data() + begin, static_cast<std::size_t>(end - begin)};
   }
-  [[nodiscard]] const std::vector<T>& vector() const& { return values_; }
-  [[nodiscard]] std::vector<T> vector() && { return std::move(values_); }
+  [[nodiscard]] std::span<const T> all() const { return range(0, size()); }
 
-  [[nodiscard]] auto begin() { return values_.begin(); }
-  [[nodiscard]] auto end() { return values_.end(); }
-  [[nodiscard]] auto begin() const { return values_.begin(); }
-  [[nodiscard]] auto end() const { return values_.end(); }
+  [[nodiscard]] T* begin() { return data(); }
+  [[nodiscard]] T* end() { return data() + size(); }
+  [[nodiscard]] const T* begin() const { return data(); }
+  [[nodiscard]] const T* end() const { return data() + size(); }
 
  private:
-  std::vector<T> values_;
+  TableMemory memory_;
 };
 
 }  // namespace chainslam::detail

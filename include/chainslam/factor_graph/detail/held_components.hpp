@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <map>
 #include <numeric>
 #include <span>
 #include <type_traits>
@@ -19,6 +18,7 @@
 #include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam::detail {
 
@@ -98,11 +98,13 @@ class HeldComponents {
   void clear() {
     parent_.clear();
     held_.clear();
+    partial_of_.clear();
     partial_.clear();
   }
   void add_variable() {
     parent_.push_back(to_index(parent_.size()));
     held_.push_back(0);
+    partial_of_.push_back(-1);
   }
   [[nodiscard]] Index size() const { return to_index(parent_.size()); }
 
@@ -117,11 +119,11 @@ class HeldComponents {
     if (a == b) return;
     if (b < a) std::swap(a, b);
     at(b) = a;
-    if (held_[static_cast<std::size_t>(b)] != 0) hold(a);
-    const auto other = partial_.find(b);
-    if (other == partial_.end()) return;
-    const Partial partial = other->second;
-    partial_.erase(other);
+    if (held_[b] != 0) hold(a);
+    const Index other = partial_of_[b];
+    if (other == -1) return;
+    const Partial partial = partial_[static_cast<std::size_t>(other)];
+    drop_partial(b);
     hold(a, partial);
   }
   template <class Keys>
@@ -136,10 +138,10 @@ class HeldComponents {
   /// Says that something holds the part of a variable in place.
   void hold(Key key) {
     key = find(key);
-    held_[static_cast<std::size_t>(key)] = 1;
-    partial_.erase(key);
+    held_[key] = 1;
+    drop_partial(key);
   }
-  [[nodiscard]] bool is_held(Key key) { return held_[static_cast<std::size_t>(find(key))] != 0; }
+  [[nodiscard]] bool is_held(Key key) { return held_[find(key)] != 0; }
 
   /// The least key of each part that is not held in all directions.
   [[nodiscard]] std::vector<Key> floating() {
@@ -150,17 +152,18 @@ class HeldComponents {
     return keys;
   }
   /// How those parts can move. Linear in the number of variables.
-  [[nodiscard]] std::vector<FreePart> free_parts(const std::vector<Key>& floating, const Values<Group>& values) {
-    std::vector<Index> sizes(parent_.size(), 0);
-    for (Key key = 0; key < size(); ++key) ++sizes[static_cast<std::size_t>(find(key))];
+  [[nodiscard]] [[gnu::cold]] std::vector<FreePart> free_parts(const std::vector<Key>& floating,
+                                                               const Values<Group>& values) {
+    Table<Index> sizes(parent_.size(), 0);
+    for (Key key = 0; key < size(); ++key) ++sizes[find(key)];
     std::vector<FreePart> parts;
     for (const Key key : floating) {
-      const auto held = partial_.find(key);
-      const Index variables = sizes[static_cast<std::size_t>(key)];
-      if (held == partial_.end()) {
+      const Index held = partial_of_[key];
+      const Index variables = sizes[key];
+      if (held == -1) {
         parts.push_back(free_part(key, variables, key, values[key], Eigen::MatrixXd(Information::Identity())));
       } else {
-        const Partial& partial = held->second;
+        const Partial& partial = partial_[static_cast<std::size_t>(held)];
         parts.push_back(free_part(key, variables, partial.at, partial.value, free_directions(partial.information)));
       }
     }
@@ -170,12 +173,13 @@ class HeldComponents {
  private:
   /// What is known of a motion of the whole part from the left, as the right perturbation of one of its variables.
   struct Partial {
+    Key part;  ///< its least key
     Key at;
     Group value;
     Information information;
   };
 
-  [[nodiscard]] Key& at(Key key) { return parent_[static_cast<std::size_t>(key)]; }
+  [[nodiscard]] Key& at(Key key) { return parent_[key]; }
 
   [[nodiscard]] static Eigen::MatrixXd free_directions(const Information& information) {
     return null_directions<Group::dof>(information, 1e-12);
@@ -184,16 +188,31 @@ class HeldComponents {
   void hold(Key key, const Partial& partial) {
     key = find(key);
     if (is_held(key)) return;
-    const auto [place, added] = partial_.try_emplace(key, partial);
-    if (!added) {
+    if (partial_of_[key] == -1) {
+      partial_of_[key] = to_index(partial_.size());
+      partial_.push_back(partial);
+      partial_.back().part = key;
+    } else {
       // exp(xi) x is x exp(Ad(x^-1) xi)
-      const Information turn = (partial.value.inverse() * place->second.value).adjoint();
-      place->second.information += transposed_product(turn, product(partial.information, turn));
+      Partial& known = partial_[static_cast<std::size_t>(partial_of_[key])];
+      const Information turn = (partial.value.inverse() * known.value).adjoint();
+      known.information += transposed_product(turn, product(partial.information, turn));
     }
     // What is not a number is left for the numbers to find.
-    const double* const entries = place->second.information.data();
+    const Information& information = partial_[static_cast<std::size_t>(partial_of_[key])].information;
+    const double* const entries = information.data();
     const bool finite = std::all_of(entries, entries + dof * dof, [](double x) { return std::isfinite(x); });
-    if (!finite || free_directions(place->second.information).cols() == 0) hold(key);
+    if (!finite || free_directions(information).cols() == 0) hold(key);
+  }
+  /// The last takes its place.
+  void drop_partial(Key key) {
+    const Index place = std::exchange(partial_of_[key], -1);
+    if (place == -1) return;
+    if (static_cast<std::size_t>(place) + 1 < partial_.size()) {
+      partial_[static_cast<std::size_t>(place)] = partial_.back();
+      partial_of_[partial_.back().part] = place;
+    }
+    partial_.pop_back();
   }
 
   [[nodiscard]] static Partial partial_hold(std::span<const Key> keys, Index rows, const double* numbers,
@@ -201,7 +220,7 @@ class HeldComponents {
     const Group& value = values[keys.front()];
     std::vector<Information> turns;  // of each variable, as a motion of the first one turns it
     for (const Key key : keys) turns.push_back((values[key].inverse() * value).adjoint());
-    Partial partial{keys.front(), value, Information::Zero()};
+    Partial partial{-1, keys.front(), value, Information::Zero()};
     for (Index row = 0; row < rows; ++row) {
       std::array<double, dof> sum{}, size{};
       for (const Information& turn : turns) {
@@ -221,9 +240,10 @@ class HeldComponents {
     return partial;
   }
 
-  std::vector<Key> parent_;
-  std::vector<char> held_;
-  std::map<Key, Partial> partial_;  ///< of parts that are held in some directions, by their least key
+  Table<Key> parent_;
+  Table<char> held_;
+  Table<Index> partial_of_;       ///< of each part's least key: its place in `partial_`, or -1
+  std::vector<Partial> partial_;  ///< of parts that are held in some directions
 };
 
 /// The connected parts of a graph that neither a fixed variable nor a factor that holds its variables ties down, be it

@@ -73,7 +73,7 @@ IncrementalSmoother<Group, Extra...> IncrementalSmoother<Group, Extra...>::load(
   smoother.pools_.load(in);
   smoother.solver_.load(in);
   smoother.estimate_all();
-  smoother.touched_.assign(static_cast<std::size_t>(smoother.solver_.terms().count()), 0);
+  smoother.touched_.assign(smoother.solver_.terms().count(), 0);
   smoother.components_outdated_ = true;
   smoother.revision_ = 2;
   return smoother;

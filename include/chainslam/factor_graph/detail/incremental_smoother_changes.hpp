@@ -56,9 +56,9 @@ Index IncrementalSmoother<Group, Extra...>::begin_term(std::span<const Key> keys
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::note_added(Index term) {
-  if (term >= to_index(touched_.size())) touched_.resize(static_cast<std::size_t>(term) + 1, 0);
-  if (term >= to_index(off_.size())) off_.resize(static_cast<std::size_t>(term) + 1, 0.0);
-  touched_[static_cast<std::size_t>(term)] = 1;  // it will be linearised in any case
+  if (term >= to_index(touched_.size())) touched_.resize(Offset{term} + 1, 0);
+  if (term >= to_index(off_.size())) off_.resize(Offset{term} + 1, 0.0);
+  touched_[term] = 1;  // it will be linearised in any case
   changes_.push_back({ChangeKind::factor_added, term, 0.0});
   if (!components_outdated_) tie(term);
 }

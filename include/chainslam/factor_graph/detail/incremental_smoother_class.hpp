@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstdio>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -27,6 +28,7 @@
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
+#include "chainslam/sparse/table.hpp"
 
 namespace chainslam {
 
@@ -100,7 +102,7 @@ class IncrementalSmoother {
   /// names.
   /// @throws std::invalid_argument if a key is unknown.
   void marginalize(std::span<const Key> keys);
-  [[nodiscard]] bool is_marginalized(Key key) const { return marginalized_[static_cast<std::size_t>(key)] != 0; }
+  [[nodiscard]] bool is_marginalized(Key key) const { return marginalized_[key] != 0; }
 
   /// Keeps a variable where it is, or lets it go again.
   void set_fixed(Key key, bool fixed = true);
@@ -123,8 +125,8 @@ class IncrementalSmoother {
   /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything linearised anew at each
   /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.
   /// Constraints then hold; the rests of their springs are part of the state.
-  template <Executor Exec = Serial>
-  ConvergeReport converge(const ConvergeOptions& options = {}, const Exec& executor = {});
+  template <class Restart = ChordalRestart, Executor Exec = Serial>
+  ConvergeReport converge(const ConvergeOptions<Restart>& options = {}, const Exec& executor = {});
 
   /// The least key of each connected part that priors and the like do not hold in all directions, what was added
   /// included: if there is one, `update` would fail, and name them.
@@ -208,11 +210,15 @@ class IncrementalSmoother {
     double look;  ///< or weight, how far a term is off, or number of a constraint's multipliers, before
   };
 
-  [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const std::string& why) {
-    throw std::invalid_argument("IncrementalSmoother: " + why);
+  [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const char* why) {
+    std::array<char, 128> text{};
+    std::snprintf(text.data(), text.size(), "IncrementalSmoother: %s", why);
+    throw std::invalid_argument(text.data());
   }
   [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const char* before, Key key, const char* after = "") {
-    refuse(before + std::to_string(key) + after);
+    std::array<char, 96> text{};
+    std::snprintf(text.data(), text.size(), "%s%d%s", before, static_cast<int>(key), after);
+    refuse(text.data());
   }
   void require_known(Key key) const {
     if (!origins_.contains(key)) refuse("there is no variable ", key);
@@ -252,12 +258,12 @@ class IncrementalSmoother {
   static void visit_options(SmootherOptions& options, Archive&& archive);
   void marginalize_old();
   void begin();
-  void revert();
-  void undo_change(const Change& change);
+  [[gnu::cold]] void revert();
+  [[gnu::cold]] void undo_change(const Change& change);
 
   [[nodiscard]] std::vector<Key> find_floating();
   void tie(Index term);
-  [[nodiscard]] std::vector<FreePart> open_parts() const;
+  [[nodiscard]] [[gnu::cold]] std::vector<FreePart> open_parts() const;
   /// Of a term, in the order of its factor.
   void list_keys(Index term, std::vector<Key>& keys) const {
     keys.clear();
@@ -266,12 +272,12 @@ class IncrementalSmoother {
 
   void wait(Key key) {
     if (waits(key) || solver_.is_fixed(key)) return;
-    waits_at_[static_cast<std::size_t>(key)] = to_index(waiting_.size());
+    waits_at_[key] = to_index(waiting_.size());
     waiting_.push_back(key);
   }
-  [[nodiscard]] bool waits(Key key) const { return waits_at_[static_cast<std::size_t>(key)] != -1; }
+  [[nodiscard]] bool waits(Key key) const { return waits_at_[key] != -1; }
   void stop_waiting(Key key) {
-    Index& at = waits_at_[static_cast<std::size_t>(key)];
+    Index& at = waits_at_[key];
     if (at == -1) return;
     waiting_[static_cast<std::size_t>(at)] = -1;
     ++left_;
@@ -290,14 +296,16 @@ class IncrementalSmoother {
   }
   void relinearize_at(Key key, const Group& origin);
   void relinearize_all();
+  template <class Restart>
+  static constexpr bool restarts = std::is_same_v<Restart, ChordalRestart>&& RigidMotionGroup<Group>;
   static constexpr bool any_constraint = (detail::is_constraint<Extra> || ...);
-  template <Executor Exec>
-  [[nodiscard]] ConvergeReport converge_springs(const ConvergeOptions& options, const Exec& executor);
+  template <class Restart, Executor Exec>
+  [[nodiscard]] ConvergeReport converge_springs(const ConvergeOptions<Restart>& options, const Exec& executor);
   [[nodiscard]] double violation() const;
   void tighten();
   void restore_multipliers(const Change& change);
-  template <Executor Exec>
-  void damped_descent(Values<Group> start, const ConvergeOptions& options, ConvergeReport& report,
+  template <class Restart, Executor Exec>
+  void damped_descent(Values<Group> start, const ConvergeOptions<Restart>& options, ConvergeReport& report,
                       const Exec& executor);
   void touch(Index term);
   [[nodiscard]] bool linearize_touched(UpdateReport& report);
@@ -312,24 +320,24 @@ class IncrementalSmoother {
   Values<Group> origins_;    ///< where the factors are linearised
   Values<Group> estimates_;  ///< these, moved by the linear system's solution
   Pools pools_;
-  std::vector<double> look_;        ///< of each variable: the step at which its factors are looked at
-  std::vector<Index> waits_at_;     ///< of each variable: its place in `waiting_`, -1 if it does not wait
-  std::vector<char> marginalized_;  ///< of each variable
-  std::vector<Key> waiting_;        ///< to be linearised anew, in the order of their coming; -1 for those that were
-  Index left_ = 0;                  ///< how many of those there are
-  std::vector<Key> far_;            ///< of the waiting: have moved by more than the longest step
-  std::vector<double> off_;         ///< of each term for which variables wait: squared error of its linear prediction
-  double waiting_gap_ = 0.0;        ///< their sum
+  detail::Table<double> look_;        ///< of each variable: the step at which its factors are looked at
+  detail::Table<Index> waits_at_;     ///< of each variable: its place in `waiting_`, -1 if it does not wait
+  detail::Table<char> marginalized_;  ///< of each variable
+  std::vector<Key> waiting_;          ///< to be linearised anew, in the order of their coming; -1 for those that were
+  Index left_ = 0;                    ///< how many of those there are
+  std::vector<Key> far_;              ///< of the waiting: have moved by more than the longest step
+  detail::Table<double> off_;         ///< of each term for which variables wait: squared error of its linear prediction
+  double waiting_gap_ = 0.0;          ///< their sum
   std::vector<Key> waiting_before_;
   std::vector<Key> far_before_;
   double waiting_gap_before_ = 0.0;
-  std::vector<char> touched_;  ///< of each term
-  std::vector<Index> touched_terms_;
-  std::vector<Change> changes_;
-  std::vector<Group> origins_before_;       ///< of those that were moved, in their order
-  std::vector<double> multipliers_before_;  ///< of constraints that were tightened since the last update
-  std::vector<Key> keys_;                   ///< of the term at hand
-  std::vector<double> numbers_;             ///< of the term at hand, or its residual
+  detail::Table<char> touched_;  ///< of each term
+  detail::Table<Index> touched_terms_;
+  detail::Table<Change> changes_;
+  std::vector<Group> origins_before_;         ///< of those that were moved, in their order
+  detail::Table<double> multipliers_before_;  ///< of constraints that were tightened since the last update
+  std::vector<Key> keys_;                     ///< of the term at hand
+  std::vector<double> numbers_;               ///< of the term at hand, or its residual
   detail::HeldComponents<Group> components_;
   bool components_outdated_ = false;
   Key oldest_ = 0;  ///< none before it is kept by `SmootherOptions::lag`

@@ -37,8 +37,9 @@ class IncrementalSmoother<Group, Extra...>::View {
 };
 
 template <class Group, class... Extra>
-template <Executor Exec>
-ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOptions& options, const Exec& executor) {
+template <class Restart, Executor Exec>
+ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOptions<Restart>& options,
+                                                              const Exec& executor) {
   ConvergeReport report = converge_springs(options, executor);
   if constexpr (any_constraint) {
     report.violation = violation();
@@ -73,7 +74,7 @@ void IncrementalSmoother<Group, Extra...>::tighten() {
     if constexpr (detail::is_constraint<F>) {
       changes_.push_back({ChangeKind::factor_tightened, entry.term, static_cast<double>(multipliers_before_.size())});
       const auto& before = entry.factor.multipliers;
-      multipliers_before_.insert(multipliers_before_.end(), before.data(), before.data() + before.size());
+      multipliers_before_.append({before.data(), static_cast<std::size_t>(before.size())});
       pools_.template pool<F>().factor(pools_.place(entry.term).slot).tighten(estimates_);
     }
   });
@@ -88,16 +89,16 @@ void IncrementalSmoother<Group, Extra...>::restore_multipliers(const Change& cha
     if constexpr (detail::is_constraint<F>) {
       if (type == place.type)
         pool.factor(place.slot)
-            .set_multipliers(Eigen::Map<const typename F::Residual>(multipliers_before_.data() +
-                                                                    static_cast<std::size_t>(change.look)));
+            .set_multipliers(
+                Eigen::Map<const typename F::Residual>(multipliers_before_.data() + static_cast<Offset>(change.look)));
     }
     ++type;
   });
 }
 
 template <class Group, class... Extra>
-template <Executor Exec>
-ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const ConvergeOptions& options,
+template <class Restart, Executor Exec>
+ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const ConvergeOptions<Restart>& options,
                                                                       const Exec& executor) {
   constexpr double rounding = 1e-12;  // of a sum of squares
   ConvergeReport report;
@@ -125,15 +126,16 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const Conv
   }
   Index rows = 0;
   pools_.for_each_term([&](Index term) { rows += solver_.terms().rows(term); });
-  if (options.restart && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
+  if (restarts<Restart> && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
     damped_descent(values(), options, report, executor);
   return report;
 }
 
-/// Levenberg and Marquardt from `start`, and from the chordal relaxation; the lower optimum becomes the estimate.
+/// Levenberg and Marquardt from `start`, and from the chordal relaxation if asked for; the lower optimum becomes the
+/// estimate.
 template <class Group, class... Extra>
-template <Executor Exec>
-void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, const ConvergeOptions& options,
+template <class Restart, Executor Exec>
+void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, const ConvergeOptions<Restart>& options,
                                                           ConvergeReport& report, const Exec& executor) {
   const LevenbergMarquardt method{.max_iterations = 4 * options.max_iterations,
                                   .relative_tolerance = options.relative_tolerance,
@@ -151,11 +153,9 @@ void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, c
     start = optimization.take_values();
   };
   if (!report.converged) descend(start, ConvergeMethod::levenberg_marquardt, 1.0);
-  if constexpr (RigidMotionGroup<Group>) {
-    if (options.restart) {
-      const std::optional<Values<Group>> relaxed = chordal_initialization(View(*this, start));
-      if (relaxed) descend(*relaxed, ConvergeMethod::chordal_restart, 1.0 - 1e-9);
-    }
+  if constexpr (restarts<Restart>) {
+    const std::optional<Values<Group>> relaxed = chordal_initialization(View(*this, start));
+    if (relaxed) descend(*relaxed, ConvergeMethod::chordal_restart, 1.0 - 1e-9);
   }
   for (int round = 0; round < 3; ++round) {
     begin();

@@ -56,7 +56,7 @@ void IncrementalSmoother<Group, Extra...>::marginalize(std::span<const Key> keys
     }
     relinearize_at_estimate(key);
     solver_.set_fixed(key, true);
-    marginalized_[static_cast<std::size_t>(key)] = 1;
+    marginalized_[key] = 1;
     changes_.push_back({ChangeKind::marginalized, key, 0.0});
   }
   // What held and tied the parts of the graph still does.

@@ -19,7 +19,7 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
     if (moved[static_cast<std::size_t>(key)] != 0) continue;
     moved[static_cast<std::size_t>(key)] = 1;
     origins_before_.push_back(origins_[key]);
-    changes_.push_back({ChangeKind::origin_moved, key, look_[static_cast<std::size_t>(key)]});
+    changes_.push_back({ChangeKind::origin_moved, key, look_[key]});
     origins_[key] = motion * origins_[key];
     estimate(key);
   }

@@ -70,12 +70,12 @@ void IncrementalSmoother<Group, Extra...>::begin() {
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::revert() {
-  for (const Index term : touched_terms_) touched_[static_cast<std::size_t>(term)] = 0;
+  for (const Index term : touched_terms_) touched_[term] = 0;
   touched_terms_.clear();
   for (const Key key : waiting_) {
-    if (key != -1) waits_at_[static_cast<std::size_t>(key)] = -1;
+    if (key != -1) waits_at_[key] = -1;
   }
-  for (std::size_t k = changes_.size(); k-- > 0;) undo_change(changes_[k]);
+  for (Offset k = changes_.size(); k-- > 0;) undo_change(changes_[k]);
   changes_.clear();
   waiting_ = waiting_before_;
   far_ = far_before_;
@@ -105,7 +105,7 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
       marginalized_.pop_back();
       break;
     case ChangeKind::factor_added:
-      touched_[static_cast<std::size_t>(change.id)] = 0;
+      touched_[change.id] = 0;
       set_alive(change.id, false);
       release(change.id);
       break;
@@ -119,18 +119,18 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
       if constexpr (any_constraint) restore_multipliers(change);
       break;
     case ChangeKind::marginalized:
-      marginalized_[static_cast<std::size_t>(change.id)] = 0;
+      marginalized_[change.id] = 0;
       break;
     case ChangeKind::origin_moved:
       origins_[change.id] = origins_before_.back();
       origins_before_.pop_back();
-      look_[static_cast<std::size_t>(change.id)] = change.look;
+      look_[change.id] = change.look;
       break;
     case ChangeKind::judged:
-      off_[static_cast<std::size_t>(change.id)] = change.look;
+      off_[change.id] = change.look;
       break;
     case ChangeKind::looked:
-      look_[static_cast<std::size_t>(change.id)] = change.look;
+      look_[change.id] = change.look;
       break;
   }
 }
@@ -230,14 +230,14 @@ void IncrementalSmoother<Group, Extra...>::find_waiting() {
     if (waiting_[k] == -1)
       ++left_;
     else
-      waits_at_[static_cast<std::size_t>(waiting_[k])] = static_cast<Index>(k);
+      waits_at_[waiting_[k]] = static_cast<Index>(k);
   }
 }
 
 /// What a linear prediction is worth once its variables wait because of it.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::set_off(Index term, double off) {
-  double& before = off_[static_cast<std::size_t>(term)];
+  double& before = off_[term];
   if (off == before) return;
   changes_.push_back({ChangeKind::judged, term, before});
   waiting_gap_ += off - before;
@@ -253,11 +253,10 @@ void IncrementalSmoother<Group, Extra...>::estimate(Key key) {
 /// Moves the point at which a variable's factors are linearised, and its estimate with it.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& origin) {
-  const auto i = static_cast<std::size_t>(key);
   origins_before_.push_back(origins_[key]);
-  changes_.push_back({ChangeKind::origin_moved, key, look_[i]});
+  changes_.push_back({ChangeKind::origin_moved, key, look_[key]});
   stop_waiting(key);
-  look_[i] = options_.first_look;
+  look_[key] = options_.first_look;
   origins_[key] = origin;
   if constexpr (requires(Group & group) { group.normalize(); }) origins_[key].normalize();
   solver_.set_solution_zero(key);
@@ -268,8 +267,8 @@ void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& 
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::touch(Index term) {
-  if (touched_[static_cast<std::size_t>(term)] != 0) return;
-  touched_[static_cast<std::size_t>(term)] = 1;
+  if (touched_[term] != 0) return;
+  touched_[term] = 1;
   touched_terms_.push_back(term);
 }
 
@@ -277,7 +276,7 @@ template <class Group, class... Extra>
 bool IncrementalSmoother<Group, Extra...>::linearize_touched(UpdateReport& report) {
   bool finite = true;
   for (const Index term : touched_terms_) {
-    touched_[static_cast<std::size_t>(term)] = 0;
+    touched_[term] = 0;
     set_off(term, 0.0);
     if (!solver_.terms().linked(term)) continue;
     solver_.change_term(term);
@@ -293,7 +292,7 @@ bool IncrementalSmoother<Group, Extra...>::linearize_added(UpdateReport& report)
   bool finite = true;
   for (const Change& change : changes_) {
     if (change.kind != ChangeKind::factor_added) continue;
-    touched_[static_cast<std::size_t>(change.id)] = 0;
+    touched_[change.id] = 0;
     if (solver_.terms().linked(change.id)) finite = write(change.id, report) && finite;
   }
   return finite;
@@ -323,7 +322,7 @@ void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report)
     const auto step = solver_.solution(key);
     double length = 0.0;
     for (const double coordinate : step) length = std::max(length, std::abs(coordinate));
-    if (length <= look_[static_cast<std::size_t>(key)]) continue;
+    if (length <= look_[key]) continue;
     set_look(key, 1.5 * length);
     if (length > options_.longest_step) {
       wait(key);
@@ -333,7 +332,7 @@ void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report)
       touch(solver_.terms().slot(k).term);
   }
   for (const Index term : touched_terms_) {
-    touched_[static_cast<std::size_t>(term)] = 0;
+    touched_[term] = 0;
     const double off = misprediction(term);
     const bool waits = off > tolerated || options_.nonlinear_tolerance == 0.0;
     set_off(term, waits ? off : 0.0);
@@ -366,8 +365,8 @@ double IncrementalSmoother<Group, Extra...>::misprediction(Index term) {
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::set_look(Key key, double look) {
-  changes_.push_back({ChangeKind::looked, key, look_[static_cast<std::size_t>(key)]});
-  look_[static_cast<std::size_t>(key)] = look;
+  changes_.push_back({ChangeKind::looked, key, look_[key]});
+  look_[key] = look;
 }
 
 }  // namespace chainslam

@@ -43,7 +43,7 @@ class OpenDirections {
     system_.diagonal(diagonal_);
   }
 
-  [[nodiscard]] std::vector<Open> find() {
+  [[nodiscard]] [[gnu::cold]] std::vector<Open> find() {
     std::vector<Open> parts;
     std::vector<Index> held;
     for (;;) {
@@ -71,7 +71,7 @@ class OpenDirections {
 
   [[nodiscard]] static std::size_t row(Index column) { return static_cast<std::size_t>(Offset{column} * Dof); }
 
-  [[nodiscard]] Eigen::MatrixXd directions_at(Index column) {
+  [[nodiscard]] [[gnu::cold]] Eigen::MatrixXd directions_at(Index column) {
     // In units of the springs: 1 where nothing else resists.
     Vector root, inverse;
     for (int k = 0; k < Dof; ++k) {
@@ -93,7 +93,7 @@ class OpenDirections {
   }
 
   /// The variables that move along.
-  void find_moving(Open& open) {
+  [[gnu::cold]] void find_moving(Open& open) {
     std::vector<double> moved(damping_.size(), 0.0);
     for (Eigen::Index k = 0; k < open.directions.cols(); ++k) {
       Vector pull;

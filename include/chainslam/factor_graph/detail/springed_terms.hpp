@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -15,7 +16,7 @@
 namespace chainslam::detail {
 
 /// Linearised factors whose variables are held by springs, on the solver that an `IncrementalSmoother` has anyway. A
-/// spring is a term of its own, and a pull its residual.
+/// spring is a term of its own, and a pull its residual. Cold: it comes once, before a failure is reported.
 template <int Dof>
 class SpringedTerms {
  public:
@@ -44,55 +45,59 @@ class SpringedTerms {
   }
 
   /// @param stiffness  of the springs: of a variable's rows, all are positive or all zero.
-  [[nodiscard]] FactorizationResult factorize(std::span<const double> stiffness) {
-    solver_ = IncrementalCholesky<Dof>({.relative_excess = 0.0});
+  [[nodiscard]] [[gnu::cold]] FactorizationResult factorize(std::span<const double> stiffness) {
+    solver_ = std::make_unique<Solver>(typename Solver::Options{.relative_excess = 0.0});
+    Solver& solver = *solver_;
     springs_.assign(size(), -1);
     pulled_ = -1;
     for (Index variable = 0; variable < size(); ++variable) {
-      solver_.add_variable();
-      solver_.set_fixed(variable, fixed_[variable] != 0);
+      solver.add_variable();
+      solver.set_fixed(variable, fixed_[variable] != 0);
     }
     std::vector<Index> variables;
     for (Index term = 0; term < terms_.count(); ++term) {
       variables.clear();
       for (const auto& slot : terms_.slots(term)) variables.push_back(slot.variable);
-      const Index copy = solver_.add_term(variables, terms_.rows(term));
-      std::copy(terms_.jacobian(term), terms_.residual(term), solver_.jacobian(copy));
+      const Index copy = solver.add_term(variables, terms_.rows(term));
+      std::copy(terms_.jacobian(term), terms_.residual(term), solver.jacobian(copy));
     }
     for (Index variable = 0; variable < size(); ++variable) {
       const double* const of_variable = stiffness.data() + Offset{variable} * Dof;
       if (of_variable[0] == 0.0) continue;
-      springs_[variable] = solver_.add_term(std::array<Index, 1>{variable}, Dof);
-      for (int k = 0; k < Dof; ++k) solver_.jacobian(springs_[variable])[k * (Dof + 1)] = std::sqrt(of_variable[k]);
+      springs_[variable] = solver.add_term(std::array<Index, 1>{variable}, Dof);
+      for (int k = 0; k < Dof; ++k) solver.jacobian(springs_[variable])[k * (Dof + 1)] = std::sqrt(of_variable[k]);
     }
-    return solver_.factorize();
+    return solver.factorize();
   }
 
   /// How all move where a variable with springs is pulled, after a successful `factorize`.
-  [[nodiscard]] std::vector<double> solve(Index variable, const double* pull) {
-    solver_.begin();
+  [[nodiscard]] [[gnu::cold]] std::vector<double> solve(Index variable, const double* pull) {
+    Solver& solver = *solver_;
+    solver.begin();
     if (pulled_ != -1) {
-      solver_.change_term(springs_[pulled_]);
-      std::fill_n(solver_.residual(springs_[pulled_]), Dof, 0.0);
+      solver.change_term(springs_[pulled_]);
+      std::fill_n(solver.residual(springs_[pulled_]), Dof, 0.0);
     }
     const Index spring = springs_[variable];
-    if (pulled_ != variable) solver_.change_term(spring);
-    for (int k = 0; k < Dof; ++k) solver_.residual(spring)[k] = -pull[k] / solver_.jacobian(spring)[k * (Dof + 1)];
+    if (pulled_ != variable) solver.change_term(spring);
+    for (int k = 0; k < Dof; ++k) solver.residual(spring)[k] = -pull[k] / solver.jacobian(spring)[k * (Dof + 1)];
     pulled_ = variable;
-    static_cast<void>(solver_.factorize());
-    solver_.solve(true);
+    static_cast<void>(solver.factorize());
+    solver.solve(true);
     std::vector<double> x;
     for (Index other = 0; other < size(); ++other) {
-      const std::span<const double> moved = solver_.solution(other);
+      const std::span<const double> moved = solver.solution(other);
       x.insert(x.end(), moved.begin(), moved.end());
     }
     return x;
   }
 
  private:
+  using Solver = IncrementalCholesky<Dof>;
+
   BlockTerms<Dof> terms_;
   Table<char> fixed_;
-  IncrementalCholesky<Dof> solver_;
+  std::unique_ptr<Solver> solver_;
   Table<Index> springs_;  ///< of each variable: its springs' term, -1 if it has none
   Index pulled_ = -1;
 };

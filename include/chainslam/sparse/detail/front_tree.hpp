@@ -142,7 +142,7 @@ class FrontTree {
       out.put(saved.work);
       out.put(static_cast<std::uint8_t>(has_update(node)));
     }
-    std::vector<Index> unused = free_.vector();
+    std::vector<Index> unused(free_.begin(), free_.end());
     unused.insert(unused.end(), released.begin(), released.end());
     out.put_list(unused);
   }

@@ -42,8 +42,8 @@ class PartialElimination {
   /// @param block_size  scalar columns of a column.
   void plan(Index late, int block_size) {
     list_elements();
-    const BlockPattern pattern(size_, edges_);
-    order_ = Table<Index>(QuotientGraph(pattern, elements_, late).eliminate());
+    const BlockPattern pattern(size_, edges_.all());
+    order_ = QuotientGraph(pattern, elements_.all(), late).eliminate();
     position_.resize(size_);
     for (Index k = 0; k < size_; ++k) position_[order_[k]] = k;
     list_edges(pattern);
@@ -93,7 +93,7 @@ class PartialElimination {
     element_first_.resize(to_index(elements_.size()));
     for (Index e = 0; e < to_index(elements_.size()); ++e) {
       Index first = size_;
-      for (const Index column : elements_[static_cast<std::size_t>(e)]) first = std::min(first, position_[column]);
+      for (const Index column : elements_[e]) first = std::min(first, position_[column]);
       element_first_[e] = first;
       next_element_[e] = first_element_[first];
       first_element_[first] = e;
@@ -122,7 +122,7 @@ class PartialElimination {
       };
       for (Offset e = edge_start_[k]; e < edge_start_[Offset{k} + 1]; ++e) add(edge_rows_[e]);
       for (Index e = first_element_[k]; e != -1; e = next_element_[e]) {
-        for (const Index column : elements_[static_cast<std::size_t>(e)]) add(position_[column]);
+        for (const Index column : elements_[e]) add(position_[column]);
       }
       for (Index child = first_child_[k]; child != -1; child = next_[child]) {
         for (Offset r = found_start_[child]; r < found_start_[Offset{child} + 1]; ++r) add(found_[r]);
@@ -167,7 +167,7 @@ class PartialElimination {
       front_of_[k] = to_index(fronts_.size());
       const Offset first_row = rows_.size();
       for (Offset r = found_start_[k]; r < found_start_[Offset{k} + 1]; ++r) rows_.push_back(found_[r]);
-      std::ranges::sort(rows_.range(first_row, rows_.size()));
+      std::sort(rows_.begin() + first_row, rows_.end());
       fronts_.push_back({first_column, count_[k], first_row, to_index(rows_.size() - first_row), parent_[k]});
       first_column += count_[k];
     }
@@ -184,10 +184,10 @@ class PartialElimination {
   }
 
   Index size_ = 0;
-  std::vector<BlockCoordinate> edges_;
+  Table<BlockCoordinate> edges_;
   Table<Index> element_columns_;
   Table<Offset> element_ends_;
-  std::vector<std::span<const Index>> elements_;
+  Table<std::span<const Index>> elements_;
   Table<Index> order_;
   Table<Index> position_;
   Table<Offset> edge_start_;

@@ -47,7 +47,7 @@ class QuotientGraph {
   }
 
   /// The nodes in the order of their elimination.
-  [[nodiscard]] std::vector<Index> eliminate() {
+  [[nodiscard]] Table<Index> eliminate() {
     while (eliminated_ < size_ - to_index(dense_.size())) {
       if (eliminated_ + waiting_ == size_ - to_index(dense_.size())) release_late();
       const Index pivot = take_least_degree();
@@ -244,19 +244,19 @@ class QuotientGraph {
       element_count_[i] = to_index(variables - start_[i]) + 1;
       length_[i] = to_index(write - start_[i]) + 1;
       degree_[i] = std::min(degree_[i], outside);
-      hashes_.push_back({hash, i});
+      hashes_.push_back(hash << 32 | static_cast<std::uint64_t>(i));
     });
   }
 
   /// Variables with the same neighbours stay so to the end: they are joined, and eliminated together.
   void join_indistinguishable() {
-    std::ranges::sort(hashes_);
-    for (std::size_t a = 0; a < hashes_.size(); ++a) {
-      const Index i = hashes_[a].second;
+    std::sort(hashes_.begin(), hashes_.end());
+    for (Offset a = 0; a < hashes_.size(); ++a) {
+      const auto i = static_cast<Index>(hashes_[a] & 0xffff'ffffU);
       if (weight_[i] == 0) continue;
       bool marked = false;
-      for (std::size_t b = a + 1; b < hashes_.size() && hashes_[b].first == hashes_[a].first; ++b) {
-        const Index j = hashes_[b].second;
+      for (Offset b = a + 1; b < hashes_.size() && hashes_[b] >> 32 == hashes_[a] >> 32; ++b) {
+        const auto j = static_cast<Index>(hashes_[b] & 0xffff'ffffU);
         if (weight_[j] == 0 || length_[j] != length_[i] || element_count_[j] != element_count_[i]) continue;
         if (waits(i) != waits(j)) continue;
         if (!marked) mark_list(i);
@@ -298,13 +298,13 @@ class QuotientGraph {
     list_.resize(write);
   }
 
-  [[nodiscard]] std::vector<Index> order() const {
-    std::vector<Index> result;
-    result.reserve(static_cast<std::size_t>(size_));
+  [[nodiscard]] Table<Index> order() const {
+    Table<Index> result;
+    result.reserve(size_);
     for (const Index pivot : pivots_) {
       for (Index i = pivot; i != -1; i = next_member_[i]) result.push_back(i);
     }
-    result.insert(result.end(), dense_.begin(), dense_.end());
+    result.append(dense_.all());
     return result;
   }
 
@@ -341,9 +341,9 @@ class QuotientGraph {
   Table<Index> last_member_;
   Table<Index> list_;
   Table<std::int64_t> marks_;
-  std::vector<std::pair<std::uint64_t, Index>> hashes_;
-  std::vector<Index> pivots_;
-  std::vector<Index> dense_;
+  Table<std::uint64_t> hashes_;  ///< of lists, 32 bits, before their variables
+  Table<Index> pivots_;
+  Table<Index> dense_;
   std::int64_t base_ = 0;
   std::int64_t mark_ = 0;
   Index least_degree_ = 0;

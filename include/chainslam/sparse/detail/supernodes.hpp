@@ -42,12 +42,12 @@ struct Supernodes {
 
 /// The pattern with columns renumbered: new column k is the old `order[k]`, and `position` is the inverse.
 [[nodiscard]] inline BlockPattern permuted(const BlockPattern& pattern, const Table<Index>& position) {
-  std::vector<BlockCoordinate> blocks;
-  blocks.reserve(static_cast<std::size_t>(pattern.blocks()));
+  Table<BlockCoordinate> blocks;
+  blocks.reserve(pattern.blocks());
   for (Index column = 0; column < pattern.size(); ++column) {
     for (const Index row : pattern.rows(column).subspan(1)) blocks.push_back({position[row], position[column]});
   }
-  return BlockPattern(pattern.size(), blocks);
+  return BlockPattern(pattern.size(), blocks.all());
 }
 
 [[nodiscard]] inline Table<Index> inverse_permutation(const Table<Index>& order) {
@@ -73,7 +73,7 @@ class SupernodeJoiner {
       }
     }
     Table<Index> first;
-    first.reserve(static_cast<Offset>(open_.size()) + 1);
+    first.reserve(open_.size() + 1);
     for (const Group& group : open_) first.push_back(group.first);
     first.push_back(to_index(parents_.size()));
     return first;
@@ -116,7 +116,7 @@ class SupernodeJoiner {
   std::span<const Index> parents_;
   std::span<const Index> counts_;
   int block_size_;
-  std::vector<Group> open_;
+  Table<Group> open_;
 };
 
 /// Fills the rows of all supernodes: the union of their columns' and their children's rows.
@@ -145,7 +145,7 @@ inline void find_rows(const BlockPattern& pattern, std::span<const Index> column
     for (Index child = first_child[s]; child != -1; child = next_sibling[child]) {
       for (Offset k = nodes.row_start[child]; k < nodes.row_start[Offset{child} + 1]; ++k) add(nodes.rows[k]);
     }
-    std::ranges::sort(nodes.rows.range(begin_rows, nodes.rows.size()));
+    std::sort(nodes.rows.begin() + begin_rows, nodes.rows.end());
     nodes.row_start[Offset{s} + 1] = nodes.rows.size();
     const Index column_parent = column_parents[static_cast<std::size_t>(end - 1)];
     nodes.parent[s] = column_parent == -1 ? -1 : supernode_of[column_parent];
@@ -183,7 +183,7 @@ inline void link_to_parents(Supernodes& nodes) {
 /// changes no fill.
 [[nodiscard]] inline Supernodes find_supernodes(const BlockPattern& pattern, std::vector<Index> order, int block_size) {
   Supernodes nodes;
-  nodes.order = Table<Index>(std::move(order));
+  nodes.order = Table<Index>(std::span<const Index>(order));
   {
     const BlockPattern ordered = permuted(pattern, inverse_permutation(nodes.order));
     const std::vector<Index> parents = elimination_tree(ordered);
