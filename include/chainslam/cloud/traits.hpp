@@ -2,8 +2,7 @@
 
 #include <Eigen/Core>
 #include <concepts>
-#include <ranges>
-#include <type_traits>
+#include <iterator>
 
 #include "chainslam/core/types.hpp"
 
@@ -22,24 +21,32 @@ namespace chainslam {
 template <class T>
 struct CloudTraits;
 
+/// A contiguous, sized range of `Value`. Asked of its iterator: the header <ranges> takes as long to read as a tenth of
+/// Eigen.
+template <class Range, class Value>
+concept SequenceOf = requires(const Range& range) {
+  { std::ranges::begin(range) } -> std::contiguous_iterator;
+  { std::ranges::size(range) } -> std::integral;
+  requires std::same_as<std::iter_value_t<decltype(std::ranges::data(range))>, Value>;
+};
+
 /// Every contiguous range of 3-vectors is a cloud: `std::vector<Eigen::Vector3f>`, `std::span<const Eigen::Vector3d>`,
 /// ...
-template <std::ranges::contiguous_range Range>
-  requires std::ranges::sized_range<Range> &&
-      (std::same_as<std::remove_cv_t<std::ranges::range_value_t<Range>>, Eigen::Vector3f> ||
-       std::same_as<std::remove_cv_t<std::ranges::range_value_t<Range>>, Eigen::Vector3d>)struct CloudTraits<Range> {
-    static std::size_t size(const Range& range) { return std::ranges::size(range); }
-    static const auto& position(const Range& range, std::size_t i) { return std::ranges::data(range)[i]; }
-  };
+template <class Range>
+  requires SequenceOf<Range, Eigen::Vector3f> || SequenceOf<Range, Eigen::Vector3d>
+struct CloudTraits<Range> {
+  static std::size_t size(const Range& range) { return std::ranges::size(range); }
+  static const auto& position(const Range& range, std::size_t i) { return std::ranges::data(range)[i]; }
+};
 
-  /// A 3 x n matrix is a cloud of its columns.
-  template <class Scalar, int Columns, int Options>
-  struct CloudTraits<Eigen::Matrix<Scalar, 3, Columns, Options>> {
-    using Matrix = Eigen::Matrix<Scalar, 3, Columns, Options>;
-    static std::size_t size(const Matrix& matrix) { return static_cast<std::size_t>(matrix.cols()); }
-    static Eigen::Matrix<Scalar, 3, 1> position(const Matrix& matrix, std::size_t i) {
-      return matrix.col(static_cast<Eigen::Index>(i));
-    }
-  };
+/// A 3 x n matrix is a cloud of its columns.
+template <class Scalar, int Columns, int Options>
+struct CloudTraits<Eigen::Matrix<Scalar, 3, Columns, Options>> {
+  using Matrix = Eigen::Matrix<Scalar, 3, Columns, Options>;
+  static std::size_t size(const Matrix& matrix) { return static_cast<std::size_t>(matrix.cols()); }
+  static Eigen::Matrix<Scalar, 3, 1> position(const Matrix& matrix, std::size_t i) {
+    return matrix.col(static_cast<Eigen::Index>(i));
+  }
+};
 
 }  // namespace chainslam

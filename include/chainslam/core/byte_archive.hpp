@@ -21,13 +21,12 @@ class ByteSink {
   void put(const T& value) {
     auto bytes = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
     if constexpr (std::endian::native == std::endian::big) std::reverse(bytes.begin(), bytes.end());
-    bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
+    append(bytes.data(), bytes.size());
   }
   /// As it lies in memory.
   template <class T>
   void put_raw(const T& value) {
-    const auto* const data = reinterpret_cast<const std::byte*>(&value);
-    bytes_.insert(bytes_.end(), data, data + sizeof(T));
+    append(&value, sizeof(T));
   }
   /// How many, and each.
   template <class List>
@@ -38,6 +37,12 @@ class ByteSink {
   [[nodiscard]] std::vector<std::byte>& bytes() { return bytes_; }
 
  private:
+  void append(const void* data, std::size_t count) {
+    const std::size_t end = bytes_.size();
+    bytes_.resize(end + count);
+    std::memcpy(bytes_.data() + end, data, count);
+  }
+
   std::vector<std::byte> bytes_;
 };
 
@@ -76,20 +81,16 @@ class ByteSource {
 /// FNV-1a, 64 bits, of all bytes but the 8 of the check number itself.
 [[nodiscard]] inline std::uint64_t check_number(std::span<const std::byte> bytes, std::size_t check_at) {
   std::uint64_t hash = 0xcbf2'9ce4'8422'2325U;
-  const auto add = [&](std::span<const std::byte> part) {
-    for (const std::byte b : part) hash = (hash ^ static_cast<std::uint64_t>(b)) * 0x100'0000'01b3U;
-  };
-  add(bytes.first(check_at));
-  add(bytes.subspan(check_at + sizeof hash));
+  for (std::size_t i = 0; i < bytes.size(); ++i)
+    if (i < check_at || i >= check_at + sizeof hash)
+      hash = (hash ^ static_cast<std::uint64_t>(bytes[i])) * 0x100'0000'01b3U;
   return hash;
 }
 
 /// Writes the check number into bytes that are otherwise complete.
 inline void seal(std::vector<std::byte>& bytes, std::size_t check_at) {
-  ByteSink number;
-  number.put(check_number(bytes, check_at));
-  std::copy(number.bytes().begin(), number.bytes().end(),
-            bytes.begin() + static_cast<std::vector<std::byte>::difference_type>(check_at));
+  std::uint64_t number = check_number({bytes.data(), bytes.size()}, check_at);
+  for (std::size_t i = 0; i < sizeof number; ++i, number >>= 8) bytes[check_at + i] = static_cast<std::byte>(number);
 }
 
 }  // namespace chainslam

@@ -19,7 +19,7 @@ namespace detail {
 
 /// Apart, so that each place that narrows a size does not carry the message's making.
 [[noreturn]] [[gnu::cold]] [[gnu::noinline]] inline void refuse_size(const char* what) {
-  throw std::invalid_argument(std::string(what) + " exceeds 2^31 - 1");
+  throw std::invalid_argument(std::string(what).append(" exceeds 2^31 - 1"));
 }
 
 }  // namespace detail

@@ -243,16 +243,16 @@ void IkdTree<ScalarType, Policy, Dim, Payload>::build(const Points& points) {
     insert(points);
   } else {
     const Index count = detail::source_size<Dim>(points);
-    std::vector<Point> finite;
-    finite.reserve(static_cast<std::size_t>(count));
+    std::vector<Point> finite(static_cast<std::size_t>(count));
+    std::size_t taken = 0;
     for (Index i = 0; i < count; ++i) {
       const Vector p = detail::source_position<Scalar, Dim>(points, i);
       if (is_finite(p))
-        finite.push_back(tree_point(p, {}));
+        finite[taken++] = tree_point(p, {});
       else
         ++rejected_;
     }
-    detail::BoxTreeBuilder<Tree>::build(tree_, finite);
+    detail::BoxTreeBuilder<Tree>::build(tree_, {finite.data(), taken});
   }
 }
 
@@ -384,7 +384,7 @@ auto IkdTree<ScalarType, Policy, Dim, Payload>::load(std::span<const std::byte> 
     if (!tree.thinning_.restore(Vector(points[i].at.data()), state))
       detail::refuse_tree(name, detail::TreeHeader::bytes + i * sizeof(Scalar) * Dim, "a point that cannot be there");
   }
-  detail::BoxTreeBuilder<Tree>::build(tree.tree_, points);
+  detail::BoxTreeBuilder<Tree>::build(tree.tree_, {points.data(), points.size()});
   tree.rejected_ = static_cast<Index>(head.rejected);
   return tree;
 }

@@ -64,7 +64,7 @@ class BoxTreeBuilder {
   void add_children(typename Tree::Link node, std::span<Point> points, std::size_t level, std::size_t children) {
     const std::size_t n = points.size(), most = room(level);
     if (n <= most) {
-      const Entry entry = level == 0 ? tree_.leaf_entry(points) : make_node(points, level - 1);
+      const Entry entry = level == 0 ? tree_.leaf_entry(points.data(), n) : make_node(points, level - 1);
       tree_.at(node).push_back(entry);
       return;
     }
@@ -85,7 +85,7 @@ class BoxTreeBuilder {
     add_children(node, points.subspan(split.below), level, children - first);
   }
 
-  [[nodiscard]] std::span<Point> scratch() { return scratch_; }
+  [[nodiscard]] std::span<Point> scratch() { return {scratch_.data(), scratch_.size()}; }
 
   Tree& tree_;
   std::vector<Point> scratch_;

@@ -3,7 +3,6 @@
 #include <array>
 #include <cstddef>
 #include <optional>
-#include <span>
 
 #include "chainslam/search/detail/box_split.hpp"
 #include "chainslam/search/detail/box_tree.hpp"
@@ -72,8 +71,10 @@ class BoxTreeCutter {
   }
 
   /// Parts the children between two nodes.
-  void part(std::span<const Entry> children, std::size_t level, const Plane<Scalar>& plane, Link below, Link above) {
-    for (const Entry& child : children) {
+  void part(const Entry* children, std::size_t count, std::size_t level, const Plane<Scalar>& plane, Link below,
+            Link above) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const Entry& child = children[i];
       if (plane.above_all(child.box)) {
         tree_.at(below).push_back(child);
       } else if (plane.below_all(child.box)) {
@@ -84,7 +85,7 @@ class BoxTreeCutter {
         tree_.at(above).push_back(halves[1]);
       }
     }
-    tree_.moved_links += children.size();
+    tree_.moved_links += count;
   }
 
  private:
@@ -92,7 +93,8 @@ class BoxTreeCutter {
   static constexpr std::size_t most_children = Node::width - 1;
 
   /// Adds the points in leaves that the plane crosses; stops counting beyond the budget.
-  void count_crossed(const Entry& child, std::size_t level, const Plane<Scalar>& plane, std::size_t& count) const {
+  [[gnu::noinline]] void count_crossed(const Entry& child, std::size_t level, const Plane<Scalar>& plane,
+                                       std::size_t& count) const {
     if (count > tree_.budget || !plane.crosses(child.box)) return;
     if (level == 0) {
       count += child.points;
@@ -112,8 +114,7 @@ class BoxTreeCutter {
       sides[side][counts[side]++] = point;
     }
     tree_.runs.release(run);
-    return {tree_.leaf_entry(std::span<const Point>(sides[0]).first(counts[0])),
-            tree_.leaf_entry(std::span<const Point>(sides[1]).first(counts[1]))};
+    return {tree_.leaf_entry(sides[0].data(), counts[0]), tree_.leaf_entry(sides[1].data(), counts[1])};
   }
 
   [[nodiscard]] std::array<Entry, 2> cut_node(const Entry& child, std::size_t level, const Plane<Scalar>& plane) {
@@ -122,7 +123,7 @@ class BoxTreeCutter {
     for (std::size_t lane = 0; lane < count; ++lane) children[lane] = tree_.at(child.link).entry(lane);
     tree_.at(child.link).clear();
     const Link above = tree_.take_node();
-    part(std::span<const Entry>(children).first(count), level - 1, plane, child.link, above);
+    part(children.data(), count, level - 1, plane, child.link, above);
     return {tree_.node_entry(child.link), tree_.node_entry(above)};
   }
 

@@ -64,7 +64,7 @@ class BoxTreeInserter {
   void start(const Point& point) {
     tree_.root = tree_.take_node();
     tree_.height = 1;
-    tree_.at(tree_.root).push_back(tree_.leaf_entry(std::span(&point, 1)));
+    tree_.at(tree_.root).push_back(tree_.leaf_entry(&point, 1));
   }
 
   void add_to_leaf(const Path& path, const Point& point) {
@@ -90,9 +90,10 @@ class BoxTreeInserter {
     for (std::uint32_t lane = 0; lane < RunLink::max_points; ++lane) points[lane] = tree_.runs.get(run.slot(lane));
     points.back() = point;
     tree_.runs.release(run);
-    const std::size_t below = split_points<Point>(points, scratch, total / 4, total - total / 4).below;
-    tree_.at(path.node[0]).set(path.lane[0], tree_.leaf_entry(std::span<const Point>(points).first(below)));
-    add_child(path, tree_.leaf_entry(std::span<const Point>(points).subspan(below)));
+    const std::size_t below =
+        split_points<Point>({points.data(), total}, {scratch.data(), total}, total / 4, total - total / 4).below;
+    tree_.at(path.node[0]).set(path.lane[0], tree_.leaf_entry(points.data(), below));
+    add_child(path, tree_.leaf_entry(points.data() + below, total - below));
   }
 
   /// Gives the node at the path's level 0 one more child, splitting the nodes on the path that have no room.
@@ -123,7 +124,7 @@ class BoxTreeInserter {
     tree_.at(link).clear();
     BoxTreeCutter<Tree> cutter(tree_);
     if (const auto plane = cutter.find_plane(children, level)) {
-      cutter.part(children, level, *plane, link, second);
+      cutter.part(children.data(), children.size(), level, *plane, link, second);
     } else {
       const std::size_t first = split_entries(children);
       for (std::size_t i = 0; i < children.size(); ++i) tree_.at(i < first ? link : second).push_back(children[i]);
@@ -133,13 +134,13 @@ class BoxTreeInserter {
   }
 
   [[nodiscard]] std::array<Entry, 2> sort_anew(Link link, const Entry& more, std::size_t level, std::size_t count) {
-    std::vector<Point> points;
-    points.reserve(count);
+    std::vector<Point> points(count);
+    Point* next = points.data();
     const Node& node = tree_.at(link);
-    for (std::size_t lane = 0; lane < node.count; ++lane) tree_.take_points(node.entry(lane), level, points);
-    tree_.take_points(more, level, points);
+    for (std::size_t lane = 0; lane < node.count; ++lane) next = tree_.take_points(node.entry(lane), level, next);
+    tree_.take_points(more, level, next);
     tree_.release_node(link);
-    return BoxTreeBuilder<Tree>::two_nodes(tree_, points, level);
+    return BoxTreeBuilder<Tree>::two_nodes(tree_, {points.data(), count}, level);
   }
 
   void grow_root(const std::array<Entry, 2>& halves) {
@@ -151,10 +152,10 @@ class BoxTreeInserter {
   }
 
   void build_anew(const std::array<Entry, 2>& halves) {
-    std::vector<Point> points;
-    points.reserve(tree_.size);
-    for (const Entry& half : halves) tree_.take_points(half, tree_.height, points);
-    BoxTreeBuilder<Tree>::build(tree_, points);
+    std::vector<Point> points(tree_.size);
+    Point* next = points.data();
+    for (const Entry& half : halves) next = tree_.take_points(half, tree_.height, next);
+    BoxTreeBuilder<Tree>::build(tree_, {points.data(), points.size()});
   }
 
   Tree& tree_;

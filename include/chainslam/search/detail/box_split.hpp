@@ -6,20 +6,22 @@
 #include <cstring>
 #include <limits>
 #include <span>
+#include <utility>
+#include <vector>
 
 #include "chainslam/search/detail/box_node.hpp"
 
 namespace chainslam::detail {
 
-/// Moves the points for which `below(p)` holds to the front, the others behind them, both in their order, without a
+/// Moves the points below a plane across an axis to the front, the others behind them, both in their order, without a
 /// branch: no processor could guess it. Returns how many are in front. `scratch` is as long as `points`, or longer.
-template <class Point, class Below>
-std::size_t part_points(std::span<Point> points, std::span<Point> scratch, Below&& below) {
+template <class Point, class Scalar>
+std::size_t part_points(std::span<Point> points, std::span<Point> scratch, std::size_t axis, Scalar at) {
   Point* const begin = points.data();
   Point* front = begin;
   Point* behind = scratch.data();  // by how many are in front too far
   for (const Point& here : points) {
-    const bool in_front = below(here);
+    const bool in_front = here.at[axis] < at;
     alignas(Point) std::array<std::byte, sizeof(Point)> whole;  // what lies between members, too: one register at once
     std::memcpy(whole.data(), &here, sizeof(Point));
     std::memcpy(static_cast<void*>(front), whole.data(), sizeof(Point));
@@ -33,7 +35,7 @@ std::size_t part_points(std::span<Point> points, std::span<Point> scratch, Below
 
 /// The tight box of points.
 template <class Point, class Scalar = typename decltype(Point::at)::value_type>
-[[nodiscard]] auto box_of_points(std::span<const Point> points) {
+[[nodiscard]] auto box_of_points(std::span<Point> points) {
   constexpr std::size_t dim = std::tuple_size_v<decltype(Point::at)>;
   Bounds<Scalar, static_cast<int>(dim)> box;
   if constexpr (sizeof(Point) == 16 && sizeof(Scalar) == 4 && dim == 3) {
@@ -73,19 +75,32 @@ struct PointSplit {
   std::size_t below;
 };
 
+/// Orders points so that the first `count` lie below the plane through the next, or at it. Of the coordinates alone, in
+/// `values`, the standard library picks the plane's: numbers are moved faster than points.
+template <class Point, class Scalar>
+void select_exactly(std::span<Point> points, std::span<Point> scratch, Scalar* values, std::size_t axis,
+                    std::size_t count) {
+  for (std::size_t i = 0; i < points.size(); ++i) values[i] = points[i].at[axis];
+  std::nth_element(values, values + count, values + points.size());
+  const Scalar at = values[count];
+  std::size_t front = part_points(points, scratch, axis, at);
+  for (std::size_t i = front; front <= count; ++i)
+    if (points[i].at[axis] == at) std::swap(points[i], points[front++]);
+}
+
 /// Orders points so that the first `count`, one or more but not all, lie below a plane across an axis, the others
 /// above.
 ///
 /// Quickselect (Hoare 1961) by ranks of a sample, as Floyd and Rivest 1975 choose them, without a branch a point; small
-/// parts, and many equal points, are left to the standard library.
+/// parts, and many equal points, by all of their coordinates.
 template <class Point, class Scalar = typename decltype(Point::at)::value_type>
 [[nodiscard]] PointSplit<Scalar> select_points(std::span<Point> points, std::span<Point> scratch, std::size_t axis,
                                                std::size_t count) {
   constexpr std::size_t small = 64, large = 2048, most_rounds = 8;
+  std::array<Scalar, 128> room;
   std::size_t begin = 0, end = points.size();
   for (std::size_t round = 0; round < most_rounds && end - begin > small; ++round) {
-    std::array<Scalar, 128> room;
-    const std::span<Scalar> sample = std::span(room).first(end - begin < large ? 32 : 128);
+    const std::span<Scalar> sample(room.data(), end - begin < large ? 32 : 128);
     const std::size_t step = (end - begin) / sample.size(), beside = sample.size() / 16;
     for (std::size_t i = 0; i < sample.size(); ++i) sample[i] = points[begin + i * step].at[axis];
     // Beside the wanted rank on the side of fewer points: most likely they are all that is left.
@@ -93,15 +108,14 @@ template <class Point, class Scalar = typename decltype(Point::at)::value_type>
     rank = 2 * rank < sample.size() ? rank + beside : rank - beside;
     std::nth_element(sample.data(), sample.data() + rank, sample.data() + sample.size());
     const Scalar at = sample[rank];
-    const std::size_t below = begin + part_points(points.subspan(begin, end - begin), scratch,
-                                                  [&](const Point& p) { return p.at[axis] < at; });
+    const std::size_t below = begin + part_points(points.subspan(begin, end - begin), scratch, axis, at);
     if (below == count) return {axis, at, below};
     if (below == begin) break;
     (below < count ? begin : end) = below;
   }
-  const auto place = [&](std::size_t i) { return points.begin() + static_cast<std::ptrdiff_t>(i); };
-  std::nth_element(place(begin), place(count), place(end),
-                   [axis](const Point& a, const Point& b) { return a.at[axis] < b.at[axis]; });
+  const std::span<Point> left = points.subspan(begin, end - begin);
+  std::vector<Scalar> more_room(left.size() > room.size() ? left.size() : 0);
+  select_exactly(left, scratch, more_room.empty() ? room.data() : more_room.data(), axis, count - begin);
   return {axis, points[count].at[axis], count};
 }
 
@@ -121,7 +135,7 @@ void move_split(PointSplit<Scalar>& split, std::span<Point> points, std::span<Po
 template <class Point, class Scalar = typename decltype(Point::at)::value_type>
 [[nodiscard]] PointSplit<Scalar> split_points(std::span<Point> points, std::span<Point> scratch, std::size_t at_least,
                                               std::size_t at_most) {
-  const auto box = box_of_points(std::span<const Point>(points));
+  const auto box = box_of_points(points);
   const std::size_t axis = box.widest_axis();
   const Scalar middle = box.low[axis] / 2 + box.high[axis] / 2;
   if (const std::size_t sample = 32, n = points.size(); n >= 8 * sample) {
@@ -134,7 +148,7 @@ template <class Point, class Scalar = typename decltype(Point::at)::value_type>
       if (low < at_least ? split.at >= middle : split.at < middle) return split;
     }
   }
-  const std::size_t below = part_points(points, scratch, [&](const Point& p) { return p.at[axis] < middle; });
+  const std::size_t below = part_points(points, scratch, axis, middle);
   PointSplit<Scalar> split{axis, middle, below};
   move_split(split, points, scratch, std::clamp(below, at_least, at_most));
   return split;

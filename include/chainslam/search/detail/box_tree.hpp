@@ -3,7 +3,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <span>
 #include <utility>
 #include <vector>
 
@@ -61,10 +60,10 @@ struct BoxTree {
     for (std::uint32_t lane = 0; lane < points; ++lane) box.include(runs.get(run.slot(lane)).at);
     return box;
   }
-  [[nodiscard]] Entry leaf_entry(std::span<const Point> points) {
-    Entry entry{{}, runs.store(points).packed(), static_cast<std::uint32_t>(points.size())};
-    for (const Point& p : points) entry.box.include(p.at);
-    moved_points += points.size();
+  [[nodiscard]] Entry leaf_entry(const Point* points, std::size_t count) {
+    Entry entry{{}, runs.store(points, count).packed(), static_cast<std::uint32_t>(count)};
+    for (std::size_t i = 0; i < count; ++i) entry.box.include(points[i].at);
+    moved_points += count;
     return entry;
   }
 
@@ -74,25 +73,27 @@ struct BoxTree {
   [[nodiscard]] std::size_t count_below(const Entry& child, std::size_t level, std::size_t limit) const {
     return level == 0 ? child.points : count_below(child.link, level - 1, limit);
   }
-  /// Points below a node.
-  [[nodiscard]] std::size_t count_below(Link link, std::size_t level, std::size_t limit) const {
+  /// Points below a node. Not inlined into itself: a compiler would unfold several levels.
+  [[nodiscard, gnu::noinline]] std::size_t count_below(Link link, std::size_t level, std::size_t limit) const {
     const Node& node = at(link);
     std::size_t count = 0;
     for (std::size_t lane = 0; lane < node.count && count <= limit; ++lane)
       count += level == 0 ? node.points[lane] : count_below(node.link[lane], level - 1, limit - count);
     return count;
   }
-  /// Appends the points below a child of a node at a level, and frees what held them.
-  void take_points(const Entry& child, std::size_t level, std::vector<Point>& points) {
+  /// Writes the points below a child of a node at a level to `points` and behind it, and frees what held them. Returns
+  /// where the next goes.
+  [[gnu::noinline]] Point* take_points(const Entry& child, std::size_t level, Point* points) {
     if (level == 0) {
       const RunLink run(child.link);
-      for (std::uint32_t lane = 0; lane < child.points; ++lane) points.push_back(runs.get(run.slot(lane)));
+      for (std::uint32_t lane = 0; lane < child.points; ++lane) *points++ = runs.get(run.slot(lane));
       runs.release(run);
-      return;
+      return points;
     }
     const Node& node = at(child.link);
-    for (std::size_t lane = 0; lane < node.count; ++lane) take_points(node.entry(lane), level - 1, points);
+    for (std::size_t lane = 0; lane < node.count; ++lane) points = take_points(node.entry(lane), level - 1, points);
     release_node(child.link);
+    return points;
   }
 
   [[nodiscard]] std::size_t memory() const {

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
-#include <span>
 #include <type_traits>
 #include <vector>
 
@@ -143,9 +142,9 @@ class PointRuns {
   }
 
   /// A new run with these points, 1 to 32.
-  [[nodiscard]] RunLink store(std::span<const Point> points) {
-    const RunLink run = take(points.size());
-    for (std::size_t i = 0; i < points.size(); ++i) set(run.slot(static_cast<std::uint32_t>(i)), points[i]);
+  [[nodiscard]] RunLink store(const Point* points, std::size_t count) {
+    const RunLink run = take(count);
+    for (std::size_t i = 0; i < count; ++i) set(run.slot(static_cast<std::uint32_t>(i)), points[i]);
     return run;
   }
 

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <concepts>
 #include <cstddef>
-#include <ranges>
+#include <iterator>
 #include <type_traits>
 #include <vector>
 
@@ -14,9 +14,7 @@ namespace chainslam::detail {
 
 /// A contiguous range of vectors of Dim coordinates, such as `std::vector<Eigen::Vector2f>`.
 template <class T, int Dim>
-concept VectorRange = std::ranges::contiguous_range<T> && std::ranges::sized_range<T> &&
-    (std::same_as<std::remove_cv_t<std::ranges::range_value_t<T>>, Eigen::Matrix<float, Dim, 1>> ||
-     std::same_as<std::remove_cv_t<std::ranges::range_value_t<T>>, Eigen::Matrix<double, Dim, 1>>);
+concept VectorRange = SequenceOf<T, Eigen::Matrix<float, Dim, 1>> || SequenceOf<T, Eigen::Matrix<double, Dim, 1>>;
 
 /// In three dimensions the source itself must be a cloud; in two, a range of vectors stands for one.
 template <class T, int Dim>

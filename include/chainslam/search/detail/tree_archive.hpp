@@ -45,7 +45,8 @@ inline constexpr std::uint64_t tree_mark = 0x0A0D'444B'4953'4389U;
 inline constexpr std::uint32_t tree_version = 1;
 inline constexpr std::size_t tree_check_at = 40;
 
-inline void put_header(ByteSink& out, const TreeHeader& header) {
+template <class Sink>
+void put_header(Sink& out, const TreeHeader& header) {
   out.put(tree_mark);
   out.put(tree_version);
   out.put(header.scalar_bytes);
