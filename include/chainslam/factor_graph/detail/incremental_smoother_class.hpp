@@ -296,8 +296,6 @@ class IncrementalSmoother {
   }
   void relinearize_at(Key key, const Group& origin);
   void relinearize_all();
-  template <class Restart>
-  static constexpr bool restarts = std::is_same_v<Restart, ChordalRestart>&& RigidMotionGroup<Group>;
   static constexpr bool any_constraint = (detail::is_constraint<Extra> || ...);
   template <class Restart, Executor Exec>
   [[nodiscard]] ConvergeReport converge_springs(const ConvergeOptions<Restart>& options, const Exec& executor);

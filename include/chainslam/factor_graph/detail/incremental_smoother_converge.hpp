@@ -11,6 +11,14 @@
 
 namespace chainslam {
 
+namespace detail {
+
+/// Whether `converge` may start again: the relaxation is of rigid motions.
+template <class Restart, class Group>
+inline constexpr bool restarts = std::is_same_v<Restart, ChordalRestart>&& RigidMotionGroup<Group>;
+
+}  // namespace detail
+
 /// The smoother's graph with values of its own, as the batch optimiser asks for one.
 template <class Group, class... Extra>
 class IncrementalSmoother<Group, Extra...>::View {
@@ -126,7 +134,7 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const Conv
   }
   Index rows = 0;
   pools_.for_each_term([&](Index term) { rows += solver_.terms().rows(term); });
-  if (restarts<Restart> && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
+  if (detail::restarts<Restart, Group> && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
     damped_descent(values(), options, report, executor);
   return report;
 }
@@ -153,7 +161,7 @@ void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, c
     start = optimization.take_values();
   };
   if (!report.converged) descend(start, ConvergeMethod::levenberg_marquardt, 1.0);
-  if constexpr (restarts<Restart>) {
+  if constexpr (detail::restarts<Restart, Group>) {
     const std::optional<Values<Group>> relaxed = chordal_initialization(View(*this, start));
     if (relaxed) descend(*relaxed, ConvergeMethod::chordal_restart, 1.0 - 1e-9);
   }
