@@ -53,7 +53,7 @@ class Table {
   using value_type = T;
 
   Table() = default;
-  explicit Table(Offset size, const T& value = T{}) { assign(size, value); }
+  explicit Table(Offset size, T value = T{}) { assign(size, value); }
   explicit Table(std::span<const T> values) { append(values); }
   Table(const Table& other) { memory_.copy(other.memory_, sizeof(T)); }
   Table(Table&& other) noexcept : memory_(std::exchange(other.memory_, {})) {}
@@ -83,11 +83,11 @@ class Table {
   [[nodiscard]] const T* data() const { return static_cast<const T*>(memory_.data); }
   [[nodiscard]] T& back() { return (*this)[size() - 1]; }
 
-  void assign(Offset size, const T& value) {
+  void assign(Offset size, T value) {
     clear();
     resize(size, value);
   }
-  void resize(Offset size, const T& value = T{}) {
+  [[gnu::noinline]] void resize(Offset size, T value = T{}) {
     reserve(size);
     for (Offset k = memory_.size; k < size; ++k) data()[k] = value;
     memory_.size = size;
@@ -100,7 +100,7 @@ class Table {
     data()[memory_.size++] = value;
   }
   /// @param values  not of this table.
-  void append(std::span<const T> values) {
+  [[gnu::noinline]] void append(std::span<const T> values) {
     reserve(size() + static_cast<Offset>(values.size()));
     if (!values.empty()) std::memcpy(end(), values.data(), values.size_bytes());
     memory_.size += static_cast<Offset>(values.size());

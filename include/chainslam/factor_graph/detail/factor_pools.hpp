@@ -4,9 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <deque>
 #include <span>
-#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -17,6 +15,7 @@
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/detail/packed_factor.hpp"
+#include "chainslam/factor_graph/detail/piece_list.hpp"
 #include "chainslam/factor_graph/detail/state_archive.hpp"
 
 namespace chainslam {
@@ -49,11 +48,11 @@ class FactorPlaces {
     alive_ += alive ? 1 : -1;
   }
   void set_weight(Index slot, double weight) { at_place(slot).weight = weight; }
-  [[nodiscard]] const Place& place(Index slot) const { return places_[static_cast<std::size_t>(slot)]; }
+  [[nodiscard]] const Place& place(Index slot) const { return places_[slot]; }
   [[nodiscard]] Index term(Index slot) const { return place(slot).term; }
   [[nodiscard]] Index generation(Index slot) const { return place(slot).generation; }
   /// Places, be they taken or not.
-  [[nodiscard]] Index places() const { return to_index(places_.size()); }
+  [[nodiscard]] Index places() const { return places_.size(); }
   [[nodiscard]] Index alive() const { return alive_; }
   [[nodiscard]] bool contains(const FactorId& id) const {
     return id.slot >= 0 && id.slot < places() && place(id.slot).alive && generation(id.slot) == id.generation;
@@ -65,7 +64,7 @@ class FactorPlaces {
     ++alive_;
     Index slot = places();
     if (free_.empty()) {
-      places_.emplace_back();
+      places_.add();
     } else {
       slot = free_.back();
       free_.pop_back();
@@ -77,10 +76,10 @@ class FactorPlaces {
     ++at_place(slot).generation;
     free_.push_back(slot);
   }
-  [[nodiscard]] Place& at_place(Index slot) { return places_[static_cast<std::size_t>(slot)]; }
+  [[nodiscard]] Place& at_place(Index slot) { return places_[slot]; }
 
-  std::deque<Place> places_;  ///< grows without a copy, in time and in memory
-  std::vector<Index> free_;
+  PieceList<Place> places_;
+  Table<Index> free_;
   Index alive_ = 0;
 };
 
@@ -134,30 +133,29 @@ class FactorPool final : public AnyFactorPool<typename F::Value> {
   /// @returns the factor's place.
   [[nodiscard]] Index add(const F& factor, Index term) {
     const Index slot = this->take_place(term);
-    const auto at = static_cast<std::size_t>(slot);
-    if (at == factors_.size()) factors_.emplace_back();
-    factors_[at] = Packed(factor, shared_);
+    if (slot == factors_.size()) factors_.add();
+    factors_[slot] = Packed(factor, shared_);
     return slot;
   }
   /// To be changed in place; its keys stay. For types that are kept as they are.
-  [[nodiscard]] F& factor(Index slot) { return factors_[static_cast<std::size_t>(slot)].factor; }
+  [[nodiscard]] F& factor(Index slot) { return factors_[slot].factor; }
   [[nodiscard]] Entry at(Index slot) const {
     const Place& place = this->place(slot);
-    return {factors_[static_cast<std::size_t>(slot)].unpacked(shared_), place.weight, place.term, place.alive};
+    return {factors_[slot].unpacked(shared_), place.weight, place.term, place.alive};
   }
 
   [[nodiscard]] FactorTraits traits() const override {
     return {holds_in_place<F>, is_left_invariant<F>, is_weighable<F>};
   }
   void linearize(Index slot, const Values<Group>& values, Kernels kernels, double* numbers) const override {
-    write_linearization<F>(factors_[static_cast<std::size_t>(slot)].unpacked(shared_), values, kernels, numbers);
+    write_linearization<F>(factors_[slot].unpacked(shared_), values, kernels, numbers);
   }
   void residual(Index slot, const Values<Group>& values, double* residual) const override {
-    write_residual<F>(factors_[static_cast<std::size_t>(slot)].unpacked(shared_), values, residual);
+    write_residual<F>(factors_[slot].unpacked(shared_), values, residual);
   }
   void release(Index slot) override {
     this->release_place(slot);
-    factors_[static_cast<std::size_t>(slot)].give_back(shared_);
+    factors_[slot].give_back(shared_);
   }
 
   /// visit(entry) for each factor that is there.
@@ -179,20 +177,20 @@ class FactorPool final : public AnyFactorPool<typename F::Value> {
       out.put(place.generation + more);
       if (!place.alive) continue;
       out.put(place.weight);
-      const F& factor = factors_[static_cast<std::size_t>(slot)].unpacked(shared_);
+      const F& factor = factors_[slot].unpacked(shared_);
       F::visit_members(factor, write);
     }
-    std::vector<Index> unused = this->free_;
-    unused.insert(unused.end(), released.begin(), released.end());
+    Table<Index> unused = this->free_;
+    unused.append(released);
     out.put_list(unused);
   }
   /// What `save` wrote, into an empty pool.
   void load(ByteSource& in) {
     StateReader read(in);
-    this->places_.resize(in.take<std::uint64_t>());
-    factors_.resize(this->places_.size());
-    for (std::size_t slot = 0; slot < factors_.size(); ++slot) {
-      Place& place = this->places_[slot];
+    const auto count = in.take<std::uint64_t>();
+    for (std::uint64_t k = 0; k < count; ++k) {
+      Place& place = this->places_.add();
+      Packed& packed = factors_.add();
       place.term = in.take<Index>();
       place.generation = in.take<Index>();
       place.alive = place.term >= 0;
@@ -201,19 +199,24 @@ class FactorPool final : public AnyFactorPool<typename F::Value> {
       place.weight = in.take<double>();
       F factor;
       F::visit_members(factor, read);
-      factors_[slot] = Packed(factor, shared_);
+      packed = Packed(factor, shared_);
     }
     in.take_list(this->free_);
   }
 
  private:
-  std::deque<Packed> factors_;  ///< of each place
+  PieceList<Packed> factors_;  ///< of each place
   [[no_unique_address]] Shared shared_;
+};
+
+template <Factor F>
+struct HeldPool {
+  FactorPool<F> pool;
 };
 
 /// A pool for each type of factor, and which factor each term of the linear system comes from.
 template <Factor First, Factor... Others>
-class FactorPools {
+class FactorPools : HeldPool<First>, HeldPool<Others>... {
   using Group = typename First::Value;
 
  public:
@@ -239,33 +242,35 @@ class FactorPools {
   [[nodiscard]] bool contains(const FactorId& id) const {
     return id.type >= 0 && id.type < types && pool(id.type).contains(id);
   }
-  [[nodiscard]] Place place(Index term) const { return of_term_[static_cast<std::size_t>(term)]; }
+  [[nodiscard]] Place place(Index term) const { return of_term_[term]; }
 
   /// The pool of one type.
   [[nodiscard]] const AnyFactorPool<Group>& pool(Index type) const {
-    return std::apply(
-        [type](const auto&... pools) -> const AnyFactorPool<Group>& {
-          const std::array<const AnyFactorPool<Group>*, types> all{&pools...};
-          return *all[static_cast<std::size_t>(type)];
-        },
-        pools_);
+    const std::array<const AnyFactorPool<Group>*, types> all{&pool<First>(), &pool<Others>()...};
+    return *all[static_cast<std::size_t>(type)];
   }
   [[nodiscard]] AnyFactorPool<Group>& pool(Index type) {
     return const_cast<AnyFactorPool<Group>&>(std::as_const(*this).pool(type));
   }
   template <Factor F>
   [[nodiscard]] FactorPool<F>& pool() {
-    return std::get<FactorPool<F>>(pools_);
+    return HeldPool<F>::pool;
+  }
+  template <Factor F>
+  [[nodiscard]] const FactorPool<F>& pool() const {
+    return HeldPool<F>::pool;
   }
   /// visit(entry) for each factor, type by type.
   template <class Visit>
   void for_each(Visit&& visit) const {
-    std::apply([&](const auto&... pools) { (pools.for_each(visit), ...); }, pools_);
+    pool<First>().for_each(visit);
+    (pool<Others>().for_each(visit), ...);
   }
   /// visit(pool) with each type's pool.
   template <class Visit>
   void for_each_pool(Visit&& visit) {
-    std::apply([&](auto&... pools) { (visit(pools), ...); }, pools_);
+    visit(pool<First>());
+    (visit(pool<Others>()), ...);
   }
 
   /// Calls visit(term) for each factor, type by type.
@@ -297,11 +302,12 @@ class FactorPools {
 
   /// @param released  places of each type that are taken as if they had been released, in this order.
   void save(ByteSink& out, std::span<const std::vector<Index>> released) const {
+    pool<First>().save(out, released[0]);
     std::size_t type = 0;
-    std::apply([&](const auto&... pools) { (pools.save(out, released[type++]), ...); }, pools_);
+    (pool<Others>().save(out, released[++type]), ...);
   }
   void load(ByteSource& in) {
-    std::apply([&](auto&... pools) { (pools.load(in), ...); }, pools_);
+    for_each_pool([&](auto& pool) { pool.load(in); });
     for (Index type = 0; type < types; ++type) {
       const FactorPlaces& places = pool(type);
       for (Index slot = 0; slot < places.places(); ++slot) {
@@ -312,7 +318,7 @@ class FactorPools {
 
   template <Factor F>
   [[nodiscard]] Index count() const {
-    return std::get<FactorPool<F>>(pools_).alive();
+    return pool<F>().alive();
   }
   [[nodiscard]] Index count() const {
     Index sum = 0;
@@ -327,8 +333,8 @@ class FactorPools {
     for (Offset k = 0; k < size; ++k) numbers[k] *= root;
   }
   void set_place(Index term, const Place& place) {
-    if (term >= to_index(of_term_.size())) of_term_.resize(static_cast<std::size_t>(term) + 1);
-    of_term_[static_cast<std::size_t>(term)] = place;
+    if (term >= of_term_.size()) of_term_.resize(Offset{term} + 1);
+    of_term_[term] = place;
   }
   template <Factor F>
   [[nodiscard]] static constexpr Index type_of() {
@@ -336,8 +342,7 @@ class FactorPools {
     return static_cast<Index>(std::find(same.begin(), same.end(), true) - same.begin());
   }
 
-  std::tuple<FactorPool<First>, FactorPool<Others>...> pools_;
-  std::vector<Place> of_term_;
+  Table<Place> of_term_;
 };
 
 /// Names variables that many places later.

@@ -51,10 +51,11 @@ class IncrementalSmoother {
   using Noise = NoiseModel<Group::dof>;
   using Tangent = typename Group::Tangent;
 
-  explicit IncrementalSmoother(const SmootherOptions& options = {});
+  IncrementalSmoother();
+  explicit IncrementalSmoother(const SmootherOptions& options);
   IncrementalSmoother(IncrementalSmoother&&);
   IncrementalSmoother& operator=(IncrementalSmoother&&);
-  ~IncrementalSmoother();
+  [[gnu::cold]] ~IncrementalSmoother();
 
   /// @returns the new variable's key: 0, 1, ...
   Key add_value(const Group& initial);
@@ -257,6 +258,9 @@ class IncrementalSmoother {
   template <class Archive>
   static void visit_options(SmootherOptions& options, Archive&& archive);
   void marginalize_old();
+  /// `marginalize_old`, or null where no lag can be set: programs without need not compile it.
+  using GiveUp = void (IncrementalSmoother::*)();
+  [[gnu::cold]] IncrementalSmoother(const SmootherOptions& options, GiveUp give_up);
   void begin();
   [[gnu::cold]] void revert();
   [[gnu::cold]] void undo_change(const Change& change);
@@ -314,6 +318,7 @@ class IncrementalSmoother {
   void set_look(Key key, double look);
 
   SmootherOptions options_;
+  GiveUp give_up_old_;
   IncrementalCholesky<dof> solver_;
   Values<Group> origins_;    ///< where the factors are linearised
   Values<Group> estimates_;  ///< these, moved by the linear system's solution
@@ -344,8 +349,16 @@ class IncrementalSmoother {
 };
 
 template <class Group, class... Extra>
+IncrementalSmoother<Group, Extra...>::IncrementalSmoother() : IncrementalSmoother({}, nullptr) {}
+
+template <class Group, class... Extra>
 IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions& options)
+    : IncrementalSmoother(options, &IncrementalSmoother::marginalize_old) {}
+
+template <class Group, class... Extra>
+IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions& options, GiveUp give_up)
     : options_(options),
+      give_up_old_(give_up),
       solver_({.relative_excess = options.linear_tolerance,
                .least_error = options.least_error,
                .late_variables = options.late_variables}) {}

@@ -68,7 +68,6 @@ void IncrementalSmoother<Group, Extra...>::marginalize(std::span<const Key> keys
 /// The oldest of those that the last update knew.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::marginalize_old() {
-  if (options_.lag <= 0) return;
   std::vector<Key> old;
   for (; oldest_ < size() - options_.lag; ++oldest_) {
     if (!solver_.is_eliminated(oldest_) && !solver_.is_fixed(oldest_)) break;

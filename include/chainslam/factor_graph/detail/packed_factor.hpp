@@ -3,12 +3,12 @@
 #include <array>
 #include <cstddef>
 #include <cstring>
-#include <deque>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
+#include "chainslam/factor_graph/detail/piece_list.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 
 namespace chainslam::detail {
@@ -24,23 +24,23 @@ class SharedMatrices {
       ++at(k).uses;
       return k;
     }
-    Index k = to_index(kept_.size());
+    Index k = kept_.size();
     if (free_.empty()) {
-      kept_.push_back({matrix, 1});
+      kept_.add();
     } else {
       k = free_.back();
       free_.pop_back();
-      at(k) = {matrix, 1};
     }
+    at(k) = {matrix, 1};
     newest_[next_++ % newest_.size()] = k;
     return k;
   }
   void remove(Index k) {
     if (--at(k).uses == 0) free_.push_back(k);
   }
-  [[nodiscard]] const Matrix& operator[](Index k) const { return kept_[static_cast<std::size_t>(k)].matrix; }
+  [[nodiscard]] const Matrix& operator[](Index k) const { return kept_[k].matrix; }
   /// How many different ones are kept, or have been at once.
-  [[nodiscard]] Index size() const { return to_index(kept_.size()); }
+  [[nodiscard]] Index size() const { return kept_.size(); }
 
  private:
   static constexpr std::size_t bytes = sizeof(double) * static_cast<std::size_t>(Matrix::SizeAtCompileTime);
@@ -50,10 +50,10 @@ class SharedMatrices {
     Index uses;
   };
 
-  [[nodiscard]] Kept& at(Index k) { return kept_[static_cast<std::size_t>(k)]; }
+  [[nodiscard]] Kept& at(Index k) { return kept_[k]; }
 
-  std::deque<Kept> kept_;
-  std::vector<Index> free_;
+  PieceList<Kept> kept_;
+  Table<Index> free_;
   std::array<Index, 8> newest_{-1, -1, -1, -1, -1, -1, -1, -1};
   std::size_t next_ = 0;
 };

@@ -70,7 +70,7 @@ class IncrementalCholesky {
   };
 
   IncrementalCholesky() = default;
-  explicit IncrementalCholesky(const Options& options) : options_(options) {}
+  [[gnu::cold]] explicit IncrementalCholesky(const Options& options) : options_(options) {}
 
   /// From here on, changes can be undone; those before no longer.
   void begin() {
@@ -84,7 +84,7 @@ class IncrementalCholesky {
   }
 
   /// Makes everything as it was at `begin`, bit for bit.
-  void rollback();
+  [[gnu::cold]] void rollback();
 
   /// @returns the new variable: 0, 1, ... Its solution is 0 until the next `solve`.
   Index add_variable() {
@@ -324,8 +324,8 @@ class IncrementalCholesky {
     return std::ranges::any_of(variables, [&](Index variable) { return local_[variable] != -1; });
   }
 
-  void undo(const Journal::Entry& entry);
-  void compute_restored();
+  [[gnu::cold]] void undo(const Journal::Entry& entry);
+  [[gnu::cold]] void compute_restored();
 
   Options options_;
   detail::BlockTerms<BlockSize> terms_;

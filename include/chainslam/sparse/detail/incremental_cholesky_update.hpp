@@ -104,9 +104,16 @@ void IncrementalCholesky<BlockSize>::sort_affected() {
     return;
   }
   list_near();
-  const auto late = std::stable_partition(affected_.begin(), affected_.end(),
-                                          [&](Index variable) { return variable < newest && is_near_[variable] == 0; });
-  late_ = static_cast<Index>(late - affected_.begin());
+  detail::Table<Index> late;
+  late_ = 0;
+  for (const Index variable : affected_) {
+    if (variable < newest && is_near_[variable] == 0)
+      affected_[late_++] = variable;
+    else
+      late.push_back(variable);
+  }
+  affected_.resize(late_);
+  affected_.append(late.all());
   for (const Index variable : near_) is_near_[variable] = 0;
 }
 
