@@ -2,18 +2,15 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <array>
 #include <cstddef>
-#include <limits>
 #include <span>
 #include <stdexcept>
 #include <vector>
 
-#include "chainslam/cloud/plane_fit.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
-#include "chainslam/core/small_matrix.hpp"
+#include "chainslam/features/detail/plane_lanes.hpp"
 #include "chainslam/features/normals.hpp"
 #include "chainslam/search/concepts.hpp"
 
@@ -88,50 +85,20 @@ Neighborhoods(const PointCloud<float>&, const Search&, Rest&&...) -> Neighborhoo
 
 namespace detail {
 
-/// The plane through the neighbours of point i that are within the options' radius, or the nearest of them. Sums are
-/// taken about the point itself, in double: the neighbours are near it, so a single pass loses nothing.
+/// Leaves those of a point's neighbours that the options name.
 template <class Scalar>
-[[nodiscard]] PlaneFit plane_of(const PointCloud<float>& cloud, Index i, std::span<const Neighbor<Scalar>> neighbors,
-                                const NormalOptions& options, std::vector<Neighbor<Scalar>>& nearest) {
+void keep_wanted(std::vector<Neighbor<Scalar>>& neighbors, const NormalOptions& options) {
+  const auto wanted = static_cast<std::size_t>(options.neighbors);
+  if (wanted > 0 && neighbors.size() > wanted) {
+    std::nth_element(neighbors.begin(), neighbors.begin() + options.neighbors, neighbors.end(),
+                     [](const auto& a, const auto& b) { return a.squared_distance < b.squared_distance; });
+    neighbors.resize(wanted);
+  }
   const double squared_radius = options.radius * options.radius;
-  if (options.neighbors > 0) {
-    nearest.assign(neighbors.begin(), neighbors.end());
-    const auto wanted = static_cast<std::size_t>(options.neighbors);
-    if (nearest.size() > wanted) {
-      std::nth_element(nearest.begin(), nearest.begin() + options.neighbors, nearest.end(),
-                       [](const auto& a, const auto& b) { return a.squared_distance < b.squared_distance; });
-      nearest.resize(wanted);
-    }
-    neighbors = nearest;
-  }
-  const Eigen::Vector3f& center = cloud.positions[static_cast<std::size_t>(i)];
-  double x = 0, y = 0, z = 0, xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
-  Index count = 0;
-  for (const Neighbor<Scalar>& neighbor : neighbors) {
-    if (!(static_cast<double>(neighbor.squared_distance) <= squared_radius)) continue;
-    const Eigen::Vector3f& p = cloud.positions[static_cast<std::size_t>(neighbor.index)];
-    const std::array<double, 3> d{static_cast<double>(p[0] - center[0]), static_cast<double>(p[1] - center[1]),
-                                  static_cast<double>(p[2] - center[2])};
-    x += d[0];
-    y += d[1];
-    z += d[2];
-    xx += d[0] * d[0];
-    xy += d[0] * d[1];
-    xz += d[0] * d[2];
-    yy += d[1] * d[1];
-    yz += d[1] * d[2];
-    zz += d[2] * d[2];
-    ++count;
-  }
-  if (count < std::max(options.min_neighbors, Index{3})) return {};
-  const double share = 1.0 / count;
-  const Eigen::Vector3d mean(x * share, y * share, z * share);
-  const auto about_mean = [&](double products, int row, int column) {
-    return products * share - mean[row] * mean[column];
-  };
-  const Eigen::Matrix3d covariance = symmetric_matrix(about_mean(xx, 0, 0), about_mean(xy, 0, 1), about_mean(xz, 0, 2),
-                                                      about_mean(yy, 1, 1), about_mean(yz, 1, 2), about_mean(zz, 2, 2));
-  return fit_plane(position(cloud, static_cast<std::size_t>(i)) + mean, covariance);
+  std::size_t kept = 0;
+  for (const Neighbor<Scalar>& neighbor : neighbors)
+    if (static_cast<double>(neighbor.squared_distance) <= squared_radius) neighbors[kept++] = neighbor;
+  neighbors.resize(kept);
 }
 
 }  // namespace detail
@@ -149,25 +116,23 @@ NormalEstimates estimate_normals(PointCloud<float>& cloud, const Neighborhoods<S
   const Index size = to_index(cloud.size(), "cloud");
   if (neighborhoods.size() != size)
     throw std::invalid_argument("estimate_normals: the neighbourhoods are of another cloud");
-  NormalEstimates estimates;
-  cloud.normals.assign(cloud.size(), Eigen::Vector3f::Zero());
-  estimates.planarity.assign(cloud.size(), 0.0F);
-  estimates.curvature.assign(cloud.size(), 0.0F);
+  NormalEstimates estimates = detail::no_normals(cloud, options);
+  const detail::NormalWriter writer{cloud, estimates, options, viewpoint};
   const auto estimate_chunk = [&](Index begin, Index end) {
-    std::vector<Neighbor<Scalar>> scratch;
+    std::vector<Neighbor<Scalar>> near;
+    detail::PlaneLanes<float> lanes;
     Index without = 0;
     for (Index i = begin; i < end; ++i) {
-      const PlaneFit plane = detail::plane_of(cloud, i, neighborhoods[i], options, scratch);
-      if (!plane.good()) {
-        ++without;
-        continue;
-      }
-      const auto at = static_cast<std::size_t>(i);
-      cloud.normals[at] = detail::turned_towards(viewpoint, position(cloud, at), plane.normal);
-      estimates.planarity[at] = static_cast<float>(plane.planarity());
-      estimates.curvature[at] = static_cast<float>(plane.curvature());
+      near.assign(neighborhoods[i].begin(), neighborhoods[i].end());
+      detail::keep_wanted(near, options);
+      const Eigen::Vector3f& center = cloud.positions[static_cast<std::size_t>(i)];
+      lanes.add(i, near.size(), [&](std::size_t j, std::size_t axis) {
+        const auto row = static_cast<Eigen::Index>(axis);
+        return cloud.positions[static_cast<std::size_t>(near[j].index)][row] - center[row];
+      });
+      if (lanes.full()) without += writer.write(lanes);
     }
-    return without;
+    return without + writer.write(lanes);
   };
   estimates.without_normal = reduce_chunks(executor, size, grain, Index{0}, estimate_chunk,
                                            [](Index left, Index right) { return left + right; });

@@ -54,6 +54,16 @@ inline void check(const NormalOptions& options) {
   return {static_cast<float>(sign * n[0]), static_cast<float>(sign * n[1]), static_cast<float>(sign * n[2])};
 }
 
+/// Takes a cloud's normals off: what is known before the first is estimated.
+[[nodiscard]] inline NormalEstimates no_normals(PointCloud<float>& cloud, const NormalOptions& options) {
+  NormalEstimates estimates;
+  cloud.normals.assign(cloud.size(), Eigen::Vector3f::Zero());
+  estimates.planarity.assign(cloud.size(), 0.0F);
+  estimates.curvature.assign(cloud.size(), 0.0F);
+  if (options.covariances) estimates.covariances.assign(cloud.size(), {});
+  return estimates;
+}
+
 /// Where normals and what goes with them are written; of the estimates, those that have room.
 struct NormalWriter {
   PointCloud<float>& cloud;
@@ -183,11 +193,7 @@ template <NearestNeighborSearch Search, Executor Exec = Serial>
 NormalEstimates estimate_normals(PointCloud<float>& cloud, const Search& search, const NormalOptions& options = {},
                                  const Eigen::Vector3d& viewpoint = Eigen::Vector3d::Zero(), const Exec& exec = {}) {
   detail::check(options);
-  NormalEstimates estimates;
-  cloud.normals.assign(cloud.size(), Eigen::Vector3f::Zero());
-  estimates.planarity.assign(cloud.size(), 0.0f);
-  estimates.curvature.assign(cloud.size(), 0.0f);
-  if (options.covariances) estimates.covariances.assign(cloud.size(), {});
+  NormalEstimates estimates = detail::no_normals(cloud, options);
   const detail::NormalWriter writer{cloud, estimates, options, viewpoint};
   const auto tree = detail::tree_in(search);
   if constexpr (std::is_pointer_v<decltype(tree)>) {

@@ -53,6 +53,7 @@ struct BackEndCounts {
 /// one thread may call `load`, `add`, `begin_session` and `finish`; `snapshot` and `T_map_odom` may be read by any.
 /// Each session starts in a frame of its own, where its odometry says, and is moved as a whole by a merge. Loaded maps
 /// count as earlier sessions.
+/// What is done once a session, a merge or a load is compiled for size (`gnu::cold`).
 /// @tparam Closer   finds closures: `LoopCloser` with its policies.
 /// @tparam Chainer  finds more of them from each: `ChainedCloser`, or `NoChaining`.
 /// @tparam Merger   joins frames: `MapMerger` with its policies, or `NoMerging`.
@@ -76,10 +77,10 @@ class BackEnd {
 
   /// Adds a map that was saved before: its sessions count as earlier ones. If it is the first, its keyframes keep their
   /// numbers; a later one's follow those that are here.
-  void load(const SlamMap& map);
+  [[gnu::cold]] void load(const SlamMap& map);
 
   /// Keyframes added from now on are of a new session. Without a call, the first keyframe begins one without a name.
-  void begin_session(std::string name);
+  [[gnu::cold]] void begin_session(std::string name);
 
   /// Takes the next keyframe of the session, tries to close loops with it and to join its frame with others, and
   /// optimises if that succeeds.
@@ -94,7 +95,7 @@ class BackEnd {
   void add(const GnssFix& fix, const E& executor = {});
 
   /// Optimises to the end and hands out the map.
-  [[nodiscard]] std::shared_ptr<const SlamMap> finish();
+  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> finish();
 
   /// The map as it is; owned by the back end, to be read on the thread that adds.
   [[nodiscard]] const SlamMap& map() const { return graph_.map(); }
@@ -147,11 +148,11 @@ class BackEnd {
 
   /// Joins the frames that `closures` connect, by the newest of them, and searches along the aligned session again.
   template <Executor E>
-  void merge(const std::vector<LoopClosure>& closures, const E& executor);
+  [[gnu::cold]] void merge(const std::vector<LoopClosure>& closures, const E& executor);
 
   /// Direct and chained closures of the whole current session with those that have come into its frame.
   template <Executor E>
-  void recheck(const std::vector<bool>& joined, Index cause, const E& executor);
+  [[gnu::cold]] void recheck(const std::vector<bool>& joined, Index cause, const E& executor);
 
   void optimise();
   void count_optimisation(bool succeeded);

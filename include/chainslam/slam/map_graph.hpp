@@ -39,6 +39,7 @@ struct MapGraphOptions {
 ///
 /// Sessions start in frames of their own. `join` carries one frame over into another. What changes the map is called by
 /// one thread; `snapshot` may be called by any.
+/// What is done once a session, a merge or a load is compiled for size (`gnu::cold`).
 /// @tparam Kernel  weighs closures down that the rest of the graph contradicts; in standard deviations.
 template <class Kernel = Cauchy>
 class MapGraph {
@@ -64,7 +65,7 @@ class MapGraph {
   [[nodiscard]] SessionId frame(const Keyframe& keyframe) const { return session(keyframe.session).frame; }
 
   /// Keyframes appended from now on are of a new session, in a frame of its own.
-  void begin_session(std::string name);
+  [[gnu::cold]] void begin_session(std::string name);
 
   /// @throws std::invalid_argument if the keyframe's pose is not finite, or so far away that its square is not.
   static void require_finite(const Keyframe& keyframe);
@@ -82,11 +83,11 @@ class MapGraph {
 
   /// Carries all sessions of the frame `joined` over into `frame`, as one body: what lies between their keyframes stays
   /// as it is linearised. They keep priors at the aligned poses, or none.
-  void join(SessionId frame, SessionId joined, const SE3d& T_frame_joined);
+  [[gnu::cold]] void join(SessionId frame, SessionId joined, const SE3d& T_frame_joined);
 
   /// Adds another map: its sessions follow those that are here, in frames of their own, and everything in it keeps the
   /// measurements it had. If the map is empty, all numbers stay the same.
-  void load(const SlamMap& other);
+  [[gnu::cold]] void load(const SlamMap& other);
 
   /// Takes in what was added, and moves the keyframes to the optimum, as near as the smoother's tolerances say. If that
   /// fails they stay, and what was added waits for the next time.
@@ -109,17 +110,17 @@ class MapGraph {
   [[nodiscard]] const Session& session(SessionId id) const { return map_.sessions[static_cast<std::size_t>(id.value)]; }
 
   void check(const Keyframe& keyframe) const;
-  void remeasure();
+  [[gnu::cold]] void remeasure();
 
   void take(std::span<const Key> keys) {
     for (const Key key : keys) keyframe(key).T_map_body = (*smoother_)[key];
   }
 
-  void rebuild();
+  [[gnu::cold]] void rebuild();
   /// Adds all of the map from these positions on.
-  void add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures);
+  [[gnu::cold]] void add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures);
 
-  void add_prior(const Session& session);
+  [[gnu::cold]] void add_prior(const Session& session);
   void add_factor(const OdometryMeasurement& step) {
     smoother_->add(BetweenFactor<SE3d>{step.from.value, step.to.value, step.T_from_to, step.sqrt_information});
   }

@@ -66,9 +66,9 @@ class DistanceTiles {
   };
 
   [[nodiscard]] static std::vector<Span> spans(std::span<const float> shadows, std::size_t width) {
-    std::vector<Span> result;
-    for (std::size_t first = 0; first < shadows.size(); first += width)
-      result.push_back({shadows[first], shadows[std::min(first + width, shadows.size()) - 1]});
+    std::vector<Span> result((shadows.size() + width - 1) / width);
+    for (std::size_t k = 0; k < result.size(); ++k)
+      result[k] = {shadows[k * width], shadows[std::min((k + 1) * width, shadows.size()) - 1]};
     return result;
   }
 
@@ -82,8 +82,8 @@ class DistanceTiles {
 
   /// Infinitely long where a panel has no more features: nothing is ever near.
   [[nodiscard]] static std::vector<float> padded(std::span<const float> norms, std::size_t width) {
-    std::vector<float> result(norms.begin(), norms.end());
-    result.resize((norms.size() + width - 1) / width * width, std::numeric_limits<float>::infinity());
+    std::vector<float> result((norms.size() + width - 1) / width * width, std::numeric_limits<float>::infinity());
+    std::copy(norms.begin(), norms.end(), result.begin());
     return result;
   }
 

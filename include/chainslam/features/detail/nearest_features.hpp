@@ -52,40 +52,38 @@ inline void add_padded(float factor, const float* a, std::size_t padded, float* 
 class FeatureRows {
  public:
   FeatureRows() = default;
-  explicit FeatureRows(std::size_t length) : length_(length), stride_(whole_lanes(length)) {}
+  /// None yet, with room for so many.
+  FeatureRows(std::size_t length, std::size_t room)
+      : length_(length), stride_(whole_lanes(length)), values_(room * stride_), columns_(room) {}
   /// Of the columns each `step`-th, if it says something.
   FeatureRows(const Eigen::Ref<const Eigen::MatrixXf>& features, Eigen::Index step)
-      : FeatureRows(static_cast<std::size_t>(features.rows())) {
-    for (Eigen::Index i = 0; i < features.cols(); i += step)
-      if (push_back_usable(features.data() + i * features.outerStride())) columns_.push_back(static_cast<Index>(i));
+      : FeatureRows(static_cast<std::size_t>(features.rows()),
+                    static_cast<std::size_t>((features.cols() + step - 1) / step)) {
+    for (Eigen::Index i = 0; i < features.cols(); i += step) {
+      float* const row = next();
+      std::copy_n(features.data() + i * features.outerStride(), length_, row);
+      const float squared_norm = padded_product(row, row, stride_);
+      if (is_finite(squared_norm) && squared_norm > 0) columns_[size_++] = static_cast<Index>(i);
+    }
   }
 
-  [[nodiscard]] std::size_t size() const { return columns_.size(); }
+  [[nodiscard]] std::size_t size() const { return size_; }
   [[nodiscard]] std::size_t length() const { return length_; }
   [[nodiscard]] std::size_t stride() const { return stride_; }
   [[nodiscard]] const float* operator[](std::size_t k) const { return &values_[k * stride_]; }
   /// The column that it was.
   [[nodiscard]] Index column(std::size_t k) const { return columns_[k]; }
 
+  /// One more, where there is room for it.
   void push_back(const FeatureRows& from, std::size_t k) {
-    values_.insert(values_.end(), from[k], from[k] + stride_);
-    columns_.push_back(from.column(k));
+    std::copy_n(from[k], stride_, next());
+    columns_[size_++] = from.column(k);
   }
 
  private:
-  /// Whether it says something: it is finite and not all zeros.
-  bool push_back_usable(const float* feature) {
-    const std::size_t before = values_.size();
-    values_.resize(before + stride_);
-    float* const row = values_.data() + before;
-    std::copy_n(feature, length_, row);
-    const float squared_norm = padded_product(row, row, stride_);
-    if (is_finite(squared_norm) && squared_norm > 0) return true;
-    values_.resize(before);
-    return false;
-  }
+  [[nodiscard]] float* next() { return values_.data() + size_ * stride_; }
 
-  std::size_t length_ = 0, stride_ = 0;
+  std::size_t length_ = 0, stride_ = 0, size_ = 0;
   std::vector<float> values_;
   std::vector<Index> columns_;
 };
@@ -154,20 +152,22 @@ class FeatureSet {
   FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const std::vector<float>& center,
              const std::vector<float>& direction) {
     const FeatureRows usable(features, 1);
-    const std::size_t stride = usable.stride();
+    const std::size_t stride = usable.stride(), count = usable.size();
     std::vector<float> difference(stride);
-    std::vector<std::pair<float, Index>> order;
-    for (std::size_t k = 0; k < usable.size(); ++k) {
+    std::vector<std::pair<float, Index>> order(count);
+    for (std::size_t k = 0; k < count; ++k) {
       padded_difference(usable[k], center.data(), stride, difference.data());
-      order.emplace_back(padded_product(direction.data(), difference.data(), stride), static_cast<Index>(k));
+      order[k] = {padded_product(direction.data(), difference.data(), stride), static_cast<Index>(k)};
     }
     std::sort(order.begin(), order.end());
-    rows_ = FeatureRows(usable.length());
-    for (const auto& [shadow, k] : order) {
-      shadows_.push_back(shadow);
-      rows_.push_back(usable, static_cast<std::size_t>(k));
-      padded_difference(usable[static_cast<std::size_t>(k)], center.data(), stride, difference.data());
-      half_squared_norms_.push_back(0.5F * padded_product(difference.data(), difference.data(), stride));
+    rows_ = FeatureRows(usable.length(), count);
+    shadows_ = std::vector<float>(count);
+    half_squared_norms_ = std::vector<float>(count);
+    for (std::size_t k = 0; k < count; ++k) {
+      rows_.push_back(usable, static_cast<std::size_t>(order[k].second));
+      shadows_[k] = order[k].first;
+      padded_difference(rows_[k], center.data(), stride, difference.data());
+      half_squared_norms_[k] = 0.5F * padded_product(difference.data(), difference.data(), stride);
     }
   }
 
@@ -217,10 +217,13 @@ class NearestTable {
   /// @param rounding     what a product may be off by, in units of the two half norms.
   /// @param with_second  also find the next nearest (by products alone).
   NearestTable(const FeatureSet& queries, const FeatureSet& others, float rounding, bool with_second)
-      : queries_(&queries), others_(&others), rounding_(rounding), with_second_(with_second) {
-    pairs_.resize(static_cast<std::size_t>(queries.size()));
-    limits_.assign(pairs_.size(), std::numeric_limits<float>::infinity());
-    limits_.resize(pairs_.size() + limits_behind, nothing);
+      : queries_(&queries),
+        others_(&others),
+        rounding_(rounding),
+        with_second_(with_second),
+        pairs_(static_cast<std::size_t>(queries.size())),
+        limits_(pairs_.size() + limits_behind, nothing) {
+    std::fill_n(limits_.begin(), pairs_.size(), std::numeric_limits<float>::infinity());
   }
 
   [[nodiscard]] const NearestPair& operator[](Index query) const { return pairs_[static_cast<std::size_t>(query)]; }
