@@ -4,6 +4,7 @@
 #include <cmath>
 #include <concepts>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
@@ -12,7 +13,6 @@
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
 #include "chainslam/map/submap.hpp"
-#include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
 
@@ -115,13 +115,11 @@ class ChainedCloser {
 
   /// Puts the nearest first; equally near ones stay as they are.
   static void sort(std::vector<Candidate>& candidates) {
-    std::vector<PositionIndex::Found> places;  // found where the candidate is in the list
-    for (const Candidate& one : candidates)
-      places.push_back({KeyframeId{to_index(places.size())}, one.guess.translation().norm()});
-    PositionIndex::sort(places);
+    std::vector<std::pair<double, std::size_t>> order;  // distance and place in the list
+    for (const Candidate& one : candidates) order.emplace_back(one.guess.translation().norm(), order.size());
+    std::sort(order.begin(), order.end());
     std::vector<Candidate> sorted;
-    for (const PositionIndex::Found& place : places)
-      sorted.push_back(candidates[static_cast<std::size_t>(place.id.value)]);
+    for (const auto& [distance, place] : order) sorted.push_back(candidates[place]);
     candidates.swap(sorted);
   }
 

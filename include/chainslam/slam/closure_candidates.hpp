@@ -51,7 +51,7 @@ struct ProximityCandidates {
       const SE3d between = there.T_map_body.inverse() * here.T_map_body;
       near.push_back({found.id, found.distance + heading_weight * between.rotation().log().norm()});
     }
-    PositionIndex::sort(near);
+    std::sort(near.begin(), near.end());
     std::vector<KeyframeId> proposals;
     for (const PositionIndex::Found& found : near) {
       if (to_index(proposals.size()) >= max_count) break;

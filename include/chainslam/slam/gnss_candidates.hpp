@@ -100,7 +100,7 @@ class GnssCandidates {
           frame(map, keyframe(map, fix.id)) != frame(map, here))
         found.push_back({fix.id, distance});
     }
-    PositionIndex::sort(found);
+    std::sort(found.begin(), found.end());
     return found;
   }
 

@@ -133,7 +133,7 @@ class MapGraph {
   MapGraphOptions options_;
   [[no_unique_address]] Kernel kernel_;
   SlamMap map_;
-  std::optional<Smoother> smoother_;  ///< always there; to be made anew where it is
+  std::optional<Smoother> smoother_;  ///< never empty; optional so that `rebuild` can replace it in place
   std::vector<FactorId> priors_;      ///< of each session
   mutable std::mutex changing_;
   mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since

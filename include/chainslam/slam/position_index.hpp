@@ -13,8 +13,8 @@ namespace chainslam {
 
 /// Finds keyframes by where the graph believes they are.
 ///
-/// A plain list that is looked through: it is made anew whenever the graph has moved, and asked once for each search
-/// for closures. Of 10 000 keyframes a search takes 60 us, where a k-d tree takes 10 us but 2 ms to build.
+/// A list that is searched linearly: it is rebuilt whenever the graph has moved and searched once for each attempt to
+/// close a loop, too rarely for the rebuilding of a tree to pay.
 class PositionIndex {
  public:
   /// Takes all positions anew: after the graph has moved them, or after frames were joined.
@@ -54,12 +54,9 @@ class PositionIndex {
       const double distance = way.norm();
       if (distance <= radius) found.push_back({ids_[i], distance});
     }
-    sort(found);
+    std::sort(found.begin(), found.end());
     return found;
   }
-
-  /// The nearest first.
-  static void sort(std::vector<Found>& found) { std::sort(found.begin(), found.end()); }
 
   [[nodiscard]] std::size_t size() const { return positions_.size(); }
 
