@@ -16,7 +16,7 @@ namespace chainslam {
 template <int Dof, int Columns>
 [[nodiscard]] Eigen::Matrix<double, Dof, Columns> whitened(const SqrtInformation<Dof>& sqrt_information,
                                                            const Eigen::Matrix<double, Dof, Columns>& A) {
-  Eigen::Matrix<double, Dof, Dof> root;
+  Eigen::Matrix<double, Dof, Dof> root;  // aligned, as `product` asks for, which factors do not keep it
   std::copy_n(sqrt_information.data(), Dof * Dof, root.data());
   return product(root, A);
 }

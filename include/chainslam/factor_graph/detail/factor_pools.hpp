@@ -209,6 +209,7 @@ class FactorPool final : public AnyFactorPool<typename F::Value> {
   [[no_unique_address]] Shared shared_;
 };
 
+/// A base of `FactorPools` for each type of factor.
 template <Factor F>
 struct HeldPool {
   FactorPool<F> pool;

@@ -1,11 +1,9 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <cstdio>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -212,14 +210,10 @@ class IncrementalSmoother {
   };
 
   [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const char* why) {
-    std::array<char, 128> text{};
-    std::snprintf(text.data(), text.size(), "IncrementalSmoother: %s", why);
-    throw std::invalid_argument(text.data());
+    throw std::invalid_argument(std::string("IncrementalSmoother: ").append(why));
   }
   [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const char* before, Key key, const char* after = "") {
-    std::array<char, 96> text{};
-    std::snprintf(text.data(), text.size(), "%s%d%s", before, static_cast<int>(key), after);
-    refuse(text.data());
+    refuse(std::string(before).append(std::to_string(key)).append(after).c_str());
   }
   void require_known(Key key) const {
     if (!origins_.contains(key)) refuse("there is no variable ", key);
@@ -258,9 +252,9 @@ class IncrementalSmoother {
   template <class Archive>
   static void visit_options(SmootherOptions& options, Archive&& archive);
   void marginalize_old();
-  /// `marginalize_old`, or null where no lag can be set: programs without need not compile it.
-  using GiveUp = void (IncrementalSmoother::*)();
-  [[gnu::cold]] IncrementalSmoother(const SmootherOptions& options, GiveUp give_up);
+  /// `marginalize_old`, or null where no lag can be set, so that programs without one do not compile it.
+  using MarginalizeOld = void (IncrementalSmoother::*)();
+  [[gnu::cold]] IncrementalSmoother(const SmootherOptions& options, MarginalizeOld by_lag);
   void begin();
   [[gnu::cold]] void revert();
   [[gnu::cold]] void undo_change(const Change& change);
@@ -318,7 +312,7 @@ class IncrementalSmoother {
   void set_look(Key key, double look);
 
   SmootherOptions options_;
-  GiveUp give_up_old_;
+  MarginalizeOld marginalize_old_;
   IncrementalCholesky<dof> solver_;
   Values<Group> origins_;    ///< where the factors are linearised
   Values<Group> estimates_;  ///< these, moved by the linear system's solution
@@ -326,7 +320,7 @@ class IncrementalSmoother {
   detail::Table<double> look_;        ///< of each variable: the step at which its factors are looked at
   detail::Table<Index> waits_at_;     ///< of each variable: its place in `waiting_`, -1 if it does not wait
   detail::Table<char> marginalized_;  ///< of each variable
-  std::vector<Key> waiting_;          ///< to be linearised anew, in the order of their coming; -1 for those that were
+  std::vector<Key> waiting_;          ///< to be linearised anew, in order of arrival; -1 for those that were
   Index left_ = 0;                    ///< how many of those there are
   std::vector<Key> far_;              ///< of the waiting: have moved by more than the longest step
   detail::Table<double> off_;         ///< of each term for which variables wait: squared error of its linear prediction
@@ -356,9 +350,9 @@ IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions&
     : IncrementalSmoother(options, &IncrementalSmoother::marginalize_old) {}
 
 template <class Group, class... Extra>
-IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions& options, GiveUp give_up)
+IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions& options, MarginalizeOld by_lag)
     : options_(options),
-      give_up_old_(give_up),
+      marginalize_old_(by_lag),
       solver_({.relative_excess = options.linear_tolerance,
                .least_error = options.least_error,
                .late_variables = options.late_variables}) {}

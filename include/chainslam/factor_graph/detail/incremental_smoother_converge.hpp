@@ -13,8 +13,11 @@ namespace chainslam {
 
 namespace detail {
 
+/// Whether `converge` may start again from the chordal relaxation, which only rigid motions have.
 template <class Group, class Restart>
-inline constexpr bool restarts = RigidMotionGroup<Group>&& std::is_same_v<Restart, ChordalRestart>;
+inline constexpr bool restarts = false;
+template <RigidMotionGroup Group>
+inline constexpr bool restarts<Group, ChordalRestart> = true;
 
 }  // namespace detail
 

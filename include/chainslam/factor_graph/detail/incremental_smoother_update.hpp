@@ -18,7 +18,7 @@ template <class Group, class... Extra>
 template <Executor Exec>
 UpdateReport IncrementalSmoother<Group, Extra...>::update_to(bool exact, const Exec& executor) {
   begin();
-  if (options_.lag > 0) (this->*give_up_old_)();
+  if (options_.lag > 0) (this->*marginalize_old_)();
   UpdateReport report;
   solver_.reset_work();
   report.variables = find_floating();
