@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -220,12 +221,17 @@ TEST_SUITE("features/fpfh") {
       PointCloud<float> searched = cloud, known = cloud;
       NormalOptions limited = options;
       limited.radius = std::min(options.radius, 1.2);
+      limited.covariances = true;
       const NormalEstimates expected = estimate_normals(searched, tree, limited, {4, 4, 20});
       const NormalEstimates estimates = estimate_normals(known, near, limited, {4, 4, 20});
       CHECK(estimates.without_normal == expected.without_normal);
+      REQUIRE(estimates.covariances.size() == cloud.size());
       for (std::size_t i = 0; i < cloud.size(); ++i) {
         if (estimates.planarity[i] < 0.05F) continue;  // no plane: the normal hangs on rounding
         CHECK((searched.normals[i] - known.normals[i]).norm() < 1e-3F);
+        const std::array<float, 6>& c = expected.covariances[i];
+        for (std::size_t j = 0; j < c.size(); ++j)  // sums of up to a hundred floats, in another order
+          CHECK(std::abs(estimates.covariances[i][j] - c[j]) <= 1e-5F * (c[0] + c[3] + c[5]));
       }
     }
     CHECK_THROWS_AS((void)estimate_normals(cloud, Neighborhoods<float>{}, {}), std::invalid_argument);

@@ -52,9 +52,9 @@ inline void add_padded(float factor, const float* a, std::size_t padded, float* 
 class FeatureRows {
  public:
   FeatureRows() = default;
-  /// None yet, with room for so many.
-  FeatureRows(std::size_t length, std::size_t room)
-      : length_(length), stride_(whole_lanes(length)), values_(room * stride_), columns_(room) {}
+  /// Empty, with capacity for that many rows.
+  FeatureRows(std::size_t length, std::size_t capacity)
+      : length_(length), stride_(whole_lanes(length)), values_(capacity * stride_), columns_(capacity) {}
   /// Of the columns each `step`-th, if it says something.
   FeatureRows(const Eigen::Ref<const Eigen::MatrixXf>& features, Eigen::Index step)
       : FeatureRows(static_cast<std::size_t>(features.rows()),
@@ -74,7 +74,7 @@ class FeatureRows {
   /// The column that it was.
   [[nodiscard]] Index column(std::size_t k) const { return columns_[k]; }
 
-  /// One more, where there is room for it.
+  /// Appends a row of another list; the capacity must not be exceeded.
   void push_back(const FeatureRows& from, std::size_t k) {
     std::copy_n(from[k], stride_, next());
     columns_[size_++] = from.column(k);

@@ -97,10 +97,10 @@ template <class Point, class Scalar = typename decltype(Point::at)::value_type>
 [[nodiscard]] PointSplit<Scalar> select_points(std::span<Point> points, std::span<Point> scratch, std::size_t axis,
                                                std::size_t count) {
   constexpr std::size_t small = 64, large = 2048, most_rounds = 8;
-  std::array<Scalar, 128> room;
+  std::array<Scalar, 128> buffer;
   std::size_t begin = 0, end = points.size();
   for (std::size_t round = 0; round < most_rounds && end - begin > small; ++round) {
-    const std::span<Scalar> sample(room.data(), end - begin < large ? 32 : 128);
+    const std::span<Scalar> sample(buffer.data(), end - begin < large ? 32 : 128);
     const std::size_t step = (end - begin) / sample.size(), beside = sample.size() / 16;
     for (std::size_t i = 0; i < sample.size(); ++i) sample[i] = points[begin + i * step].at[axis];
     // Beside the wanted rank on the side of fewer points: most likely they are all that is left.
@@ -114,8 +114,8 @@ template <class Point, class Scalar = typename decltype(Point::at)::value_type>
     (below < count ? begin : end) = below;
   }
   const std::span<Point> left = points.subspan(begin, end - begin);
-  std::vector<Scalar> more_room(left.size() > room.size() ? left.size() : 0);
-  select_exactly(left, scratch, more_room.empty() ? room.data() : more_room.data(), axis, count - begin);
+  std::vector<Scalar> larger_buffer(left.size() > buffer.size() ? left.size() : 0);
+  select_exactly(left, scratch, larger_buffer.empty() ? buffer.data() : larger_buffer.data(), axis, count - begin);
   return {axis, points[count].at[axis], count};
 }
 
