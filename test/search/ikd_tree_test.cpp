@@ -57,6 +57,12 @@ void walk_along_street(Rng& rng, int scans, Visit&& visit) {
   }
 }
 
+/// What is kept of the street around a scan.
+Box street_around(int scan) {
+  return {Eigen::Vector3f(static_cast<float>(scan - 30), -100, -100),
+          Eigen::Vector3f(static_cast<float>(scan + 30), 100, 100)};
+}
+
 TEST_SUITE("search/ikd_tree") {
   TEST_CASE("agrees with brute force through long histories, whatever the budget of a step") {
     for (const Index budget : {0, 100, 1000}) {
@@ -121,14 +127,30 @@ TEST_SUITE("search/ikd_tree") {
     }
   }
 
-  TEST_CASE("a downsampled map of a street takes at most 45 bytes a point, and forgets without a trace") {
+  // Measured: 42.0 and 44.3; how full leaves are depends on the street, so no single one says much.
+  TEST_CASE("downsampled maps of streets take 42.5 bytes a point on average, and none more than 46") {
+    constexpr int streets = 24;
+    double sum = 0;
+    for (unsigned seed = 1; seed <= streets; ++seed) {
+      Rng rng(seed);
+      IkdTree<float, NearestToCenter> map(NearestToCenter{.voxel_size = 0.5});
+      walk_along_street(rng, 200, [&](int scan, const Points<float>& points) {
+        map.insert(points);
+        if (scan % 10 == 9) map.erase_outside(street_around(scan));
+      });
+      const double bytes = static_cast<double>(map.memory()) / static_cast<double>(map.size());
+      CHECK_MESSAGE(bytes <= 46, "seed " << seed);
+      sum += bytes;
+    }
+    CHECK(sum / streets <= 42.5);
+  }
+
+  TEST_CASE("a downsampled map of a street forgets without a trace") {
     Rng rng(5);
     IkdTree<float, NearestToCenter> map(NearestToCenter{.voxel_size = 0.5});
     walk_along_street(rng, 200, [&](int scan, const Points<float>& points) {
       map.insert(points);
-      if (scan % 10 == 9)
-        map.erase_outside(Box(Eigen::Vector3f(static_cast<float>(scan - 30), -100, -100),
-                              Eigen::Vector3f(static_cast<float>(scan + 30), 100, 100)));
+      if (scan % 10 == 9) map.erase_outside(street_around(scan));
       std::set<std::tuple<int, int, int>> voxels;
       map.for_each_point([&](Index, const Eigen::Vector3f& p) {
         voxels.emplace(static_cast<int>(std::floor(p[0] * 2)), static_cast<int>(std::floor(p[1] * 2)),
@@ -136,7 +158,6 @@ TEST_SUITE("search/ikd_tree") {
       });
       REQUIRE(voxels.size() == map.size());
     });
-    CHECK(map.memory() <= 45 * map.size());
     const std::size_t before = map.memory();
     const Points<float> again = random_cloud(rng, 100, 5, 5, 5);
     CHECK(map.erase_if([](Index, const Eigen::Vector3f&) { return true; }) > 0);
