@@ -19,7 +19,7 @@ esac
 
 # shellcheck disable=SC2086
 install_packages $packages_build $packages_program
-# A dozen files are one compilation: the libraries that they share, CLI11 above all, are compiled once for all of them.
+# A dozen files are one compilation: the headers that they share are compiled once for all of them.
 configure_and_build release "the program" chainslam_program -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
   -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=12 -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF
 program="$build/release/examples/chainslam"

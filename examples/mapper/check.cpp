@@ -1,6 +1,5 @@
 #include <cstdio>
 #include <filesystem>
-#include <memory>
 
 #include "exit_code.hpp"
 #include "map_file.hpp"
@@ -8,9 +7,8 @@
 
 namespace chainslam::mapper {
 
-namespace {
-
-int run(const std::filesystem::path& path) {
+int run(const CheckArguments& arguments) {
+  const std::filesystem::path& path = arguments.map;
   const LoadedMap loaded = open_map(path, {.recover = true});
   const MapFileReport& report = loaded.report;
   if (report.complete) {
@@ -25,17 +23,6 @@ int run(const std::filesystem::path& path) {
   std::fprintf(stderr, "  do: `chainslam recover` saves what is left in a new file: %s\n",
                short_account(loaded.map).c_str());
   return exit_input;
-}
-
-}  // namespace
-
-CLI::App* add_check(CLI::App& program, int& exit_code) {
-  const auto path = std::make_shared<std::filesystem::path>();
-  CLI::App* verb = program.add_subcommand("check", "check every checksum and every rule of a map file");
-  verb->footer("Reads all of it. Exit code 3 if anything is damaged or missing, with an account of what is left.");
-  verb->add_option("MAP", *path, "map file (.cslam)")->required()->option_text(" ");
-  verb->callback([path, &exit_code] { exit_code = run(*path); });
-  return verb;
 }
 
 }  // namespace chainslam::mapper

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -20,24 +19,6 @@
 
 namespace chainslam::mapper {
 
-namespace {
-
-enum class Associate { automatic, time, index, interpolate };
-
-struct EvalOptions {
-  std::vector<std::filesystem::path> files;
-  AlignmentOptions alignment;
-  Associate associate = Associate::automatic;
-  NcltPoses nclt_poses = NcltPoses::stated;
-  std::optional<double> max_difference;  ///< seconds
-  std::string delta = "1frame";
-  PairChoice pairs = PairChoice::consecutive;
-  std::filesystem::path json;
-  std::optional<double> max_ape;  ///< metres, of the rmse
-  std::optional<double> max_rpe;  ///< metres, of the rmse
-};
-
-/// Reads "10m", "0.5m", "1frame", "5frames".
 std::optional<RpeOptions> parse_delta(const std::string& text) {
   RpeOptions options;
   const char* end = text.data() + text.size();
@@ -49,6 +30,8 @@ std::optional<RpeOptions> parse_delta(const std::string& text) {
   if (options.unit == DeltaUnit::frames && options.delta != std::floor(options.delta)) return std::nullopt;
   return options;
 }
+
+namespace {
 
 std::string span_text(const Trajectory& trajectory) {
   char text[96];
@@ -91,7 +74,7 @@ Associate chosen_association(const EvaluatedSession& session, Associate asked) {
 }
 
 /// Joins the poses of one reference and one estimate.
-MatchedTrajectories match(EvaluatedSession& session, const EvalOptions& options) {
+MatchedTrajectories match(EvaluatedSession& session, const EvalArguments& options) {
   const Trajectory &reference = session.reference.trajectory, &estimate = session.estimate.trajectory;
   const Associate how = chosen_association(session, options.associate);
   if (how == Associate::index) {
@@ -124,7 +107,7 @@ MatchedTrajectories match(EvaluatedSession& session, const EvalOptions& options)
   return matched(reference, estimate, joined);
 }
 
-Evaluation evaluate(const EvalOptions& options) {
+Evaluation evaluate(const EvalArguments& options) {
   Evaluation result;
   result.alignment = options.alignment;
   result.delta = options.delta;
@@ -150,7 +133,7 @@ Evaluation evaluate(const EvalOptions& options) {
 }
 
 /// Compares the errors with what the user allows.
-int verdict(const EvalOptions& options, const Evaluation& evaluation) {
+int verdict(const EvalArguments& options, const Evaluation& evaluation) {
   const auto misses = [](const char* name, const ErrorStatistics& errors, const std::optional<double>& limit) {
     if (!limit || (errors.count > 0 && errors.rmse <= *limit)) return false;
     if (errors.count == 0)
@@ -164,7 +147,9 @@ int verdict(const EvalOptions& options, const Evaluation& evaluation) {
   return ape_missed || rpe_missed ? exit_goal_missed : exit_good;
 }
 
-int run(const EvalOptions& options) {
+}  // namespace
+
+int run(const EvalArguments& options) {
   const Evaluation evaluation = evaluate(options);
   std::fputs(evaluation_table(evaluation).c_str(), stdout);
   if (!options.json.empty()) {
@@ -173,80 +158,6 @@ int run(const EvalOptions& options) {
     file.commit();
   }
   return verdict(options, evaluation);
-}
-
-/// An option that takes one of several words.
-template <class Value>
-void add_choice(CLI::App& verb, const std::string& name, Value& member, const std::string& help,
-                std::vector<std::pair<std::string, Value>> choices) {
-  std::string words;
-  for (const auto& [word, value] : choices) words += (words.empty() ? "" : "|") + word;
-  const auto assign = [name, words, choices, &member](const std::string& text) {
-    const auto found =
-        std::find_if(choices.begin(), choices.end(), [&](const auto& choice) { return choice.first == text; });
-    if (found == choices.end()) throw CLI::ValidationError(name, "'" + text + "' is none of " + words);
-    member = found->second;
-  };
-  verb.add_option_function<std::string>(name, assign, help)->option_text(words);
-}
-
-}  // namespace
-
-CLI::App* add_eval(CLI::App& program, int& exit_code) {
-  const auto options = std::make_shared<EvalOptions>();
-  CLI::App* verb = program.add_subcommand("eval", "compare estimated trajectories with references, as evo does");
-  verb->footer(
-      "Formats are told by content: TUM, KITTI poses, EuRoC csv, NCLT ground truth csv. Several pairs are sessions of\n"
-      "one map: they share one alignment, and relative errors do not reach from one into the next.\n"
-      "Examples:\n"
-      "  chainslam eval truth.tum map/trajectory.tum\n"
-      "  chainslam eval KITTI_00_gt.txt KITTI_00_ORB.txt --align none --delta 10m\n"
-      "  chainslam eval groundtruth_2012-01-08.csv map/trajectory.tum --nclt imu --associate interpolate\n"
-      "  chainslam eval truth1.csv session1.tum truth2.csv session2.tum --max-difference 0.2 --project xy --json "
-      "e.json");
-  verb->add_option("files", options->files, "REFERENCE ESTIMATE, once for each session")
-      ->required()
-      ->option_text("PATH PATH ...")
-      ->expected(2, CLI::detail::expected_max_vector_size);
-  add_choice<Alignment>(
-      *verb, "--align", options->alignment.align,
-      "transform of the estimate that is fitted before errors are taken: se3 (default), sim3 (with scale),\n"
-      "origin (the first poses agree), none",
-      {{"none", Alignment::none}, {"origin", Alignment::origin}, {"se3", Alignment::se3}, {"sim3", Alignment::sim3}});
-  add_choice<bool>(*verb, "--project", options->alignment.project_xy, "xy: lay poses flat before they are aligned",
-                   {{"xy", true}, {"none", false}});
-  add_choice<Associate>(
-      *verb, "--associate", options->associate,
-      "which poses belong together: time (nearest; default where both have times), index (default else),\n"
-      "interpolate (the reference is interpolated to the estimate's times)",
-      {{"time", Associate::time}, {"index", Associate::index}, {"interpolate", Associate::interpolate}});
-  verb->add_option("--max-difference", options->max_difference,
-                   "largest difference of the times of two poses that are joined (default 0.01), or with interpolate\n"
-                   "the longest gap in the reference (default 1)")
-      ->option_text("SECONDS")
-      ->check(CLI::Range(0.0, 1e9).description(""));
-  verb->add_option("--delta", options->delta, "distance of relative errors, as in 10m or 1frame (default)")
-      ->option_text("DELTA")
-      ->check(CLI::Validator(
-          [](std::string& text) {
-            return parse_delta(text) ? std::string{} : "'" + text + "' is no distance: write 10m or 1frame";
-          },
-          ""));
-  add_choice<PairChoice>(*verb, "--pairs", options->pairs, "which pairs of that distance: consecutive (default) or all",
-                         {{"consecutive", PairChoice::consecutive}, {"all", PairChoice::all}});
-  add_choice<NcltPoses>(*verb, "--nclt", options->nclt_poses,
-                        "what NCLT's csv gives: its poses as stated, z down (default), or imu: z up, of the inertial\n"
-                        "unit, as this program's maps have them",
-                        {{"stated", NcltPoses::stated}, {"imu", NcltPoses::imu}});
-  verb->add_option("--json", options->json, "write all figures to this file as well")->option_text("FILE");
-  verb->add_option("--max-ape", options->max_ape, "exit with 5 if the APE's rmse exceeds this")->option_text("METRES");
-  verb->add_option("--max-rpe", options->max_rpe, "exit with 5 if the RPE's rmse exceeds this")->option_text("METRES");
-  verb->callback([options, &exit_code] {
-    if (options->files.size() % 2 != 0)
-      throw CLI::ValidationError("files", "each REFERENCE needs its ESTIMATE: an even number of files");
-    exit_code = run(*options);
-  });
-  return verb;
 }
 
 }  // namespace chainslam::mapper

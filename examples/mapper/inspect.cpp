@@ -3,7 +3,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -21,12 +20,6 @@ namespace chainslam::mapper {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct InspectArguments {
-  fs::path path, config;
-  std::vector<std::string> overrides;
-  bool closures = false;
-};
 
 /// Whether a folder holds the results of a run of `chainslam map`.
 bool is_map(const fs::path& path) { return fs::is_regular_file(path / "summary.json"); }
@@ -68,6 +61,8 @@ void print_closures(const fs::path& path) {
   while (const auto line = file.read_line()) std::printf("%.*s\n", static_cast<int>(line->size()), line->data());
 }
 
+}  // namespace
+
 int run(const InspectArguments& arguments) {
   if (is_map_file(arguments.path)) {
     std::printf("%s: %s", arguments.path.c_str(), to_text(inspect_map_file(arguments.path)).c_str());
@@ -85,28 +80,6 @@ int run(const InspectArguments& arguments) {
   std::printf("%s: %s", arguments.path.c_str(), to_text(found).c_str());
   if (arguments.closures) print_closures(arguments.path);
   return exit_good;
-}
-
-}  // namespace
-
-CLI::App* add_inspect(CLI::App& program, int& exit_code) {
-  const auto arguments = std::make_shared<InspectArguments>();
-  CLI::App* verb =
-      program.add_subcommand("inspect", "say what a data set, a file or a map is, and what looks odd in it");
-  verb->footer(
-      "Reads everything once. Data sets: NCLT, folders of range images, of clouds, of keyframes with odometry. Files:\n"
-      ".pcd, .ply, KITTI's .bin, .g2o, trajectories of TUM, KITTI, EuRoC and NCLT. Maps: map files (.cslam) and the\n"
-      "folders that `chainslam map` writes.\n"
-      "Lines that begin with ! are worth a look before the data are used.");
-  verb->add_option("PATH", arguments->path, "data set, file or map")->required()->option_text(" ");
-  verb->add_option("--config", arguments->config, "configuration file, for how the data set is read")
-      ->option_text("FILE");
-  verb->add_option("--set", arguments->overrides, "override a key of it, may be given again")
-      ->option_text("KEY=VALUE")
-      ->allow_extra_args(false);
-  verb->add_flag("--closures", arguments->closures, "list a map's closures as well");
-  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
-  return verb;
 }
 
 }  // namespace chainslam::mapper

@@ -6,7 +6,6 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "chainslam/core/error.hpp"
@@ -30,15 +29,6 @@ namespace chainslam::mapper {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct MapArguments {
-  std::vector<fs::path> data, maps, truths;
-  fs::path out, config;
-  std::vector<std::string> overrides;
-  bool overwrite = false;
-  int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  int max_scans = 0;
-};
 
 using Datasets = std::vector<std::unique_ptr<datasets::Dataset>>;
 
@@ -142,6 +132,8 @@ void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const 
   std::printf("report       %s\n", (folder.target() / "report.html").c_str());
 }
 
+}  // namespace
+
 int run(const MapArguments& arguments) {
   MapperOptions options;
   configure(options, arguments.config, arguments.overrides);
@@ -197,42 +189,6 @@ int run(const MapArguments& arguments) {
   for (const support::GoalResult& goal : outcome.summary.goals)
     if (!goal.met) return exit_goal_missed;
   return exit_good;
-}
-
-}  // namespace
-
-CLI::App* add_map(CLI::App& program, int& exit_code) {
-  const auto arguments = std::make_shared<MapArguments>();
-  CLI::App* verb = program.add_subcommand("map", "map data sets, one after the other, alone or on top of saved maps");
-  verb->footer(
-      "DIR gets map.cslam (the map, to go on from with --load), report.html, map.ply, trajectory.tum and .kitti.txt,\n"
-      "odometry.tum, graph.g2o, keyframes.csv, closures.csv, config.toml, summary.json and map.png; of several data\n"
-      "sets a trajectory each. Ctrl-C finishes the scan at hand and saves what there is; a second Ctrl-C stops at "
-      "once,\n"
-      "and so may a crash: `chainslam recover DIR.partial/map.cslam.partial` then has all but the last keyframe.\n"
-      "`chainslam config --print` shows everything that can be configured.");
-  verb->add_option("DATA", arguments->data,
-                   "folders of data sets, one session each (see chainslam inspect), or "
-                   "simulate:PRESET/SIZE/SESSION")
-      ->required()
-      ->option_text("...");
-  verb->add_option("--load", arguments->maps, "maps to go on from: map.cslam of earlier runs")->option_text("MAP...");
-  verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
-  verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");
-  verb->add_option("--config", arguments->config, "configuration file (TOML)")->option_text("FILE");
-  verb->add_option("--set", arguments->overrides, "override a key of it, may be given again")
-      ->option_text("KEY=VALUE")
-      ->allow_extra_args(false);
-  verb->add_option("--truth", arguments->truths, "true trajectories, one for each DATA; default: the data sets' own")
-      ->option_text("FILE...");
-  verb->add_option("--max-scans", arguments->max_scans, "stop after so many scans of each data set")
-      ->check(CLI::NonNegativeNumber)
-      ->option_text("N");
-  verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
-      ->check(CLI::Range(1, 1024))
-      ->option_text("N");
-  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
-  return verb;
 }
 
 }  // namespace chainslam::mapper

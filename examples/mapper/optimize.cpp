@@ -1,7 +1,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <map>
-#include <memory>
 #include <string>
 #include <vector>
 
@@ -15,11 +14,6 @@
 namespace chainslam::mapper {
 
 namespace {
-
-struct OptimizeArguments {
-  std::filesystem::path input, out;
-  int max_iterations = 100;
-};
 
 /// Gives vertices that the file does not state the place that the first edge from a known vertex puts them at.
 template <class Pose>
@@ -102,6 +96,8 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
   return report.status == OptimizeStatus::converged ? exit_good : exit_goal_missed;
 }
 
+}  // namespace
+
 int run(const OptimizeArguments& arguments) {
   G2oFile file = read_g2o(arguments.input);
   if (file.planar.edges.empty() == file.spatial.edges.empty())
@@ -110,20 +106,6 @@ int run(const OptimizeArguments& arguments) {
                       "give a file with EDGE_SE2 or with EDGE_SE3:QUAT lines");
   return file.spatial.edges.empty() ? optimise_records(file, file.planar, arguments)
                                     : optimise_records(file, file.spatial, arguments);
-}
-
-}  // namespace
-
-CLI::App* add_optimize(CLI::App& program, int& exit_code) {
-  const auto arguments = std::make_shared<OptimizeArguments>();
-  CLI::App* verb = program.add_subcommand("optimize", "optimise a pose graph in g2o's format");
-  verb->add_option("FILE", arguments->input, "pose graph")->required()->option_text(" ");
-  verb->add_option("--out", arguments->out, "write the optimised graph here")->option_text("FILE");
-  verb->add_option("--max-iterations", arguments->max_iterations, "default 100")
-      ->check(CLI::Range(1, 100000))
-      ->option_text("N");
-  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
-  return verb;
 }
 
 }  // namespace chainslam::mapper

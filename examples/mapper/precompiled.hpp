@@ -1,7 +1,6 @@
 #pragma once
 
 // What nearly every verb includes, and what takes longest to read.
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "../precompiled.hpp"

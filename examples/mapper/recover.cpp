@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <memory>
 #include <system_error>
 
 #include "chainslam/core/error.hpp"
@@ -13,11 +12,6 @@
 namespace chainslam::mapper {
 
 namespace {
-
-struct RecoverArguments {
-  std::filesystem::path map, out;
-  bool overwrite = false;
-};
 
 /// Reads what was written once more, from its start to its end, and compares it with what was to be written.
 void check_copy(const std::filesystem::path& path, const SlamMap& map) {
@@ -34,6 +28,8 @@ void check_copy(const std::filesystem::path& path, const SlamMap& map) {
     throw_output_error(path.string(), "", "another map than was written", "check the disk, and do not use this file");
 }
 
+}  // namespace
+
 int run(const RecoverArguments& arguments) {
   std::error_code ignored;
   if (std::filesystem::equivalent(arguments.map, arguments.out, ignored))
@@ -46,22 +42,6 @@ int run(const RecoverArguments& arguments) {
   if (loaded.report.complete) std::printf("nothing was lost: the map was whole\n");
   std::printf("saved        %s\nwritten      %s\n", short_account(loaded.map).c_str(), arguments.out.c_str());
   return exit_good;
-}
-
-}  // namespace
-
-CLI::App* add_recover(CLI::App& program, int& exit_code) {
-  const auto arguments = std::make_shared<RecoverArguments>();
-  CLI::App* verb = program.add_subcommand("recover", "save what is whole of a damaged or unfinished map in a new file");
-  verb->footer(
-      "Takes all up to the last commit that can be read; scans that are damaged are left out, their keyframes stay.\n"
-      "Keyframes after the last optimised poses are placed by odometry. MAP is only read; NEW is read again to check "
-      "it.");
-  verb->add_option("MAP", arguments->map, "map file (.cslam, .cslam.partial)")->required()->option_text(" ");
-  verb->add_option("-o,--out", arguments->out, "map file to write")->required()->option_text("NEW");
-  verb->add_flag("--overwrite", arguments->overwrite, "if NEW is there, keep that as NEW~1");
-  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
-  return verb;
 }
 
 }  // namespace chainslam::mapper

@@ -1,13 +1,9 @@
 #include "simulator/simulate.hpp"
 
-#include <cstdint>
 #include <cstdio>
 #include <filesystem>
-#include <memory>
-#include <optional>
 #include <string>
 #include <string_view>
-#include <thread>
 
 #include "chainslam/core/thread_pool.hpp"
 #include "exit_code.hpp"
@@ -19,10 +15,6 @@
 
 namespace chainslam::mapper {
 
-namespace {
-
-struct Interrupted {};
-
 std::string known_presets() {
   std::string names;
   for (const std::string_view name : simulator::preset_names())
@@ -30,15 +22,11 @@ std::string known_presets() {
   return names;
 }
 
-struct SimulateArguments {
-  std::string preset = "town";
-  std::filesystem::path out;
-  std::string size = "medium";
-  std::optional<std::size_t> sessions;
-  std::uint64_t seed = 1;
-  bool overwrite = false;
-  int threads = static_cast<int>(std::thread::hardware_concurrency());
-};
+namespace {
+
+struct Interrupted {};
+
+}  // namespace
 
 int run(const SimulateArguments& arguments) {
   auto preset = simulator::preset(arguments.preset, *simulator::preset_size(arguments.size));
@@ -77,28 +65,6 @@ int run(const SimulateArguments& arguments) {
               preset->sessions.size() == 1 ? "" : "s", report.scans, 1e-6 * static_cast<double>(report.points),
               report.duration, report.length, 1e-6 * static_cast<double>(report.bytes), folder.target().c_str());
   return exit_good;
-}
-
-}  // namespace
-
-CLI::App* add_simulate(CLI::App& program, int& exit_code) {
-  const auto arguments = std::make_shared<SimulateArguments>();
-  CLI::App* verb = program.add_subcommand("simulate", "make a data set: drives through a town or a campus");
-  verb->add_option("PRESET", arguments->preset, "what to make: " + known_presets())->required()->option_text(" ");
-  verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
-  verb->add_option("--size", arguments->size, "of nclt-like and mars-like: small, medium (default) or full")
-      ->check(CLI::IsMember({"small", "medium", "full"}))
-      ->option_text("SIZE");
-  verb->add_option("--sessions", arguments->sessions, "only the first N of the preset's")
-      ->check(CLI::Range(1, 1000))
-      ->option_text("N");
-  verb->add_option("--seed", arguments->seed, "the same seed gives the same bytes (default 1)")->option_text("N");
-  verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");
-  verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
-      ->check(CLI::Range(1, 1024))
-      ->option_text("N");
-  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
-  return verb;
 }
 
 }  // namespace chainslam::mapper

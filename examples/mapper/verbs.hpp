@@ -1,20 +1,108 @@
 #pragma once
 
-#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "chainslam/evaluation/alignment.hpp"
+#include "chainslam/evaluation/rpe.hpp"
+#include "map_export.hpp"
+#include "trajectory_file.hpp"
 
 namespace chainslam::mapper {
 
-/// Each registers one verb of the program; its callback sets `exit_code` (see exit_code.hpp) or throws.
+/// @name What the command line says to each verb of the program (see command_line.cpp).
 /// @{
-CLI::App* add_map(CLI::App& program, int& exit_code);
-CLI::App* add_simulate(CLI::App& program, int& exit_code);
-CLI::App* add_inspect(CLI::App& program, int& exit_code);
-CLI::App* add_check(CLI::App& program, int& exit_code);
-CLI::App* add_recover(CLI::App& program, int& exit_code);
-CLI::App* add_export(CLI::App& program, int& exit_code);
-CLI::App* add_eval(CLI::App& program, int& exit_code);
-CLI::App* add_optimize(CLI::App& program, int& exit_code);
-CLI::App* add_config(CLI::App& program, int& exit_code);
+struct MapArguments {
+  std::vector<std::filesystem::path> data, maps, truths;
+  std::filesystem::path out, config;
+  std::vector<std::string> overrides;
+  bool overwrite = false;
+  int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  int max_scans = 0;
+};
+
+struct SimulateArguments {
+  std::string preset = "town";
+  std::filesystem::path out;
+  std::string size = "medium";
+  std::optional<std::size_t> sessions;
+  std::uint64_t seed = 1;
+  bool overwrite = false;
+  int threads = static_cast<int>(std::thread::hardware_concurrency());
+};
+
+struct InspectArguments {
+  std::filesystem::path path, config;
+  std::vector<std::string> overrides;
+  bool closures = false;
+};
+
+struct CheckArguments {
+  std::filesystem::path map;
+};
+
+struct RecoverArguments {
+  std::filesystem::path map, out;
+  bool overwrite = false;
+};
+
+struct ExportArguments {
+  std::filesystem::path map, out;
+  std::string format;
+  ExportOptions options;
+};
+
+enum class Associate { automatic, time, index, interpolate };
+
+struct EvalArguments {
+  std::vector<std::filesystem::path> files;
+  AlignmentOptions alignment;
+  Associate associate = Associate::automatic;
+  NcltPoses nclt_poses = NcltPoses::stated;
+  std::optional<double> max_difference;  ///< seconds
+  std::string delta = "1frame";
+  PairChoice pairs = PairChoice::consecutive;
+  std::filesystem::path json;
+  std::optional<double> max_ape;  ///< metres, of the rmse
+  std::optional<double> max_rpe;  ///< metres, of the rmse
+};
+
+struct OptimizeArguments {
+  std::filesystem::path input, out;
+  int max_iterations = 100;
+};
+
+struct ConfigArguments {
+  std::filesystem::path file, check;
+  std::vector<std::string> overrides;
+  std::string explain;
+  bool print = false;
+};
 /// @}
+
+/// Each runs one verb. @returns what the program is to tell the shell (see exit_code.hpp), or throws.
+/// @{
+int run(const MapArguments& arguments);
+int run(const SimulateArguments& arguments);
+int run(const InspectArguments& arguments);
+int run(const CheckArguments& arguments);
+int run(const RecoverArguments& arguments);
+int run(const ExportArguments& arguments);
+int run(const EvalArguments& arguments);
+int run(const OptimizeArguments& arguments);
+int run(const ConfigArguments& arguments);
+/// @}
+
+/// Reads "10m", "0.5m", "1frame", "5frames".
+[[nodiscard]] std::optional<RpeOptions> parse_delta(const std::string& text);
+
+/// What the simulator can make, as a list for people.
+[[nodiscard]] std::string known_presets();
 
 }  // namespace chainslam::mapper

@@ -1,0 +1,261 @@
+#include "command_line.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "chainslam/core/version.hpp"
+#include "exit_code.hpp"
+#include "verbs.hpp"
+
+// The only file that includes CLI11, which is headers only: each file that includes it compiles all of it anew.
+namespace chainslam::mapper {
+
+namespace {
+
+#define CHAINSLAM_TEXT_OF(x) #x
+#define CHAINSLAM_TEXT(x) CHAINSLAM_TEXT_OF(x)
+constexpr const char* version = CHAINSLAM_TEXT(CHAINSLAM_VERSION_MAJOR) "." CHAINSLAM_TEXT(
+    CHAINSLAM_VERSION_MINOR) "." CHAINSLAM_TEXT(CHAINSLAM_VERSION_PATCH);
+
+void add_map(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<MapArguments>();
+  CLI::App* verb = program.add_subcommand("map", "map data sets, one after the other, alone or on top of saved maps");
+  verb->footer(
+      "DIR gets map.cslam (the map, to go on from with --load), report.html, map.ply, trajectory.tum and .kitti.txt,\n"
+      "odometry.tum, graph.g2o, keyframes.csv, closures.csv, config.toml, summary.json and map.png; of several data\n"
+      "sets a trajectory each. Ctrl-C finishes the scan at hand and saves what there is; a second Ctrl-C stops at "
+      "once,\n"
+      "and so may a crash: `chainslam recover DIR.partial/map.cslam.partial` then has all but the last keyframe.\n"
+      "`chainslam config --print` shows everything that can be configured.");
+  verb->add_option("DATA", arguments->data,
+                   "folders of data sets, one session each (see chainslam inspect), or "
+                   "simulate:PRESET/SIZE/SESSION")
+      ->required()
+      ->option_text("...");
+  verb->add_option("--load", arguments->maps, "maps to go on from: map.cslam of earlier runs")->option_text("MAP...");
+  verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
+  verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");
+  verb->add_option("--config", arguments->config, "configuration file (TOML)")->option_text("FILE");
+  verb->add_option("--set", arguments->overrides, "override a key of it, may be given again")
+      ->option_text("KEY=VALUE")
+      ->allow_extra_args(false);
+  verb->add_option("--truth", arguments->truths, "true trajectories, one for each DATA; default: the data sets' own")
+      ->option_text("FILE...");
+  verb->add_option("--max-scans", arguments->max_scans, "stop after so many scans of each data set")
+      ->check(CLI::NonNegativeNumber)
+      ->option_text("N");
+  verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+void add_simulate(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<SimulateArguments>();
+  CLI::App* verb = program.add_subcommand("simulate", "make a data set: drives through a town or a campus");
+  verb->add_option("PRESET", arguments->preset, "what to make: " + known_presets())->required()->option_text(" ");
+  verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
+  verb->add_option("--size", arguments->size, "of nclt-like and mars-like: small, medium (default) or full")
+      ->check(CLI::IsMember({"small", "medium", "full"}))
+      ->option_text("SIZE");
+  verb->add_option("--sessions", arguments->sessions, "only the first N of the preset's")
+      ->check(CLI::Range(1, 1000))
+      ->option_text("N");
+  verb->add_option("--seed", arguments->seed, "the same seed gives the same bytes (default 1)")->option_text("N");
+  verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");
+  verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+void add_inspect(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<InspectArguments>();
+  CLI::App* verb =
+      program.add_subcommand("inspect", "say what a data set, a file or a map is, and what looks odd in it");
+  verb->footer(
+      "Reads everything once. Data sets: NCLT, folders of range images, of clouds, of keyframes with odometry. Files:\n"
+      ".pcd, .ply, KITTI's .bin, .g2o, trajectories of TUM, KITTI, EuRoC and NCLT. Maps: map files (.cslam) and the\n"
+      "folders that `chainslam map` writes.\n"
+      "Lines that begin with ! are worth a look before the data are used.");
+  verb->add_option("PATH", arguments->path, "data set, file or map")->required()->option_text(" ");
+  verb->add_option("--config", arguments->config, "configuration file, for how the data set is read")
+      ->option_text("FILE");
+  verb->add_option("--set", arguments->overrides, "override a key of it, may be given again")
+      ->option_text("KEY=VALUE")
+      ->allow_extra_args(false);
+  verb->add_flag("--closures", arguments->closures, "list a map's closures as well");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+void add_check(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<CheckArguments>();
+  CLI::App* verb = program.add_subcommand("check", "check every checksum and every rule of a map file");
+  verb->footer("Reads all of it. Exit code 3 if anything is damaged or missing, with an account of what is left.");
+  verb->add_option("MAP", arguments->map, "map file (.cslam)")->required()->option_text(" ");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+void add_recover(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<RecoverArguments>();
+  CLI::App* verb = program.add_subcommand("recover", "save what is whole of a damaged or unfinished map in a new file");
+  verb->footer(
+      "Takes all up to the last commit that can be read; scans that are damaged are left out, their keyframes stay.\n"
+      "Keyframes after the last optimised poses are placed by odometry. MAP is only read; NEW is read again to check "
+      "it.");
+  verb->add_option("MAP", arguments->map, "map file (.cslam, .cslam.partial)")->required()->option_text(" ");
+  verb->add_option("-o,--out", arguments->out, "map file to write")->required()->option_text("NEW");
+  verb->add_flag("--overwrite", arguments->overwrite, "if NEW is there, keep that as NEW~1");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+void add_export(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<ExportArguments>();
+  CLI::App* verb = program.add_subcommand("export", "write a map in another program's format");
+  verb->footer(
+      "tum, kitti: PATH is a folder, with a trajectory for each session and a joint one. g2o, ply, pcd: PATH is a "
+      "file.\n"
+      "Sessions that were not merged have frames of their own: each gets its own joint trajectory or cloud.");
+  verb->add_option("MAP", arguments->map, "map file (.cslam)")->required()->option_text(" ");
+  verb->add_option("--format", arguments->format, "tum, kitti, g2o, ply or pcd")
+      ->required()
+      ->check(CLI::IsMember({"tum", "kitti", "g2o", "ply", "pcd"}))
+      ->option_text("FORMAT");
+  verb->add_option("--out", arguments->out, "folder or file to write")->required()->option_text("PATH");
+  verb->add_option("--voxel", arguments->options.voxel_size, "metres, of clouds; 0 keeps all points; default 0.2")
+      ->check(CLI::Range(0.0, 10.0))
+      ->option_text("SIZE");
+  verb->add_flag("--overwrite", arguments->options.overwrite, "if PATH is there, keep that as PATH~1");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+/// An option that takes one of several words.
+template <class Value>
+void add_choice(CLI::App& verb, const std::string& name, Value& member, const std::string& help,
+                std::vector<std::pair<std::string, Value>> choices) {
+  std::string words;
+  for (const auto& [word, value] : choices) words += (words.empty() ? "" : "|") + word;
+  const auto assign = [name, words, choices, &member](const std::string& text) {
+    const auto found =
+        std::find_if(choices.begin(), choices.end(), [&](const auto& choice) { return choice.first == text; });
+    if (found == choices.end()) throw CLI::ValidationError(name, "'" + text + "' is none of " + words);
+    member = found->second;
+  };
+  verb.add_option_function<std::string>(name, assign, help)->option_text(words);
+}
+
+void add_eval(CLI::App& program, int& exit_code) {
+  const auto options = std::make_shared<EvalArguments>();
+  CLI::App* verb = program.add_subcommand("eval", "compare estimated trajectories with references, as evo does");
+  verb->footer(
+      "Formats are told by content: TUM, KITTI poses, EuRoC csv, NCLT ground truth csv. Several pairs are sessions of\n"
+      "one map: they share one alignment, and relative errors do not reach from one into the next.\n"
+      "Examples:\n"
+      "  chainslam eval truth.tum map/trajectory.tum\n"
+      "  chainslam eval KITTI_00_gt.txt KITTI_00_ORB.txt --align none --delta 10m\n"
+      "  chainslam eval groundtruth_2012-01-08.csv map/trajectory.tum --nclt imu --associate interpolate\n"
+      "  chainslam eval truth1.csv session1.tum truth2.csv session2.tum --max-difference 0.2 --project xy --json "
+      "e.json");
+  verb->add_option("files", options->files, "REFERENCE ESTIMATE, once for each session")
+      ->required()
+      ->option_text("PATH PATH ...")
+      ->expected(2, CLI::detail::expected_max_vector_size);
+  add_choice<Alignment>(
+      *verb, "--align", options->alignment.align,
+      "transform of the estimate that is fitted before errors are taken: se3 (default), sim3 (with scale),\n"
+      "origin (the first poses agree), none",
+      {{"none", Alignment::none}, {"origin", Alignment::origin}, {"se3", Alignment::se3}, {"sim3", Alignment::sim3}});
+  add_choice<bool>(*verb, "--project", options->alignment.project_xy, "xy: lay poses flat before they are aligned",
+                   {{"xy", true}, {"none", false}});
+  add_choice<Associate>(
+      *verb, "--associate", options->associate,
+      "which poses belong together: time (nearest; default where both have times), index (default else),\n"
+      "interpolate (the reference is interpolated to the estimate's times)",
+      {{"time", Associate::time}, {"index", Associate::index}, {"interpolate", Associate::interpolate}});
+  verb->add_option("--max-difference", options->max_difference,
+                   "largest difference of the times of two poses that are joined (default 0.01), or with interpolate\n"
+                   "the longest gap in the reference (default 1)")
+      ->option_text("SECONDS")
+      ->check(CLI::Range(0.0, 1e9).description(""));
+  verb->add_option("--delta", options->delta, "distance of relative errors, as in 10m or 1frame (default)")
+      ->option_text("DELTA")
+      ->check(CLI::Validator(
+          [](std::string& text) {
+            return parse_delta(text) ? std::string{} : "'" + text + "' is no distance: write 10m or 1frame";
+          },
+          ""));
+  add_choice<PairChoice>(*verb, "--pairs", options->pairs, "which pairs of that distance: consecutive (default) or all",
+                         {{"consecutive", PairChoice::consecutive}, {"all", PairChoice::all}});
+  add_choice<NcltPoses>(*verb, "--nclt", options->nclt_poses,
+                        "what NCLT's csv gives: its poses as stated, z down (default), or imu: z up, of the inertial\n"
+                        "unit, as this program's maps have them",
+                        {{"stated", NcltPoses::stated}, {"imu", NcltPoses::imu}});
+  verb->add_option("--json", options->json, "write all figures to this file as well")->option_text("FILE");
+  verb->add_option("--max-ape", options->max_ape, "exit with 5 if the APE's rmse exceeds this")->option_text("METRES");
+  verb->add_option("--max-rpe", options->max_rpe, "exit with 5 if the RPE's rmse exceeds this")->option_text("METRES");
+  verb->callback([options, &exit_code] {
+    if (options->files.size() % 2 != 0)
+      throw CLI::ValidationError("files", "each REFERENCE needs its ESTIMATE: an even number of files");
+    exit_code = run(*options);
+  });
+}
+
+void add_optimize(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<OptimizeArguments>();
+  CLI::App* verb = program.add_subcommand("optimize", "optimise a pose graph in g2o's format");
+  verb->add_option("FILE", arguments->input, "pose graph")->required()->option_text(" ");
+  verb->add_option("--out", arguments->out, "write the optimised graph here")->option_text("FILE");
+  verb->add_option("--max-iterations", arguments->max_iterations, "default 100")
+      ->check(CLI::Range(1, 100000))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+void add_config(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<ConfigArguments>();
+  CLI::App* verb = program.add_subcommand("config", "print, check and explain the configuration");
+  verb->add_flag("--print", arguments->print, "print all keys with comments, as a TOML file to start from");
+  verb->add_option("--config", arguments->file, "with --print: the values of this file")->option_text("FILE");
+  verb->add_option("--set", arguments->overrides, "with --print: override a key, may be given again")
+      ->option_text("KEY=VALUE")
+      ->allow_extra_args(false);
+  verb->add_option("--check", arguments->check, "check a file; nothing is run")->option_text("FILE");
+  verb->add_option("--explain", arguments->explain, "say what a key or a table of keys means")->option_text("KEY");
+  verb->require_option(1, 0);
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+}  // namespace
+
+int run_command_line(int argc, const char* const* argv) {
+  CLI::App program{"chainslam: maps from LiDAR sequences, with loop closures and a pose graph", "chainslam"};
+  program.set_version_flag("--version", version);
+  program.require_subcommand(1);
+  program.footer(
+      "chainslam VERB --help explains a verb.\n"
+      "Exit codes: 0 good, 2 usage or configuration, 3 input unusable, 4 output or disk,\n"
+      "5 finished but a stated goal was missed, 70 internal error, 130 interrupted (map saved).");
+  int exit_code = exit_good;
+  add_map(program, exit_code);
+  add_simulate(program, exit_code);
+  add_inspect(program, exit_code);
+  add_check(program, exit_code);
+  add_recover(program, exit_code);
+  add_export(program, exit_code);
+  add_eval(program, exit_code);
+  add_optimize(program, exit_code);
+  add_config(program, exit_code);
+  try {
+    program.parse(argc, argv);
+    return exit_code;
+  } catch (const CLI::ParseError& error) {
+    return program.exit(error) == 0 ? exit_good : exit_usage;
+  }
+}
+
+}  // namespace chainslam::mapper
