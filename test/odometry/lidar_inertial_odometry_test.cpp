@@ -333,8 +333,9 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(odometry.counts().lost_scans == 0);
     // Its map holds the body for ever. Levelled, each step is turned by what gravity's direction is taken for then: a
     // thousandth of a degree off makes 1.7 m of the 100 km of twelve hours.
-    CHECK(error_in_map < 0.1);
-    CHECK(error < 0.1 + 2e-5 * way);
+    // The first two scans, of 576 points each and in motion, are what the 0.12 m are for.
+    CHECK(error_in_map < 0.12);
+    CHECK(error < 0.12 + 2e-5 * way);
     CHECK(odometry.local_map().memory() == memory);
     CHECK(static_cast<double>(odometry.local_map().size()) < 1.05 * static_cast<double>(points));
     CHECK(late < (full ? 1.5 : 3.0) * early);  // of minutes, what else the machine does is a large part

@@ -17,7 +17,7 @@ TEST_SUITE("odometry/motion_predictor") {
     motion.start(at(0), at(0), {});
     Vector6d twist;
     twist << 10, 0.5, 0, 0, 0.01, 0.3;
-    CHECK(motion.predict(at(0), at(0.1)).error == doctest::Approx(2.0));
+    CHECK(motion.predict(at(0), at(0.1)).error == doctest::Approx(4.0));
     SE3d pose;
     for (int i = 1; i <= 30; ++i) {
       pose = pose.retract(0.1 * twist);
@@ -32,7 +32,7 @@ TEST_SUITE("odometry/motion_predictor") {
     CHECK_FALSE(next.with_gyro);
     const MotionPrediction late = motion.predict(at(8), at(8));
     CHECK(late.T_odom_body == pose);
-    CHECK(late.error == doctest::Approx(2.0));
+    CHECK(late.error == doctest::Approx(4.0));
   }
 
   TEST_CASE("the gyroscope's rotation replaces the continued one, and its bias is found") {

@@ -28,7 +28,7 @@ struct MotionPrediction {
 };
 
 struct MotionPredictorOptions {
-  double initial_error = 2.0;    ///< metres a prediction may be off while the motion is unknown
+  double initial_error = 4.0;    ///< metres a prediction may be off while the motion is unknown: 40 m/s at 10 Hz
   double min_error = 0.3;        ///< metres a prediction may be off when the motion is steady
   double max_gap = 1.0;          ///< seconds over which motion is extrapolated; after a longer pause it is unknown
   double gyro_bias_gain = 0.02;  ///< share of the rate difference to the found rotation taken into the bias, per scan
