@@ -258,7 +258,7 @@ auto LidarInertialOdometry<Map, Kernel>::attempt(const Sweep& sweep, const Vecto
   velocity = R3d(velocity.value() + bent / std::max(motion_.interval(), 1e-3));
   ScanMeasurement measurement(attempt.clouds.points, map_.points(), options_.scan_to_map, options_.scan, prior,
                               executor);
-  attempt.report = attempt.filter.update(measurement, measurement.with_wide_steps(options_.iteration));
+  attempt.report = attempt.filter.update(measurement, options_.iteration);
   attempt.match = measurement.match();
   return attempt;
 }

@@ -38,7 +38,9 @@ struct LidarInertialOdometryOptions {
   InertialMotionOptions motion{};
   ScanToMap<Kernel> scan_to_map{.min_signal = 1.5};  ///< less than by itself: the prediction is weighed against it
   ScanMeasurementOptions scan{};
-  IterationRule iteration{.max_iterations = 12, .step_tolerance = 1e-3};
+  /// More than `scan_to_map.max_coarse_iterations`, so that some are left for the fine ones. A good prediction takes 3
+  /// to 5 in all, a bad one dozens.
+  IterationRule iteration{.max_iterations = 120, .step_tolerance = 1e-3};
   double residual_variance = 0;        ///< m^2; 0: learnt from the residuals
   double max_mounting_position = 0.3;  ///< metres off the given one; farther, the estimate is given up
   double max_mounting_rotation = 0.1;  ///< radians

@@ -9,7 +9,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/filter/concepts.hpp"
-#include "chainslam/filter/ieskf.hpp"
+#include "chainslam/odometry/detail/coarse_to_fine.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/plane_matches.hpp"
 #include "chainslam/odometry/detail/pose_information.hpp"
@@ -58,15 +58,9 @@ class ScanMeasurement {
         options_(options),
         prior_(prior),
         executor_(executor),
-        error_(options.coarse_to_fine ? prior.error : 0.0, rule) {}
+        schedule_(options.coarse_to_fine ? prior.error : 0.0, rule) {}
 
   [[nodiscard]] Linearization<InertialState> linearize(const InertialState& x, bool renew);
-
-  /// A rule with room for the passes under a wide gate, which do not count.
-  [[nodiscard]] IterationRule with_wide_steps(IterationRule rule) const {
-    if (options_.coarse_to_fine) rule.max_iterations += rule_.max_wide_steps;
-    return rule;
-  }
 
   /// The pose at which a state puts the scan.
   [[nodiscard]] SE3d pose(const InertialState& x) const {
@@ -94,10 +88,10 @@ class ScanMeasurement {
   /// How far the matched points have moved since planes were looked up, metres.
   [[nodiscard]] double moved_to(const SE3d& T) const { return detail::moved_distance(T_matched_.local(T), lever_); }
   [[nodiscard]] bool wants_planes(const SE3d& T, bool renew) const {
-    if (matchings_ == 0 || error_.wide()) return true;
-    if (fine_matchings_ == rule_.max_matchings) return false;
+    if (matchings_ == 0) return true;
+    if (!schedule_.coarse() && fine_matchings_ == rule_.max_matchings) return false;
     const double moved = moved_to(T);
-    return (renew && moved > options_.fresh_distance) || moved > rule_.rematch_distance;
+    return ((renew || schedule_.coarse()) && moved > options_.fresh_distance) || moved > rule_.rematch_distance;
   }
 
   const Scan& scan_;
@@ -108,10 +102,10 @@ class ScanMeasurement {
   const E& executor_;
   std::vector<detail::FormerNeighbors<typename Map::Scalar, Rule::neighbors>> neighbors_;
   std::vector<detail::MatchedPlane> planes_;
-  detail::ShrinkingError error_;
+  detail::CoarseToFine schedule_;
   double lever_ = 1;  ///< metres: range of the matched points
   SE3d T_matched_;    ///< where planes were looked up
-  SE3d T_before_;     ///< of the pass before
+  SE3d T_before_;     ///< of the last iteration
   Index matchings_ = 0, fine_matchings_ = 0;
   ScanMatch match_;
 };
@@ -119,19 +113,19 @@ class ScanMeasurement {
 template <Cloud Scan, NearestNeighborSearch Map, class Kernel, Executor E>
 Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(const InertialState& x, bool renew) {
   const SE3d T = pose(x);
-  if (match_.iterations > 0) error_.follow(detail::moved_distance(T_before_.local(T), lever_));
+  if (match_.iterations > 0) schedule_.follow(detail::moved_distance(T_before_.local(T), lever_));
   T_before_ = T;
   const bool looked_up = wants_planes(T, renew);
   if (looked_up) {
-    const detail::PlaneRule plane{std::max(rule_.max_neighbor_distance, error_.value()), rule_.max_plane_deviation,
+    const detail::PlaneRule plane{std::max(rule_.max_neighbor_distance, schedule_.error()), rule_.max_plane_deviation,
                                   rule_.min_plane_width, rule_.residual_floor, options_.planes};
     detail::match_planes<Rule::neighbors>(scan_, map_, T, plane, neighbors_, planes_, executor_);
     T_matched_ = T;
     ++matchings_;
-    if (!error_.wide()) ++fine_matchings_;
+    if (!schedule_.coarse()) ++fine_matchings_;
   }
-  const double unit = std::max(rule_.residual_scale, 0.5 * error_.value());
-  const auto in_gate = [&](double range) { return std::max(rule_.gate * std::sqrt(range), error_.value()); };
+  const double unit = std::max(rule_.residual_scale, 0.5 * schedule_.error());
+  const auto in_gate = [&](double range) { return std::max(rule_.gate * std::sqrt(range), schedule_.error()); };
   const auto weight = [&](double squared) { return rule_.kernel.weight(squared / (unit * unit)); };
   const detail::PlaneEquations sum = detail::plane_equations(scan_, planes_, T, in_gate, weight, executor_);
   ++match_.iterations;
@@ -155,7 +149,7 @@ Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(co
   answer.squared_error = sum.squared_residuals / prior_.variance;
   answer.residuals = sum.matches;
   const bool fresh = looked_up || fine_matchings_ == rule_.max_matchings || moved_to(T) <= options_.fresh_distance;
-  answer.settled = !error_.wide() && fresh;
+  answer.settled = !schedule_.coarse() && fresh;
   return answer;
 }
 

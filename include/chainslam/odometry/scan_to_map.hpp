@@ -11,6 +11,7 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/odometry/detail/coarse_to_fine.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/plane_matches.hpp"
 #include "chainslam/odometry/detail/pose_information.hpp"
@@ -40,11 +41,10 @@ struct ScanMatch {
 /// in Gauss-Newton form, made robust.
 ///
 /// Each point takes the plane through its nearest neighbours in the map. The gate on the distance to that plane and the
-/// kernel's scale start at the error to be expected of the guess and shrink by half whenever the pose has come to rest
-/// within them, so that a bad guess (the first scans of a drive) is caught without letting traffic in later. Were they
-/// to shrink while the pose still moves, they would shut out the very points that pull it to its place. Directions in
-/// which the planes carry too little information are left at the guess (Zhang et al. 2016, solution remapping) and get
-/// the guess's variance.
+/// kernel's scale start at the error to be expected of the guess and shrink by half whenever the pose has converged
+/// under them (`detail::CoarseToFine`), so that a bad guess (the first scans of a drive) is caught without letting
+/// traffic in later. Directions in which the planes carry too little information are left at the guess (Zhang et al.
+/// 2016, solution remapping) and get the guess's variance.
 ///
 /// @tparam Kernel  its argument is the squared residual over the current scale.
 template <class Kernel = GemanMcClure>
@@ -52,10 +52,10 @@ struct ScanToMap {
   static_assert(RobustKernel<Kernel>, "ScanToMap: Kernel needs `double weight(double squared_residual) const`");
   static constexpr std::size_t neighbors = 5;  // FAST-LIO2
 
-  Index max_iterations = 20;   ///< Gauss-Newton steps, beside those under a wide gate
-  Index max_matchings = 4;     ///< times the planes of all points are looked up, beside those under a wide gate
-  Index max_wide_steps = 100;  ///< Gauss-Newton steps under a wide gate
-  double wide_step = 0.05;     ///< of the gate: a wide one shrinks only after a shorter step
+  Index max_iterations = 20;          ///< Gauss-Newton iterations, not counting repeated coarse ones
+  Index max_matchings = 4;            ///< times the planes of all points are looked up once no longer coarse
+  Index max_coarse_iterations = 100;  ///< with gate and kernel held until the pose has converged under them
+  double coarse_tolerance = 0.05;     ///< of the gate: converged under it if the last step was no longer
   Index min_matches = 30;
   double max_neighbor_distance = 2.236;  ///< metres, of the fifth neighbour (FAST-LIO2: sqrt(5))
   double max_plane_deviation = 0.1;      ///< metres, of every neighbour from the plane (FAST-LIO2)
@@ -79,33 +79,6 @@ struct ScanToMap {
                                 const E& executor = {}) const;
 };
 
-namespace detail {
-
-/// How far a pose may still be from its place: halved whenever the pose has come to rest within that.
-class ShrinkingError {
- public:
-  template <class Kernel>
-  ShrinkingError(double metres, const ScanToMap<Kernel>& rule)
-      : value_(metres), fine_(2 * rule.residual_scale), rest_(rule.wide_step), max_wide_steps_(rule.max_wide_steps) {}
-
-  [[nodiscard]] double value() const { return value_; }           ///< metres
-  [[nodiscard]] bool wide() const { return value_ > fine_; }      ///< more than the kernel is to end with
-  [[nodiscard]] Index wide_steps() const { return wide_steps_; }  ///< that it has stayed wide for
-  /// Takes a step of the pose, metres.
-  void follow(double step) {
-    if (!wide() || wide_steps_ == max_wide_steps_ || step <= rest_ * value_)
-      value_ *= 0.5;
-    else
-      ++wide_steps_;
-  }
-
- private:
-  double value_, fine_, rest_;
-  Index max_wide_steps_, wide_steps_ = 0;
-};
-
-}  // namespace detail
-
 template <class Kernel>
 template <Cloud Scan, NearestNeighborSearch Map, Executor E>
 ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d& guess, double guess_error,
@@ -113,21 +86,21 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
   ScanMatch match{.T_map_body = guess};
   std::vector<detail::FormerNeighbors<typename Map::Scalar, neighbors>> found;
   std::vector<detail::MatchedPlane> planes;
-  detail::ShrinkingError error(guess_error, *this);
+  detail::CoarseToFine schedule(guess_error, *this);
   double moved = 0;  // metres at the lever arm, since planes were looked up
   bool stale = true;
   Index matchings = 0;
-  while (match.status != ScanMatchStatus::converged && match.iterations < max_iterations + error.wide_steps()) {
-    const bool settled = !error.wide();
+  while (match.status != ScanMatchStatus::converged && match.iterations < max_iterations + schedule.iterations()) {
+    const bool settled = !schedule.coarse();
     if (stale) {
       if (settled && matchings++ == max_matchings) break;
-      const detail::PlaneRule rule{std::max(max_neighbor_distance, error.value()), max_plane_deviation, min_plane_width,
-                                   residual_floor};
+      const detail::PlaneRule rule{std::max(max_neighbor_distance, schedule.error()), max_plane_deviation,
+                                   min_plane_width, residual_floor};
       detail::match_planes<neighbors>(scan, map, match.T_map_body, rule, found, planes, executor);
       moved = 0;
     }
-    const double unit = std::max(residual_scale, 0.5 * error.value());
-    const auto in_gate = [&](double range) { return std::max(gate * std::sqrt(range), error.value()); };
+    const double unit = std::max(residual_scale, 0.5 * schedule.error());
+    const auto in_gate = [&](double range) { return std::max(gate * std::sqrt(range), schedule.error()); };
     const auto weight = [&](double squared_residual) { return kernel.weight(squared_residual / (unit * unit)); };
     const detail::PlaneEquations sum =
         detail::plane_equations(scan, planes, match.T_map_body, in_gate, weight, executor);
@@ -155,7 +128,7 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
     match.status = settled && small && stale ? ScanMatchStatus::converged : ScanMatchStatus::iteration_limit;
     // A small step on old planes is not yet an answer: look the planes up once more.
     stale = !settled || small || moved > rematch_distance;
-    error.follow(step_length);
+    schedule.follow(step_length);
   }
   return match;
 }
