@@ -33,8 +33,9 @@ struct AlignmentOptions {
 /// Why there are no errors, where there are none.
 enum class EvaluationStatus {
   evaluated,
-  no_poses,             ///< nothing was matched
-  degenerate_alignment  ///< too few positions, or all on one line: no rotation fits best
+  no_poses,              ///< nothing was matched
+  degenerate_alignment,  ///< too few positions, or all on one line: no rotation fits best
+  path_too_short         ///< shorter than the shortest segment over which errors are taken
 };
 
 /// Sessions in the reference's frame, all under one alignment.
