@@ -8,7 +8,11 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
+#include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/lie/product.hpp"
 #include "chainslam/lie/rn.hpp"
+#include "chainslam/lie/so3.hpp"
+#include "support/property.hpp"
 
 using namespace chainslam;
 
@@ -44,6 +48,44 @@ static_assert(ProcessModel<LinearProcess, R4d> && !ProcessModel<LinearMeasuremen
 
 using LinearFilter = Ieskf<R4d, LinearProcess>;
 
+using Pose = Product<Rn<double, 3>, SO3d>;
+
+struct StandingProcess {
+  struct Input {};
+  [[nodiscard]] Transition<Pose> predict(const Pose& x, const Input&, double) const {
+    return {x, Transition<Pose>::Matrix::Identity(), Transition<Pose>::Matrix::Zero()};
+  }
+};
+using PoseFilter = Ieskf<Pose, StandingProcess>;
+
+/// Landmarks seen from a pose, in its own axes: z = R^-1 (l - p) + noise.
+struct Landmarks {
+  std::vector<Eigen::Vector3d> places{}, seen{};
+  double variance;
+
+  [[nodiscard]] Eigen::Vector3d residual(const Pose& x, std::size_t i) const {
+    return x.get<1>().inverse() * Eigen::Vector3d(places[i] - x.get<0>().value()) - seen[i];
+  }
+  [[nodiscard]] double squared_error(const Pose& x) const {
+    double sum = 0;
+    for (std::size_t i = 0; i < places.size(); ++i) sum += residual(x, i).squaredNorm() / variance;
+    return sum;
+  }
+  Linearization<Pose> linearize(const Pose& x, bool) const {
+    Linearization<Pose> sum;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      const Eigen::Vector3d r = residual(x, i);
+      Eigen::Matrix<double, 3, 6> H;
+      H << -x.get<1>().inverse().matrix(), SO3d::hat(r + seen[i]);
+      sum.information += H.transpose() * H / variance;
+      sum.gradient -= H.transpose() * r / variance;
+    }
+    sum.squared_error = squared_error(x);
+    sum.residuals = 3 * to_index(places.size());
+    return sum;
+  }
+};
+
 template <class Matrix>
 Matrix filled(Rng& rng) {
   Matrix m;
@@ -53,6 +95,14 @@ Matrix filled(Rng& rng) {
 Matrix4 covariance_of(Rng& rng) {
   const Matrix4 root = filled<Matrix4>(rng);
   return root * root.transpose();
+}
+Eigen::Vector3d any_vector(Rng& rng, double deviation) {
+  return {rng.normal(0, deviation), rng.normal(0, deviation), rng.normal(0, deviation)};
+}
+Pose moved(const Pose& x, Rng& rng, double distance, double angle) {
+  Pose::Tangent step;
+  step << any_vector(rng, distance), any_vector(rng, angle);
+  return x.retract(step);
 }
 LinearMeasurement measurement_of(Rng& rng) {
   return {filled<Eigen::Matrix<double, 2, 4>>(rng), filled<Eigen::Vector2d>(rng), 0.25};
@@ -143,5 +193,70 @@ TEST_SUITE("filter/ieskf") {
     CHECK(measurement.renewals == std::vector<bool>{false, true, true});
     measurement = {{}, false};
     CHECK(filter.update(measurement, {.max_iterations = 2}).status == FilterStatus::iteration_limit);
+  }
+
+  TEST_CASE("from any guess, a linear measurement leads to the same estimate, covariance and figures") {
+    test::for_all(50, [](Rng& rng, int) {
+      const Vector4 x = filled<Vector4>(rng);
+      const Matrix4 P = covariance_of(rng);
+      LinearMeasurement z = measurement_of(rng);
+      LinearFilter from_prediction(R4d(x), P), from_guess(R4d(x), P);
+      const IterationRule rule{.max_iterations = 10, .step_tolerance = 1e-9};
+      const FilterReport<R4d> expected = from_prediction.update(z, rule);
+      const FilterReport<R4d> found = from_guess.update(z, rule, R4d(Vector4(x + 10 * filled<Vector4>(rng))));
+      const double size = 1 + from_prediction.state().value().norm();
+      CHECK(found.status == FilterStatus::converged);
+      CHECK((from_guess.state().value() - from_prediction.state().value()).norm() < 1e-8 * size);
+      CHECK((from_guess.covariance() - from_prediction.covariance()).norm() < 1e-8 * (1 + P.norm()));
+      CHECK(found.nis == doctest::Approx(expected.nis).epsilon(1e-6));
+      CHECK((found.correction - expected.correction).norm() < 1e-8 * size);
+      const double by_prior = expected.correction.dot(P.inverse() * expected.correction);
+      CHECK(expected.prior_error == doctest::Approx(by_prior).epsilon(1e-5));
+      CHECK(found.prior_error == doctest::Approx(by_prior).epsilon(1e-5));
+    });
+  }
+
+  TEST_CASE("the correction's cost by the prior is that of the estimate, however few the passes") {
+    test::for_all(50, [](Rng& rng, int) {
+      const Matrix4 P = covariance_of(rng);
+      LinearMeasurement z = measurement_of(rng);
+      for (const Index passes : {1, 2, 5}) {
+        CAPTURE(passes);
+        LinearFilter filter(R4d(), P);
+        const FilterReport<R4d> report = filter.update(z, {.max_iterations = passes});
+        const double by_prior = report.correction.dot(P.inverse() * report.correction);
+        CHECK(report.prior_error == doctest::Approx(by_prior).epsilon(1e-5));
+      }
+    });
+  }
+
+  TEST_CASE("a pose by landmarks: prediction and guess lead to the same maximum a posteriori, where the cost is flat") {
+    test::for_all(50, [](Rng& rng, int) {
+      Landmarks z{.variance = 0.01};
+      const Pose prediction = moved(Pose(), rng, 1, 1);
+      const Pose truth = moved(prediction, rng, 0.5, 0.2);
+      for (int i = 0; i < 4; ++i) {
+        z.places.push_back(any_vector(rng, 5));
+        z.seen.push_back(truth.get<1>().inverse() * Eigen::Vector3d(z.places.back() - truth.get<0>().value()) +
+                         any_vector(rng, 0.1));
+      }
+      PoseFilter::Matrix P = 0.04 * PoseFilter::Matrix::Identity();
+      P(0, 5) = P(5, 0) = 0.02;
+      PoseFilter from_prediction(prediction, P), from_guess(prediction, P);
+      const IterationRule rule{.max_iterations = 50, .step_tolerance = 1e-9};
+      const FilterReport<Pose> expected = from_prediction.update(z, rule);
+      const FilterReport<Pose> found = from_guess.update(z, rule, moved(prediction, rng, 1, 0.3));
+      REQUIRE(expected.status == FilterStatus::converged);
+      REQUIRE(found.status == FilterStatus::converged);
+      CHECK(from_prediction.state().local(from_guess.state()).norm() < 1e-7);
+      CHECK((from_prediction.covariance() - from_guess.covariance()).norm() < 1e-7);
+      CHECK(found.prior_error == doctest::Approx(expected.prior_error).epsilon(1e-4));
+      const PoseFilter::Matrix information = P.inverse();
+      const auto cost = [&](const Pose& x) {
+        const Pose::Tangent d = prediction.local(x);
+        return Rn<double, 1>(Eigen::Matrix<double, 1, 1>(d.dot(information * d) + z.squared_error(x)));
+      };
+      CHECK(numeric_jacobian(cost, from_guess.state()).norm() < 1e-4 * information.norm());
+    });
   }
 }

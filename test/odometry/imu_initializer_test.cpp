@@ -50,4 +50,19 @@ TEST_SUITE("odometry/imu_initializer") {
     const Eigen::Vector3d down = -Eigen::Vector3d::UnitZ();
     CHECK((gravity_aligned(down) * down - Eigen::Vector3d::UnitZ()).norm() < 1e-12);
   }
+
+  TEST_CASE("samples with a stuck axis do not count") {
+    std::vector<ImuSample> samples;
+    for (int i = 0; i < 20; ++i) samples.push_back(sample_at(0.01 * i, {1, 0, 0.002}, {0, 9.81, 0}));
+    for (std::size_t i = 0; i < 10; ++i) {
+      samples[i].gyro = {0.001, 0, 0.002};
+      samples[i].accel = {0, 0, 9.81};
+    }
+    for (std::size_t i = 10; i < 20; ++i) (i % 2 == 0 ? samples[i].rate_measured : samples[i].force_measured) = false;
+    const ImuStart start = ImuInitializer{}.estimate(samples);
+    CHECK(start.samples == 10);
+    CHECK(start.at_rest);
+    CHECK(start.up_body == Eigen::Vector3d::UnitZ());
+    CHECK(start.gyro_bias.isApprox(Eigen::Vector3d(0.001, 0, 0.002)));
+  }
 }

@@ -97,7 +97,8 @@ TripOutcome follow_trip(const InertialTrip& trip, const std::vector<Packet>& pac
   };
   for (const Packet& packet : packets)
     if (auto frame = odometry.process(packet, executor)) take(std::move(*frame));
-  while (auto frame = odometry.flush(executor)) take(std::move(*frame));
+  if constexpr (requires { odometry.flush(executor); })
+    while (auto frame = odometry.flush(executor)) take(std::move(*frame));
   return outcome;
 }
 

@@ -102,6 +102,11 @@ Followed follow_stroll(const InertialTrip& trip, const std::vector<Packet>& pack
   return followed;
 }
 
+/// Frames that say so of the IMU.
+auto count_use(const std::vector<Frame>& frames, std::optional<ImuUse> use) {
+  return std::ranges::count_if(frames, [&](const Frame& frame) { return frame.health.imu_use == use; });
+}
+
 const InertialTrip& strolling() {
   static const InertialTrip trip{.pose = stroll, .T_body_lidar = placed(0.1, -0.05, 0.2, 0.02, 0.01, 0.5)};
   return trip;
@@ -119,6 +124,8 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.frames.size() == 50);
     CHECK(run.counts.lost_scans == 0);
     CHECK(run.counts.unmeasured_scans == 0);
+    CHECK(count_use(run.frames, std::nullopt) == 1);  // the first
+    CHECK(count_use(run.frames, ImuUse::all) == 49);
     CHECK(run.max_error < 0.03);
     CHECK(run.max_angle < 0.006);
     CHECK(run.tilt < 0.02);
@@ -135,6 +142,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     const Followed none = follow_stroll(blind, blind.packets());
     CHECK(none.frames.size() == 50);
     CHECK(none.counts.unmeasured_scans == 49);
+    CHECK(count_use(none.frames, std::nullopt) == 50);
     CHECK(none.counts.lost_scans == 0);
     CHECK(none.max_error < 0.05);
   }
@@ -171,6 +179,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     const Followed run = follow_stroll(strolling(), packets);
     CHECK(run.frames.size() == 50);
     CHECK(run.counts.unmeasured_scans >= 8);
+    CHECK(count_use(run.frames, ImuUse::none) == run.counts.unmeasured_scans);
     CHECK(run.counts.lost_scans == 0);
     CHECK(run.max_error < 0.05);
   }
@@ -236,7 +245,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     const Followed run = follow_stroll(strolling(), packets);
     CHECK(run.frames.size() == 45);
     CHECK(run.counts.empty_scans == 5);
-    CHECK(run.counts.dropped_imu_samples == 12);
+    CHECK(run.counts.imu.not_finite == 12);
     CHECK(run.max_error < 0.04);
   }
 
@@ -263,7 +272,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(covariance(0, 0) > 20 * covariance(1, 1));  // along against across
     const SE3d end = run.T_world_odom * run.frames.back().T_odom_body;
     CHECK(std::abs(end.translation().y() - trip.truth(run.frames.back().time).translation().y()) < 0.03);
-    CHECK(run.max_error < 1.0);  // of 7 m, by an accelerometer with a bias of 5 cm/s^2
+    CHECK(run.max_error < 1.1);  // of 7 m, by an accelerometer with a bias of 5 cm/s^2
     CHECK(std::abs(trip.truth(run.frames.back().time).translation().x() - end.translation().x()) <
           4 * std::sqrt(covariance(0, 0)));
   }
@@ -293,7 +302,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
 
   // Twelve hours at 10 Hz with CHAINSLAM_FULL, else four minutes.
   TEST_CASE("for hours, from a start in motion: neither memory nor time grow" * doctest::skip(quick())) {
-    InertialTrip trip{.pose = rounds, .scans = 120, .spinner = {.rings = 16, .columns = 36}};
+    InertialTrip trip{.pose = rounds, .scans = 120, .spinner = {.rings = 16, .columns = 48}};
     const bool full = std::getenv("CHAINSLAM_FULL") != nullptr;
     const int times = full ? 3600 : 20;
     Lio odometry;
@@ -333,9 +342,8 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(odometry.counts().lost_scans == 0);
     // Its map holds the body for ever. Levelled, each step is turned by what gravity's direction is taken for then: a
     // thousandth of a degree off makes 1.7 m of the 100 km of twelve hours.
-    // The 0.12 m are the second frame's: with 576 points a scan, and in motion, it settles 0.11 m off the first.
-    CHECK(error_in_map < 0.12);
-    CHECK(error < 0.12 + 2e-5 * way);
+    CHECK(error_in_map < 0.05);
+    CHECK(error < 0.05 + 2e-5 * way);
     CHECK(odometry.local_map().memory() == memory);
     CHECK(static_cast<double>(odometry.local_map().size()) < 1.05 * static_cast<double>(points));
     CHECK(late < (full ? 1.5 : 3.0) * early);  // of minutes, what else the machine does is a large part
@@ -391,6 +399,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     options.T_body_lidar = trip.T_body_lidar * placed(0, 0, 0, 0.0, 0.02, -0.02);
     options.motion.lidar_rotation = 0.03;
     options.motion.lidar_position = 0.02;
+    options.monitor.max_pose_nis = 100;  // until it is known, the mounting makes scans contradict the IMU
     Lio odometry(options);
     static_cast<void>(follow_trip(trip, packets, odometry));
     const double left = T_body_lidar(odometry.state()).rotation().local(trip.T_body_lidar.rotation()).norm();

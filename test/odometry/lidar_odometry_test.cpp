@@ -192,6 +192,8 @@ TEST_SUITE("odometry/lidar_odometry") {
     const auto frame = odometry.process(Packet(sweep_at(hall(), 8, slow)));
     REQUIRE(frame.has_value());
     CHECK(odometry.counts().gaps == 1);
+    CHECK(frame->health.after_gap);
+    CHECK_FALSE(frame->health.imu_use.has_value());
     CHECK(frame->health.status == FrameStatus::good);
     CHECK((frame->T_odom_body.translation() - Eigen::Vector3d(0.8, 0, 0)).norm() < 0.05);
   }
@@ -214,9 +216,16 @@ TEST_SUITE("odometry/lidar_odometry") {
       CHECK(odometry.local_map().size() == points);
       last_variance = frame->covariance(0, 0);
     }
-    CHECK(odometry.process(Packet(sweep_at(elsewhere, 1.3, ahead)))->health.status == FrameStatus::lost);
+    const auto restart = odometry.process(Packet(sweep_at(elsewhere, 1.3, ahead)));
+    CHECK(restart->health.status == FrameStatus::lost);
+    CHECK(restart->health.map_restarted);
+    CHECK(restart->covariance(0, 0) >= 4);  // 5 m/s for 0.4 s
     CHECK(odometry.counts().map_restarts == 1);
-    CHECK(odometry.process(Packet(sweep_at(elsewhere, 1.4, ahead)))->health.status != FrameStatus::lost);
+    const auto after = odometry.process(Packet(sweep_at(elsewhere, 1.4, ahead)));
+    CHECK(after->health.status != FrameStatus::lost);
+    CHECK_FALSE(after->health.map_restarted);
+    CHECK(after->covariance(0, 0) >= restart->covariance(0, 0));  // it fits the new map, whose place is a guess
+    CHECK(after->covariance(0, 0) < restart->covariance(0, 0) + 0.1);
   }
 
   TEST_CASE("threads change no bit" * doctest::test_suite("threads: odometry/lidar_odometry")) {
@@ -243,13 +252,16 @@ TEST_SUITE("odometry/lidar_odometry") {
     double worst = 0;
     std::optional<SE3d> T_world_odom;
     const int scans = quick() ? 16 : 40;
+    const auto noise = [&](double size) {  // without any, the axes would count as stuck
+      return Eigen::Vector3d(size * rng.normal(), size * rng.normal(), size * rng.normal());
+    };
     for (int i = 0; i < scans; ++i) {
       for (int k = 0; k < 20; ++k) {
         const double t = 0.1 * i + 0.005 * k;
         const Eigen::Vector3d rate = (body(t - 1e-4).rotation().inverse() * body(t + 1e-4).rotation()).log() / 2e-4;
         odometry.process(Packet(ImuSample{.time = Timestamp::from_seconds(t),
-                                          .gyro = rate + Eigen::Vector3d(0.004, -0.003, 0.002),
-                                          .accel = tilt.inverse() * Eigen::Vector3d(0, 0, 9.81)}));
+                                          .gyro = rate + noise(1e-4) + Eigen::Vector3d(0.004, -0.003, 0.002),
+                                          .accel = tilt.inverse() * Eigen::Vector3d(0, 0, 9.81) + noise(1e-3)}));
       }
       const auto frame = odometry.process(Packet(Spinner{}.sweep(hall(), 0.1 * i, body, rng)));
       REQUIRE(frame.has_value());

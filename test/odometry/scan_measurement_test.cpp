@@ -13,6 +13,7 @@
 #include "chainslam/lie/numeric_jacobian.hpp"
 #include "chainslam/odometry/fast_lio2.hpp"
 #include "chainslam/odometry/imu_process.hpp"
+#include "chainslam/odometry/lidar_inertial_options.hpp"
 #include "chainslam/search/brute_force.hpp"
 #include "odometry/inertial_trip.hpp"
 #include "support/quick.hpp"

@@ -36,6 +36,7 @@ struct FilterReport {
   /// measurement are as good as they say (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
   double nis = 0;
   Index nis_residuals = 0;
+  double prior_error = 0;                                       ///< what the correction costs by the prior: d^T P^-1 d
   typename State::Tangent correction = State::Tangent::Zero();  ///< from the prediction to the estimate
 
   [[nodiscard]] bool accepted() const {
@@ -86,7 +87,12 @@ class Ieskf {
 
   /// Takes a measurement. Whatever the outcome, state and covariance stay finite.
   template <MeasurementModel<State> Measurement>
-  FilterReport<State> update(Measurement& measurement, const IterationRule& rule = {});
+  FilterReport<State> update(Measurement& measurement, const IterationRule& rule = {}) {
+    return update(measurement, rule, State(state_));
+  }
+  /// The same, with iterations that start at `guess` in place of the prediction.
+  template <MeasurementModel<State> Measurement>
+  FilterReport<State> update(Measurement& measurement, const IterationRule& rule, const State& guess);
 
  private:
   /// (H^T R^-1 H + P^-1)^-1 for P = root root^T, as C C^T for the C returned.
@@ -109,10 +115,11 @@ class Ieskf {
 
 template <Manifold State, class Process>
 template <MeasurementModel<State> Measurement>
-FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, const IterationRule& rule) {
+FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, const IterationRule& rule,
+                                                  const State& guess) {
   FilterReport<State> report;
   const Matrix prior_root = square_root(covariance_);
-  State x = state_;
+  State x = guess;
   Matrix covariance = covariance_;
   for (bool renew = false; report.iterations < rule.max_iterations;) {
     const Tangent moved = state_.local(x);
@@ -134,9 +141,14 @@ FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, cons
       return report;
     }
     if (report.iterations == 0) {
-      report.nis = z.squared_error - transposed_product(z.gradient, times(S, z.gradient))(0, 0);
+      const Tangent both = z.gradient + pull;
+      const double at_prediction = z.squared_error + transposed_product(back, both)(0, 0);
+      report.nis = at_prediction - transposed_product(pull, times(S, pull))(0, 0);
       report.nis_residuals = z.residuals;
     }
+    // After the step prior and measurement balance: P^-1 d = gradient - information step.
+    const Tangent whole = back + step, balance = z.gradient - times(z.information, step);
+    report.prior_error = transposed_product(whole, balance)(0, 0);
     // The posterior lives where the step ends: IKFoM's reset, which later filters dropped.
     const Matrix reset = retract_jacobian(x, step);
     x = x.retract(step);

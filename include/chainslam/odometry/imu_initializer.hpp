@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/so3.hpp"
@@ -27,22 +28,25 @@ struct ImuInitializer {
   double max_gyro_mean = 0.15;        ///< rad/s; a steady turn is no standstill
   double max_accel_deviation = 0.03;  ///< relative to the mean specific force
 
-  /// @param samples  any range of `ImuSample`, in time order, all finite.
+  /// @param samples  any range of `ImuSample`, in time order, all finite. Those with a stuck axis do not count.
   template <class Samples>
   [[nodiscard]] ImuStart estimate(const Samples& samples) const {
     ImuStart start;
-    start.samples = to_index(samples.size());
+    const auto usable = [](const ImuSample& sample) { return sample.rate_measured && sample.force_measured; };
+    start.samples = to_index(std::ranges::count_if(samples, usable));
     if (start.samples < min_samples) return start;
     const double n = static_cast<double>(start.samples);
     Eigen::Vector3d gyro = Eigen::Vector3d::Zero();
     Eigen::Vector3d accel = Eigen::Vector3d::Zero();
     for (const ImuSample& sample : samples) {
+      if (!usable(sample)) continue;
       gyro += Eigen::Vector3d(sample.gyro / n);
       accel += Eigen::Vector3d(sample.accel / n);
     }
     double gyro_variance = 0;
     double accel_variance = 0;
     for (const ImuSample& sample : samples) {
+      if (!usable(sample)) continue;
       gyro_variance += Eigen::Vector3d(sample.gyro - gyro).squaredNorm() / n;
       accel_variance += Eigen::Vector3d(sample.accel - accel).squaredNorm() / n;
     }

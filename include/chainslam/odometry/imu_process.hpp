@@ -27,6 +27,14 @@ struct ImuInput {
   Eigen::Vector3d accel = Eigen::Vector3d::Zero();  ///< specific force, m/s^2
   double gyro_noise = 0;                            ///< density, added to the unit's own: clipped or made-up readings
   double accel_noise = 0;                           ///< the same
+  bool rate_measured = true;   ///< false: `gyro` is a guess of the rate itself, which tells nothing of the bias
+  bool force_measured = true;  ///< false: the velocity stays, which tells nothing of attitude, gravity and bias
+
+  /// rad/s, body frame.
+  [[nodiscard]] Eigen::Vector3d rate(const InertialState& x) const {
+    if (!rate_measured) return gyro;
+    return gyro - x.get<Inertial::gyro_bias>().value();
+  }
 };
 
 /// Strapdown inertial navigation: a `ProcessModel` of `InertialState`.
@@ -40,13 +48,6 @@ struct ImuProcess {
 
   /// @param dt  seconds, short: rates and forces count as constant (10 ms suffice for anything that carries a LiDAR).
   [[nodiscard]] Transition<InertialState> predict(const InertialState& x, const ImuInput& input, double dt) const;
-
-  /// Acceleration in odom, m/s^2, at a state.
-  [[nodiscard]] Eigen::Vector3d acceleration(const InertialState& x, const ImuInput& input) const {
-    const Eigen::Vector3d force = input.accel - x.get<Inertial::accel_bias>().value();
-    const Eigen::Vector3d weight = gravity * x.get<Inertial::up>().direction();
-    return x.get<Inertial::rotation>() * force - weight;
-  }
 
  private:
   /// Turns up as far as the map is bent over the way of `dt` seconds.
@@ -96,15 +97,15 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   constexpr int bg = inertial_offset<Part::gyro_bias>, ba = inertial_offset<Part::accel_bias>;
   const bool midpoint = integration == ImuIntegration::midpoint;
 
-  const Eigen::Vector3d rate = input.gyro - x.get<Part::gyro_bias>().value();
-  const Eigen::Vector3d turn = dt * rate;
+  const Eigen::Vector3d turn = dt * input.rate(x);
   const Eigen::Vector3d force = input.accel - x.get<Part::accel_bias>().value();
   const Eigen::Vector3d half_turn = (midpoint ? 0.5 : 0.0) * turn;
   const SO3d to_force = SO3d::exp(half_turn), turned = SO3d::exp(turn);
   const SO3d& R_odom_body = x.get<Part::rotation>();
   const Eigen::Matrix3d R_force = (R_odom_body * to_force).matrix();
   const Eigen::Vector3d weight = gravity * x.get<Part::up>().direction();
-  const Eigen::Vector3d acceleration = product(R_force, force) - weight;
+  Eigen::Vector3d acceleration = product(R_force, force) - weight;
+  if (!input.force_measured) acceleration.setZero();
   const Eigen::Vector3d velocity = x.get<Part::velocity>().value();
   const Eigen::Vector3d gained = dt * acceleration;
   const Eigen::Vector3d mean_velocity = velocity + Eigen::Vector3d(0.5 * gained);
@@ -115,29 +116,32 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   step.state.get<Part::velocity>() = R3d(velocity + gained);
   step.state.get<Part::position>() = R3d(x.get<Part::position>().value() + Eigen::Vector3d(dt * mean_velocity));
 
-  // d acceleration / d (rotation, gyro bias, accel bias, up)
+  // d acceleration / d (rotation, up), and d (position, rotation, velocity) / d (rate, force)
   const Eigen::Matrix3d by_rotation = -product(R_odom_body.matrix(), SO3d::hat(to_force * force));
   const Eigen::Matrix3d by_half_turn = product(product(R_force, SO3d::hat(force)), SO3d::right_jacobian(half_turn));
   const Eigen::Matrix3d by_gyro_bias = (midpoint ? 0.5 * dt : 0.0) * by_half_turn;
   const Eigen::Matrix<double, 3, 2> by_up = -gravity * x.get<Part::up>().basis();
+  Eigen::Matrix<double, 9, 3> by_gyro = Eigen::Matrix<double, 9, 3>::Zero(), by_accel = by_gyro;
   const auto set_rows = [&](int row, double factor) {
+    set_block(by_accel, row, 0, Eigen::Matrix3d(-factor * R_force));
+    if (!input.force_measured) return;
+    set_block(by_gyro, row, 0, Eigen::Matrix3d(factor * by_gyro_bias));
     set_block(step.F, row, R, Eigen::Matrix3d(factor * by_rotation));
-    set_block(step.F, row, bg, Eigen::Matrix3d(factor * by_gyro_bias));
-    set_block(step.F, row, ba, Eigen::Matrix3d(-factor * R_force));
     set_block(step.F, row, up, Eigen::Matrix<double, 3, 2>(factor * by_up));
   };
   set_rows(p, 0.5 * dt * dt);
   set_rows(v, dt);
+  set_block(by_gyro, R, 0, Eigen::Matrix3d(-dt * SO3d::right_jacobian(turn)));
+  if (input.rate_measured) set_block(step.F, 0, bg, by_gyro);
+  if (input.force_measured) set_block(step.F, 0, ba, by_accel);
   for (int i = 0; i < 3; ++i) step.F(p + i, v + i) = dt;
   set_block(step.F, R, R, turned.inverse().matrix());
-  set_block(step.F, R, bg, Eigen::Matrix3d(-dt * SO3d::right_jacobian(turn)));
 
   lean(x, dt, step);
 
   // Noise of a reading acts as an error of its bias does. The mean of white noise over dt has variance density^2 / dt.
   const double per_time = midpoint ? 1.0 / dt : 1.0;
   const auto squared = [](double value) { return value * value; };
-  const Eigen::Matrix<double, 9, 3> by_gyro = block_of<9, 3>(step.F, 0, bg), by_accel = block_of<9, 3>(step.F, 0, ba);
   const double gyro_variance = per_time * (squared(noise.gyro) + squared(input.gyro_noise));
   const double accel_variance = per_time * (squared(noise.accel) + squared(input.accel_noise));
   const auto of_gyro = product_transposed(by_gyro, by_gyro), of_accel = product_transposed(by_accel, by_accel);

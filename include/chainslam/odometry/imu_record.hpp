@@ -12,6 +12,7 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/odometry/imu_process.hpp"
+#include "chainslam/sensor/imu_correction.hpp"
 #include "chainslam/sensor/imu_sample.hpp"
 
 namespace chainslam {
@@ -37,7 +38,8 @@ struct ImuStep {
 /// What an inertial unit has said lately, as steps to integrate over.
 ///
 /// Readings run linearly from sample to sample; before the first and after the last they are held for up to `max_gap`.
-/// A reading at the end of its range is known to be wrong, but not by how much: its step's noise says so.
+/// A reading at the end of its range is known to be wrong, but not by how much: its step's noise says so. Steps next to
+/// a sample with a stuck axis are without that sensor: `ImuInput::rate_measured`, `force_measured`.
 class ImuRecord {
  public:
   enum class Taken {
@@ -48,7 +50,8 @@ class ImuRecord {
 
   explicit ImuRecord(const ImuRecordOptions& options = {}) : options_(options) {}
 
-  Taken add(const ImuSample& sample) {
+  Taken add(const ImuSample& as_measured) {
+    const ImuSample sample = correction_(as_measured);
     if (!is_finite(sample.gyro) || !is_finite(sample.accel)) return Taken::dropped;
     Taken taken = Taken::yes;
     if (!samples_.empty() && to_seconds(samples_.back().time - sample.time) > options_.max_gap) {
@@ -60,6 +63,14 @@ class ImuRecord {
     if (clipped(sample)) ++clipped_;
     return taken;
   }
+
+  /// Corrects samples from now on, and those that are kept.
+  void correct(const ImuCorrection& correction) {
+    const ImuCorrection change = correction.since(correction_);
+    for (ImuSample& sample : samples_) sample = change(sample);
+    correction_ = correction;
+  }
+  [[nodiscard]] const ImuCorrection& correction() const { return correction_; }
 
   /// Calls `step(const ImuStep&)` for all of [from, to] in order.
   template <class Step>
@@ -131,6 +142,8 @@ class ImuRecord {
       input.gyro_noise = unseen(b->gyro - a->gyro, hole);
       input.accel_noise = unseen(b->accel - a->accel, hole);
     }
+    input.rate_measured = first.rate_measured && last.rate_measured;
+    input.force_measured = first.force_measured && last.force_measured;
     if (clipped(first) || clipped(last)) {
       input.gyro_noise += options_.clipped_gyro_noise;
       input.accel_noise += options_.clipped_accel_noise;
@@ -145,6 +158,7 @@ class ImuRecord {
   }
 
   ImuRecordOptions options_;
+  ImuCorrection correction_;
   std::deque<ImuSample> samples_;
   std::int64_t clipped_ = 0;
 };

@@ -10,10 +10,13 @@
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/filter/ieskf.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/imu_comparison.hpp"
 #include "chainslam/odometry/imu_initializer.hpp"
+#include "chainslam/odometry/imu_monitor.hpp"
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/imu_record.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/sensor/imu_use.hpp"
 
 namespace chainslam {
 
@@ -21,7 +24,7 @@ struct InertialMotionOptions {
   ImuProcess process{.up_walk = 3.5e-4};  ///< twice that lets heights wander, a quarter loses bent maps
   ImuRecordOptions imu{};
   ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
-  double start_speed = 5;    ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
+  double start_speed = 20;   ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
   double rest_speed = 0.05;  ///< m/s, deviation where rest is assumed
   double start_gyro_bias = 1e-2;  ///< rad/s, deviation
   double start_accel_bias = 0.1;  ///< m/s^2, deviation
@@ -32,7 +35,8 @@ struct InertialMotionOptions {
   double free_accel = 1.5;        ///< m/s^2 per sqrt(Hz)
   double free_gyro = 0.2;         ///< rad/s per sqrt(Hz)
   double max_free = 1.0;          ///< seconds that may be continued so; beyond, the body may be anywhere near
-  double lost_position = 2.0;     ///< metres, deviation after that
+  double lost_position = 2.0;     ///< metres, deviation after that, and of a prediction that scans contradict
+  double lost_rotation = 0.2;     ///< radians, deviation of the latter
   double lidar_position = 0;      ///< metres, deviation of the mounting; 0: known
   double lidar_rotation = 0.005;  ///< radians about each axis; a third of a degree off is usual, and turns tell
   Index mounting_after = 3;       ///< scans, from which on it is estimated: the first make a crooked map
@@ -53,15 +57,102 @@ class InertialMotion {
     return taken;
   }
 
+  /// Corrects samples from now on, and those that are kept.
+  void correct(const ImuCorrection& correction) { imu_.correct(correction); }
+
   /// Begins at the origin, at `time`, with +z against gravity as far as the inertial unit tells where that is.
   ImuStart start(Timestamp time);
   /// Moves the filter on to `time`, which must be later than where it is.
-  void predict(Timestamp time);
+  void predict(Timestamp time, ImuUse use = ImuUse::all) {
+    before_ = filter_;
+    begin_ = time_;
+    imu_.forget_before(begin_);
+    integrate(time, use);
+  }
+  /// The last prediction once more, with less believed. What is not may have been wrong for a while: biases and
+  /// gravity, which the filter has learnt from it, become as uncertain as at the start.
+  void predict_again(ImuUse use);
+  /// The last prediction once more as it was first, believing as much as then.
+  void restore(ImuUse use) {
+    const Timestamp time = time_;
+    filter_ = before_;
+    time_ = begin_;
+    integrate(time, use);
+  }
+  /// What the last prediction believed.
+  [[nodiscard]] ImuUse use() const { return use_; }
   /// Takes it that the body stood still at the begin of the way: for a start of quiet readings where the scan does not
   /// tell otherwise.
   void assume_rest() {
     set_translation(state().get<Inertial::velocity>(), options_.rest_speed, options_.rest_speed * interval());
   }
+  /// Leaves pose and velocity to the scan: where it lies elsewhere, the velocity was another all the way.
+  void doubt_motion() {
+    constexpr int p = inertial_offset<Inertial::position>, v = inertial_offset<Inertial::velocity>;
+    InertialState::Jacobian covariance = filter_.covariance();
+    raise<Inertial::rotation>(covariance, options_.lost_rotation);
+    const double variance = options_.lost_position * options_.lost_position, dt = std::max(interval(), 1e-2);
+    for (int i = 0; i < 3; ++i) {
+      covariance(p + i, p + i) += variance;
+      covariance(v + i, v + i) += variance / (dt * dt);
+      covariance(p + i, v + i) += variance / dt;
+      covariance(v + i, p + i) += variance / dt;
+    }
+    filter_.reset(filter_.state(), covariance);
+  }
+  /// Whether scans have told the velocity.
+  [[nodiscard]] static bool knows_velocity(const Filter& filter) {
+    constexpr double known = 2;  // m/s
+    constexpr int v = inertial_offset<Inertial::velocity>;
+    const auto& P = filter.covariance();
+    return P(v, v) + P(v + 1, v + 1) + P(v + 2, v + 2) < known * known;
+  }
+  [[nodiscard]] bool knew_velocity() const { return knows_velocity(before_); }
+  /// The predicted state with the body moved by a tangent of its pose, and as much faster or slower.
+  [[nodiscard]] InertialState moved(const Vector6d& step) const {
+    InertialState x = state();
+    const SE3d T = T_odom_body(x) * SE3d::exp(step);
+    const Eigen::Vector3d change = T.translation() - x.get<Inertial::position>().value();
+    const Eigen::Vector3d velocity = x.get<Inertial::velocity>().value();
+    x.get<Inertial::position>() = R3d(T.translation());
+    x.get<Inertial::rotation>() = T.rotation();
+    x.get<Inertial::velocity>() = R3d(velocity + Eigen::Vector3d(change / std::max(interval(), 1e-3)));
+    return x;
+  }
+  /// What was measured on the way, against the state; interval 0 if not all was, or the velocity is not known.
+  [[nodiscard]] ImuComparison comparison() const {
+    if (!knows_velocity(before_) || !knows_velocity(filter_)) return {};
+    return detail::compare_imu(imu_, begin_, before_.state(), time_, state(), options_.process.gravity);
+  }
+  /// Forgets what was learnt from measurements that are no longer believed.
+  void forget_biases(ImuUse use) {
+    if (use == ImuUse::none) hold_mounting();
+    InertialState x = state();
+    InertialState::Jacobian covariance = filter_.covariance();
+    if (use == ImuUse::none) {
+      x.get<Inertial::gyro_bias>() = R3d();
+      separate<Inertial::gyro_bias>(covariance, options_.start_gyro_bias);
+    }
+    x.get<Inertial::accel_bias>() = R3d();
+    separate<Inertial::accel_bias>(covariance, options_.start_accel_bias);
+    separate<Inertial::up>(covariance, options_.start_up);
+    filter_.reset(x, covariance);
+  }
+  /// Takes gravity's direction from elsewhere.
+  void set_up(const S2d& up) {
+    InertialState x = state();
+    InertialState::Jacobian covariance = filter_.covariance();
+    x.get<Inertial::up>() = up;
+    separate<Inertial::up>(covariance, options_.start_up);
+    filter_.reset(x, covariance);
+  }
+  /// A mounting estimated farther off the given one than allowed is given up, and held from then on. The LiDAR stays
+  /// where it is. @returns whether it was.
+  bool bound_mounting(double max_position, double max_rotation);
+  /// The mounting is the given one from now on, known as such: without the gyroscope nothing tells it.
+  void hold_mounting();
+  /// The mounting is as uncertain as at the start.
+  void doubt_mounting();
   /// Tells the mean rate of the last interval, which is continued where there are no readings. To be called once the
   /// pose at the end is final.
   void follow();
@@ -117,18 +208,31 @@ class InertialMotion {
     const Knot& knot = later == way_.begin() ? way_.front() : *(later - 1);
     return knot.pose(to_seconds(time - knot.time));
   }
-  /// Readings that would leave rate and velocity as they are.
+  /// What leaves rate and velocity as they are.
   [[nodiscard]] ImuInput continued() const {
-    const InertialState& x = state();
-    const Eigen::Vector3d weight = options_.process.gravity * x.get<Inertial::up>().direction();
-    return {.gyro = mean_rate_ + x.get<Inertial::gyro_bias>().value(),
-            .accel = x.get<Inertial::rotation>().inverse() * weight + x.get<Inertial::accel_bias>().value(),
+    return {.gyro = mean_rate_,
             .gyro_noise = options_.free_gyro,
-            .accel_noise = options_.free_accel};
+            .accel_noise = options_.free_accel,
+            .rate_measured = false,
+            .force_measured = false};
   }
+  /// What of a reading is believed.
+  [[nodiscard]] ImuInput believed(ImuInput reading, ImuUse use) const {
+    if (use == ImuUse::none) return continued();
+    if (!reading.rate_measured) {  // an axis is stuck
+      reading.gyro = mean_rate_;
+      reading.gyro_noise = options_.free_gyro;
+    }
+    if (!reading.force_measured) reading.accel_noise = options_.free_accel;
+    if (use == ImuUse::all) return reading;
+    if (use == ImuUse::rough_gyroscope) reading.gyro_noise = options_.free_gyro;
+    reading.accel_noise = options_.free_accel;
+    reading.force_measured = false;
+    return reading;
+  }
+  void integrate(Timestamp time, ImuUse use);
   void step(const ImuInput& input, double dt);
   void forget_velocity();
-  void doubt_mounting();
   /// Velocity and position of their own, correlated with nothing.
   void set_translation(const R3d& velocity, double speed_deviation, double position_deviation);
 
@@ -138,6 +242,9 @@ class InertialMotion {
   Filter filter_;
   bool started_ = false;
   Timestamp time_;
+  Filter before_;    ///< before the last prediction, ...
+  Timestamp begin_;  ///< and its time
+  ImuUse use_ = ImuUse::all;
   std::vector<Knot> way_;                                ///< from the last scan to this
   Eigen::Vector3d mean_rate_ = Eigen::Vector3d::Zero();  ///< rad/s, body frame, between the last two scans
   double measured_share_ = 0;
@@ -176,19 +283,20 @@ inline void InertialMotion::step(const ImuInput& input, double dt) {
   filter_.predict(input, dt);
   const Eigen::Vector3d velocity = x.get<Inertial::velocity>().value();
   const Eigen::Vector3d gained = state().get<Inertial::velocity>().value() - velocity;
-  way_.push_back({time_, T_odom_body(x), velocity, gained / dt, input.gyro - x.get<Inertial::gyro_bias>().value()});
+  way_.push_back({time_, T_odom_body(x), velocity, gained / dt, input.rate(x)});
   time_ = time_ + seconds(dt);
 }
 
-inline void InertialMotion::predict(Timestamp time) {
+inline void InertialMotion::integrate(Timestamp time, ImuUse use) {
   way_.clear();
+  use_ = use;
   const Timestamp begin = time_;
   double measured = 0, free = 0;
   imu_.for_each_step(begin, time, [&](const ImuStep& piece) {
     if (piece.reading) {
-      measured += piece.duration;
+      if (use != ImuUse::none && piece.reading->rate_measured) measured += piece.duration;
       free = 0;
-      return step(*piece.reading, piece.duration);
+      return step(believed(*piece.reading, use), piece.duration);
     }
     free += piece.duration;
     if (free <= options_.max_free) return step(continued(), piece.duration);
@@ -197,7 +305,17 @@ inline void InertialMotion::predict(Timestamp time) {
   if (free > options_.max_free) forget_velocity();
   time_ = time;  // whatever rounding has done to the sum of the steps
   measured_share_ = measured / to_seconds(time - begin);
-  imu_.forget_before(time);
+}
+
+inline void InertialMotion::predict_again(ImuUse use) {
+  InertialState::Jacobian covariance = before_.covariance();
+  raise<Inertial::accel_bias>(covariance, options_.start_accel_bias);
+  raise<Inertial::up>(covariance, options_.start_up);
+  if (use >= ImuUse::rough_gyroscope) raise<Inertial::gyro_bias>(covariance, options_.start_gyro_bias);
+  const Timestamp time = time_;
+  filter_.reset(before_.state(), covariance);
+  time_ = begin_;
+  integrate(time, use);
 }
 
 /// After a long silence the body may stand, drive or have been carried: its attitude is kept, with doubt.
@@ -210,14 +328,8 @@ inline void InertialMotion::set_translation(const R3d& velocity, double speed_de
   InertialState x = state();
   x.get<Inertial::velocity>() = velocity;
   InertialState::Jacobian covariance = filter_.covariance();
-  const auto forget = [&](int at, double deviation) {
-    for (int i = at; i < at + 3; ++i) {
-      for (int j = 0; j < InertialState::dof; ++j) covariance(i, j) = covariance(j, i) = 0;
-      covariance(i, i) = deviation * deviation;
-    }
-  };
-  forget(inertial_offset<Inertial::velocity>, speed_deviation);
-  forget(inertial_offset<Inertial::position>, position_deviation);
+  separate<Inertial::velocity>(covariance, speed_deviation);
+  separate<Inertial::position>(covariance, position_deviation);
   filter_.reset(x, covariance);
 }
 
@@ -249,6 +361,27 @@ inline void InertialMotion::doubt_mounting() {
     for (int i = 0; i < InertialState::dof; ++i)
       spread(i, j) *= j < 3 ? options_.lidar_position : options_.lidar_rotation;
   filter_.reset(x, filter_.covariance() + product_transposed(spread, spread));
+}
+
+inline void InertialMotion::hold_mounting() {
+  InertialState x = state();
+  const SE3d T_odom = T_odom_body(x) * T_body_lidar(x) * T_body_lidar_.inverse();
+  x.get<Inertial::position>() = R3d(T_odom.translation());
+  x.get<Inertial::rotation>() = T_odom.rotation();
+  x.get<Inertial::lidar_position>() = R3d(T_body_lidar_.translation());
+  x.get<Inertial::lidar_rotation>() = T_body_lidar_.rotation();
+  InertialState::Jacobian P = filter_.covariance();
+  separate<Inertial::lidar_position>(P, 0);
+  separate<Inertial::lidar_rotation>(P, 0);
+  filter_.reset(x, P);
+}
+
+inline bool InertialMotion::bound_mounting(double max_position, double max_rotation) {
+  const Vector6d off = T_body_lidar_.local(T_body_lidar(state()));
+  if (block_of<3, 1>(off, 0, 0).norm() <= max_position && block_of<3, 1>(off, 3, 0).norm() <= max_rotation)
+    return false;
+  hold_mounting();
+  return true;
 }
 
 inline SweepMotion InertialMotion::sweep_motion(Timestamp begin, const Vector6d& correction) const {

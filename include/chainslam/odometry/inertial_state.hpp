@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstddef>
 
 #include "chainslam/core/small_matrix.hpp"
@@ -60,10 +61,36 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
   return jacobian;
 }
 
+/// Variances of T_odom_body * T_body_lidar from the covariance of the state; tangent [translation; rotation].
+[[nodiscard]] inline Vector6d lidar_pose_variances(const InertialState& x, const InertialState::Jacobian& covariance) {
+  const Eigen::Matrix<double, 6, InertialState::dof> by_state = lidar_pose_jacobian(x);
+  const Eigen::Matrix<double, 6, InertialState::dof> weighted = product(by_state, covariance);
+  Vector6d variances = Vector6d::Zero();
+  for (int j = 0; j < InertialState::dof; ++j)
+    for (int i = 0; i < 6; ++i) variances[i] += weighted(i, j) * by_state(i, j);
+  return variances;
+}
+
 /// Covariance of T_odom_body from that of the state; tangent [translation; rotation].
 [[nodiscard]] inline Matrix6d pose_covariance(const InertialState& x, const InertialState::Jacobian& covariance) {
   const Matrix6d tangent = pose_tangent(x.get<Inertial::rotation>());
   return product_transposed(product(tangent, block_of<6, 6>(covariance, 0, 0)), tangent);
+}
+
+/// Makes a part's variances those of `deviation` at least.
+template <Inertial::Part Part>
+inline void raise(InertialState::Jacobian& covariance, double deviation) {
+  for (int i = inertial_offset<Part>; i < inertial_offset<Part> + InertialState::Part<Part>::dof; ++i)
+    covariance(i, i) = std::max(covariance(i, i), deviation * deviation);
+}
+
+/// Makes a part's variances those of `deviation`, correlated with nothing.
+template <Inertial::Part Part>
+inline void separate(InertialState::Jacobian& covariance, double deviation) {
+  for (int i = inertial_offset<Part>; i < inertial_offset<Part> + InertialState::Part<Part>::dof; ++i) {
+    for (int j = 0; j < InertialState::dof; ++j) covariance(i, j) = covariance(j, i) = 0;
+    covariance(i, i) = deviation * deviation;
+  }
 }
 
 }  // namespace chainslam

@@ -16,6 +16,9 @@
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
+#include "chainslam/odometry/detail/pose_doubt.hpp"
+#include "chainslam/odometry/detail/sweep.hpp"
+#include "chainslam/odometry/detail/sweep_registration.hpp"
 #include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/leveller.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
@@ -33,10 +36,14 @@ namespace chainslam {
 /// to scan, straightens each scan by that motion and corrects itself by the scan's distances to planes of a local map.
 ///
 /// The first pose is the origin of `odom`, +z against gravity as well as it is known then. A scan waits for the first
-/// reading after its end, until another scan comes or `flush` is called; so its frame may come with a later packet.
+/// reading after its end, at most until three more scans have come or `flush` is called; so its frame may come with a
+/// later packet.
 /// - Without readings for 0.25 s, and without an inertial unit at all, velocity and rate stay as they were, held by the
 ///   scans alone; after more than a second without either, velocity and position are as good as unknown.
-/// - Readings at the end of their range count for little.
+/// - Where scan and prediction contradict each other, less is believed for that interval: the gyroscope without the
+///   accelerometer, the gyroscope roughly, the scans alone (`InertialHealth::imu_use`). A sensor that is contradicted
+///   again and again is left out until it agrees with the scans for a while (`ImuMonitor`).
+/// - Readings at the end of their range count for little. What an IMU cannot have measured is rejected (`ImuCheck`).
 /// - Directions that a scan does not see are left to the prediction.
 /// - The local map, to which scans are held, creeps out of level; gravity shows it, and the poses are kept level.
 /// - Empty, late and lost scans leave the traces of `LidarOdometry`.
@@ -44,17 +51,17 @@ namespace chainslam {
 ///
 /// @tparam Map  a map that grows and thins itself, made from its `downsampling()`: `VoxelMap`, `IkdTree`.
 template <class Map = VoxelMap<float>, class Kernel = GemanMcClure>
-class LidarInertialOdometry {
+class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
+  using Registration = detail::SweepRegistration<Map, Kernel>;
+
   static_assert(IncrementalSearch<Map>,
                 "LidarInertialOdometry: Map needs what grows, forgets and finds, as in VoxelMap");
 
  public:
-  using Options = LidarInertialOdometryOptions<Kernel, typename LocalMap<Map>::Downsampling>;
+  using Options = typename Registration::Options;
 
   explicit LidarInertialOdometry(Options options = {})
-      : options_(std::move(options)),
-        map_(options_.map, options_.local_map),
-        motion_(options_.motion, options_.T_body_lidar) {}
+      : Registration(std::move(options)), imu_check_(options_.imu_check) {}
 
   /// Takes the next packet, in time order. @returns the next frame, if one is complete: at the end of a usable scan.
   /// @throws std::invalid_argument if a scan's columns do not match.
@@ -65,111 +72,70 @@ class LidarInertialOdometry {
   template <Executor E = Serial>
   std::optional<Frame> flush(const E& executor = {});
 
+  /// Corrects IMU samples from now on. What was learnt from them with axes or a clock that were clearly wrong is
+  /// forgotten. @param up  against gravity in odom, where it is known apart from the filter.
+  void correct_imu(const ImuCorrection& correction, const std::optional<Eigen::Vector3d>& up = std::nullopt);
+  [[nodiscard]] const ImuCorrection& imu_correction() const { return motion_.imu().correction(); }
+  /// Of the last scan by registration alone, as far as the scan shows it; in the local map's frame.
+  [[nodiscard]] const SE3d& T_map_lidar() const { return T_map_lidar_; }
+  [[nodiscard]] const ImuMonitor& imu_monitor() const { return monitor_; }
   [[nodiscard]] LidarInertialOdometryCounts counts() const {
     LidarInertialOdometryCounts counts = counts_;
+    counts.imu = imu_check_.counts();
     counts.clipped_imu_samples = motion_.imu().clipped_samples();
     counts.evicted_points = map_.evicted();
     return counts;
   }
   [[nodiscard]] const ImuStart& imu_start() const { return imu_start_; }
   /// In the frame of the local map, which scans hold to itself; `T_odom_map` turns it level.
-  [[nodiscard]] const InertialState& state() const { return motion_.state(); }
+  [[nodiscard]] const InertialState& state() const { return Registration::state(); }
   [[nodiscard]] const SE3d& T_odom_map() const { return leveller_.T_odom_map(); }
-  [[nodiscard]] const InertialState::Jacobian& covariance() const { return motion_.filter().covariance(); }
+  [[nodiscard]] const InertialState::Jacobian& covariance() const { return Registration::covariance(); }
   [[nodiscard]] const InertialHealth& health() const { return health_; }
   [[nodiscard]] const Map& local_map() const { return map_.points(); }  ///< in its own frame
 
  private:
-  struct Sweep {
-    Timestamp begin, end;
-    PointCloud<float> points;  ///< usable ones, lidar frame
-
-    /// Seconds from the points' mean time to the sweep's end.
-    [[nodiscard]] double mean_age() const {
-      if (!points.has_times()) return 0;
-      double sum = 0;
-      for (const float offset : points.time_offsets) sum += static_cast<double>(offset);
-      const double duration = to_seconds(end - begin);
-      return std::clamp(duration - sum / static_cast<double>(points.size()), 0.0, duration);
-    }
-  };
-  struct Clouds {
-    PointCloud<float> whole;        ///< body frame at the sweep's end
-    PointCloud<float> map, points;  ///< of these, for the map and for the filter
-  };
-  /// A scan, straightened and measured.
-  struct Attempt {
-    Clouds clouds;
-    InertialMotion::Filter filter;
-    FilterReport<InertialState> report;
-    ScanMatch match;
-  };
+  using Sweep = detail::Sweep;
+  using Registration::believable, Registration::imu_start_, Registration::map_, Registration::monitor_,
+      Registration::motion_, Registration::options_;
+  using typename Registration::Attempt;
 
   template <Executor E>
   std::optional<Frame> next_frame(const E& executor);
   template <Executor E>
   std::optional<Frame> start(Sweep sweep, const E& executor);
-  template <Executor E>
-  [[nodiscard]] Clouds straightened(const Sweep& sweep, const SweepMotion& motion, const E& executor) const;
-  template <Executor E>
-  [[nodiscard]] Attempt attempt(const Sweep& sweep, const Vector6d& correction, double error, const E& executor) const;
-  template <Executor E>
-  [[nodiscard]] Attempt registered(const Sweep& sweep, const E& executor);
-  template <Executor E>
-  void rebuild_map(const Sweep& first, const Attempt& second, const E& executor);
   [[nodiscard]] Frame follow(Attempt attempt);
-  [[nodiscard]] Frame lose(Attempt attempt);
+  void watch_imu();
+  [[nodiscard]] Frame lose(Attempt attempt, double since_last);
   [[nodiscard]] Frame answer(Attempt& attempt, FrameStatus status) const;
 
-  [[nodiscard]] bool believable(const Attempt& attempt) const {
-    return attempt.report.accepted() && off(attempt) <= 2 * options_.max_error &&
-           attempt.match.matches >= options_.min_match_ratio * static_cast<double>(attempt.clouds.points.size());
-  }
-  /// Where a scan lies that was straightened with the mounting of before: where the LiDAR is now.
-  [[nodiscard]] SE3d scan_pose(const InertialState& x) const {
-    return T_odom_body(x) * T_body_lidar(x) * T_body_lidar(state()).inverse();
-  }
-  /// The correction of the predicted pose of the scan, tangent of the latter.
-  [[nodiscard]] Vector6d correction(const Attempt& attempt) const {
-    return T_odom_body(state()).local(scan_pose(attempt.filter.state()));
-  }
-  /// How far the prediction put the surroundings from where they were found, metres.
-  [[nodiscard]] double off(const Attempt& attempt) const { return detail::moved_distance(correction(attempt), 10); }
-  /// How many neighbouring residuals count as one.
-  [[nodiscard]] double residuals_per_fact() const {
-    return options_.residual_variance > 0 ? 1.0 : options_.scan_to_map.correlated_residuals;
-  }
-  [[nodiscard]] double expected_error() const;
-  void bound_mounting();
+  static constexpr std::size_t max_waiting = 4;  // scans: stamps may be late by two scans of 10 Hz, and a bit
 
-  Options options_;
   LidarInertialOdometryCounts counts_;
-  LocalMap<Map> map_;
-  InertialMotion motion_;
+  ImuCheck imu_check_;
   Leveller leveller_;
-  ImuStart imu_start_;
+  detail::PoseDoubt doubt_;
   InertialHealth health_;
-  std::deque<Sweep> waiting_;   ///< for readings: at most two
-  std::optional<Sweep> first_;  ///< the first scan, until the motion during it is known
+  std::deque<Sweep> waiting_;  ///< for measurements up to their ends
   Index lost_in_a_row_ = 0;
-  double residual_noise_ = 0.05;  ///< metres, smoothed
+  SE3d T_map_lidar_;
 };
 
 template <class Map, class Kernel>
 template <Executor E>
 std::optional<Frame> LidarInertialOdometry<Map, Kernel>::process(const Packet& packet, const E& executor) {
-  if (const auto* sample = std::get_if<ImuSample>(&packet)) {
-    const ImuRecord::Taken taken = motion_.add(*sample);
-    if (taken == ImuRecord::Taken::dropped) ++counts_.dropped_imu_samples;
-    if (taken == ImuRecord::Taken::restarted) ++counts_.imu_restarts;
-  }
+  if (const auto* sample = std::get_if<ImuSample>(&packet); sample != nullptr && options_.imu_use != ImuUse::none)
+    imu_check_.add(*sample, [&](ImuSample checked) {
+      if (options_.imu_use != ImuUse::all) checked.force_measured = false;
+      if (motion_.add(checked) == ImuRecord::Taken::restarted) ++counts_.imu_restarts;
+    });
   if (const auto* scan = std::get_if<LidarScan>(&packet)) {
     ++counts_.scans;
     waiting_.push_back({scan->time, scan->end, options_.filter.apply(scan->cloud, counts_.points)});
   }
   if (waiting_.empty()) return std::nullopt;
   const Timestamp end = waiting_.front().end;
-  const bool wait = waiting_.size() == 1 && !motion_.imu().reaches(end) && motion_.imu().may_reach(end);
+  const bool wait = waiting_.size() < max_waiting && !motion_.imu().reaches(end) && motion_.imu().may_reach(end);
   return wait ? std::nullopt : next_frame(executor);
 }
 
@@ -196,20 +162,25 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::next_frame(const E& exe
     return std::nullopt;
   }
   const double since_last = to_seconds(sweep.end - motion_.time());
-  motion_.predict(sweep.end);
-  Attempt found = registered(sweep, executor);
+  motion_.predict(sweep.end, std::max(monitor_.use(), options_.imu_use));
+  Attempt found = this->registered(sweep, executor);
   ++counts_.frames;
-  if (since_last > options_.motion.max_free) ++counts_.gaps;
-  ++(motion_.measured_share() > 0.5 ? counts_.gyro_scans : counts_.unmeasured_scans);
-  return believable(found) ? follow(std::move(found)) : lose(std::move(found));
+  const bool gap = since_last > options_.motion.max_free, measured = motion_.measured_share() > 0.5;
+  if (gap) ++counts_.gaps;
+  if (motion_.use() == ImuUse::gyroscope) ++counts_.doubted_accelerations;
+  if (motion_.use() > ImuUse::gyroscope) ++counts_.doubted_rates;
+  ++(measured ? counts_.gyro_scans : counts_.unmeasured_scans);
+  Frame frame = believable(found) ? follow(std::move(found)) : lose(std::move(found), since_last);
+  frame.health.after_gap = gap && !measured;
+  return frame;
 }
 
 template <class Map, class Kernel>
 template <Executor E>
 std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, const E& executor) {
   Attempt first;
-  first.clouds =
-      straightened(sweep, SweepMotion::constant_twist(to_seconds(sweep.end - sweep.begin), Vector6d::Zero()), executor);
+  first.clouds = this->straightened(
+      sweep, SweepMotion::constant_twist(to_seconds(sweep.end - sweep.begin), Vector6d::Zero()), executor);
   if (to_index(first.clouds.points.size()) < options_.min_points) {
     ++counts_.empty_scans;
     return std::nullopt;
@@ -218,126 +189,81 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, cons
   imu_start_ = motion_.start(sweep.end);
   first.filter = motion_.filter();
   map_.extend(first.clouds.map, T_odom_body(state()));
-  if (sweep.points.has_times()) first_ = std::move(sweep);
+  if (sweep.points.has_times()) this->first_ = std::move(sweep);
   Frame frame = answer(first, FrameStatus::good);
-  constexpr double anchored = 1e-12;  // m^2, rad^2: the first pose is the origin by definition
-  frame.covariance.setZero();
-  for (int i = 0; i < 6; ++i) frame.covariance(i, i) = anchored;
+  frame.covariance = detail::anchored_covariance();
   return frame;
 }
 
 template <class Map, class Kernel>
-template <Executor E>
-auto LidarInertialOdometry<Map, Kernel>::straightened(const Sweep& sweep, const SweepMotion& motion,
-                                                      const E& executor) const -> Clouds {
-  Clouds clouds;
-  const SE3d mounting = motion_.started() ? T_body_lidar(state()) : options_.T_body_lidar;
-  clouds.whole = deskew(sweep.points, motion, mounting, executor);
-  clouds.map = voxel_downsample(clouds.whole, options_.map_voxel);
-  clouds.points =
-      options_.scan_voxel > options_.map_voxel ? voxel_downsample(clouds.map, options_.scan_voxel) : clouds.map;
-  return clouds;
-}
-
-/// Straightens the sweep by the predicted way, bent to end `correction` off, and takes it from the prediction.
-template <class Map, class Kernel>
-template <Executor E>
-auto LidarInertialOdometry<Map, Kernel>::attempt(const Sweep& sweep, const Vector6d& correction, double error,
-                                                 const E& executor) const -> Attempt {
-  Attempt attempt;
-  attempt.clouds = straightened(sweep, motion_.sweep_motion(sweep.begin, correction), executor);
-  attempt.filter = motion_.filter();
-  const double noise = std::max(residual_noise_, options_.scan_to_map.residual_floor);
-  ScanPrior prior{
-      .state = state(),
-      .error = error,
-      .variance = options_.residual_variance > 0 ? options_.residual_variance : noise * noise * residuals_per_fact(),
-      .mean_age = first_ ? 0.0 : sweep.mean_age()};  // a map as skewed as the scan lies at its mean time, too
-  const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * block_of<3, 1>(correction, 0, 0);
-  R3d& velocity = prior.state.template get<Inertial::velocity>();
-  velocity = R3d(velocity.value() + bent / std::max(motion_.interval(), 1e-3));
-  ScanMeasurement measurement(attempt.clouds.points, map_.points(), options_.scan_to_map, options_.scan, prior,
-                              executor);
-  attempt.report = attempt.filter.update(measurement, options_.iteration);
-  attempt.match = measurement.match();
-  return attempt;
-}
-
-/// Takes the scan from the prediction; once more if that left it skewed, and as if nothing were known of the motion if
-/// it did not fit.
-template <class Map, class Kernel>
-template <Executor E>
-auto LidarInertialOdometry<Map, Kernel>::registered(const Sweep& sweep, const E& executor) -> Attempt {
-  const double error = expected_error();
-  Attempt found = attempt(sweep, Vector6d::Zero(), error, executor);
-  if (!believable(found) && error < options_.max_error)
-    found = attempt(sweep, Vector6d::Zero(), options_.max_error, executor);
-  if (!believable(found) || !sweep.points.has_times()) {
-    first_.reset();
-    return found;
-  }
-  constexpr double poor = 20;  // of the least signal that counts: the scan hardly tells a velocity
-  if (first_ && imu_start_.at_rest && found.match.signal[0] < poor * options_.scan_to_map.min_signal) {
-    motion_.assume_rest();
-    found = attempt(sweep, Vector6d::Zero(), error, executor);
-  }
-  Vector6d bent = correction(found);
-  if (first_) {
-    rebuild_map(*std::exchange(first_, std::nullopt), found, executor);
-    found = attempt(sweep, bent, options_.min_error, executor);
-    bent = correction(found);
-  }
-  constexpr double lever = 20;  // metres: points that far off
-  const double share = to_seconds(sweep.end - sweep.begin) / std::max(motion_.interval(), 1e-3);
-  if (believable(found) && std::min(share, 1.0) * detail::moved_distance(bent, lever) > options_.redeskew_distance)
-    found = attempt(sweep, bent, options_.min_error, executor);
-  return found;
-}
-
-/// Straightens the first scan by the motion that the second has shown, and builds the map from it again.
-template <class Map, class Kernel>
-template <Executor E>
-void LidarInertialOdometry<Map, Kernel>::rebuild_map(const Sweep& first, const Attempt& second, const E& executor) {
-  const auto velocity = [](const InertialState& x) { return x.get<Inertial::velocity>().value(); };
-  const SweepMotion motion =
-      motion_.motion_before(to_seconds(first.end - first.begin), velocity(second.filter.state()) - velocity(state()));
-  map_.clear();
-  map_.extend(straightened(first, motion, executor).map, motion_.way_begin());
-}
-
-template <class Map, class Kernel>
 Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt attempt) {
-  const SE3d T_odom_scan = scan_pose(attempt.filter.state());
+  const SE3d T_odom_scan = this->scan_pose(attempt.filter.state());
+  T_map_lidar_ = attempt.own_pose * T_body_lidar(state());
   motion_.filter() = attempt.filter;
   leveller_.follow(state());
   motion_.follow();
-  bound_mounting();
+  watch_imu();
+  if (motion_.bound_mounting(options_.max_mounting_position, options_.max_mounting_rotation)) ++counts_.mounting_resets;
   map_.extend(attempt.clouds.map, T_odom_scan);
+  doubt_.match();
   lost_in_a_row_ = 0;
   constexpr double memory = 0.9;
-  residual_noise_ = std::sqrt(memory * residual_noise_ * residual_noise_ +
-                              (1 - memory) * attempt.match.residual_rms * attempt.match.residual_rms);
+  const double ratio = Registration::match_ratio(attempt);
+  this->usual_match_ratio_ =
+      this->usual_match_ratio_ > 0 ? memory * this->usual_match_ratio_ + (1 - memory) * ratio : ratio;
+  this->residual_noise_ = std::sqrt(memory * this->residual_noise_ * this->residual_noise_ +
+                                    (1 - memory) * attempt.match.residual_rms * attempt.match.residual_rms);
   const bool degenerate = attempt.match.degenerate_directions > 0;
   if (degenerate) ++counts_.degenerate_scans;
   health_ = {.update = attempt.report.status,
-             .nis = attempt.report.nis * residuals_per_fact() / std::max(1, attempt.report.nis_residuals),
+             .nis = attempt.report.nis * this->residuals_per_fact() / std::max(1, attempt.report.nis_residuals),
              .degenerate_directions = attempt.match.degenerate_directions,
              .signal = attempt.match.signal,
-             .measured_share = motion_.measured_share()};
+             .measured_share = motion_.measured_share(),
+             .pose_nis = attempt.pose_nis,
+             .imu_use = motion_.use()};
   return answer(attempt, degenerate ? FrameStatus::degenerate : FrameStatus::good);
 }
 
+/// Decides what the next prediction may believe.
 template <class Map, class Kernel>
-Frame LidarInertialOdometry<Map, Kernel>::lose(Attempt attempt) {
+void LidarInertialOdometry<Map, Kernel>::watch_imu() {
+  const ImuUse before = monitor_.use();
+  const bool measured = motion_.measured_share() > 0;
+  monitor_.follow(measured ? motion_.use() : before, motion_.comparison());
+  if (monitor_.use() > before) motion_.forget_biases(monitor_.use());
+  if (monitor_.back_to_all()) motion_.set_up(monitor_.up());
+  if (before == ImuUse::none && monitor_.use() < before) motion_.doubt_mounting();
+}
+
+template <class Map, class Kernel>
+void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correction,
+                                                     const std::optional<Eigen::Vector3d>& up) {
+  constexpr double clearly_late = 0.02, clearly_turned = 0.02;  // seconds, radians
+  const ImuCorrection change = correction.since(imu_correction());
+  motion_.correct(correction);
+  const double angle = change.R_body_imu.log().norm();
+  if (!motion_.started() || (std::abs(change.time_offset) < clearly_late && angle < clearly_turned)) return;
+  motion_.forget_biases(ImuUse::none);
+  if (up) motion_.set_up(S2d::from_vector(*up));
+  monitor_ = ImuMonitor(options_.monitor);
+}
+
+template <class Map, class Kernel>
+Frame LidarInertialOdometry<Map, Kernel>::lose(Attempt attempt, double since_last) {
   attempt.filter = motion_.filter();
   ++counts_.lost_scans;
   health_ = {.update = attempt.report.status, .measured_share = motion_.measured_share()};
+  doubt_.lose(since_last);
+  Frame frame = answer(attempt, FrameStatus::lost);
   if (++lost_in_a_row_ > options_.max_lost_scans) {
     ++counts_.map_restarts;
     map_.clear();
     map_.extend(attempt.clouds.map, T_odom_body(state()));
+    doubt_.restart(frame.T_odom_body, frame.covariance);
+    frame.health.map_restarted = true;
   }
-  return answer(attempt, FrameStatus::lost);
+  return frame;
 }
 
 template <class Map, class Kernel>
@@ -345,48 +271,16 @@ Frame LidarInertialOdometry<Map, Kernel>::answer(Attempt& attempt, FrameStatus s
   Frame frame;
   frame.time = motion_.time();
   frame.T_odom_body = leveller_.T_odom_map() * T_odom_body(state());
-  frame.covariance = pose_covariance(state(), covariance());
+  frame.covariance = doubt_.in_odom(frame.T_odom_body, pose_covariance(state(), covariance()));
   frame.health = {.status = status,
                   .points = to_index(attempt.clouds.points.size()),
                   .matches = attempt.match.matches,
                   .residual_rms = attempt.match.residual_rms,
                   .iterations = attempt.match.iterations};
+  if (motion_.interval() > 0 && !motion_.imu().samples().empty())  // else it is the first frame, or there is no IMU
+    frame.health.imu_use = motion_.measured_share() > 0.5 ? motion_.use() : ImuUse::none;
   frame.cloud = std::move(attempt.clouds.whole);
   return frame;
-}
-
-/// Three standard deviations of where the filter puts a near wall.
-template <class Map, class Kernel>
-double LidarInertialOdometry<Map, Kernel>::expected_error() const {
-  constexpr double lever = 10;  // metres
-  const Eigen::Matrix<double, 6, InertialState::dof> by_state = lidar_pose_jacobian(state());
-  const Eigen::Matrix<double, 6, InertialState::dof> weighted = product(by_state, covariance());
-  Vector6d variances = Vector6d::Zero();
-  for (int j = 0; j < InertialState::dof; ++j)
-    for (int i = 0; i < 6; ++i) variances[i] += weighted(i, j) * by_state(i, j);
-  const double error = 3 * (std::sqrt(variances[0] + variances[1] + variances[2]) +
-                            lever * std::sqrt(variances[3] + variances[4] + variances[5]));
-  return std::clamp(error, options_.min_error, options_.max_error);
-}
-
-/// A mounting that was estimated too far from the one given is given up, and held from then on.
-template <class Map, class Kernel>
-void LidarInertialOdometry<Map, Kernel>::bound_mounting() {
-  const Vector6d off = options_.T_body_lidar.local(T_body_lidar(state()));
-  if (block_of<3, 1>(off, 0, 0).norm() <= options_.max_mounting_position &&
-      block_of<3, 1>(off, 3, 0).norm() <= options_.max_mounting_rotation)
-    return;
-  ++counts_.mounting_resets;
-  InertialState x = state();
-  const SE3d T_odom = T_odom_body(x) * T_body_lidar(x) * options_.T_body_lidar.inverse();  // the LiDAR stays in the map
-  x.get<Inertial::position>() = R3d(T_odom.translation());
-  x.get<Inertial::rotation>() = T_odom.rotation();
-  x.get<Inertial::lidar_position>() = R3d(options_.T_body_lidar.translation());
-  x.get<Inertial::lidar_rotation>() = options_.T_body_lidar.rotation();
-  InertialState::Jacobian P = covariance();
-  for (int i = InertialState::dof - 6; i < InertialState::dof; ++i)
-    for (int j = 0; j < InertialState::dof; ++j) P(i, j) = P(j, i) = 0;
-  motion_.filter().reset(x, P);
 }
 
 #ifdef CHAINSLAM_COMPILED

@@ -7,6 +7,7 @@
 #include "chainslam/filter/ieskf.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/odometry/fast_lio2.hpp"
+#include "chainslam/odometry/imu_monitor.hpp"
 #include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/local_map.hpp"
 #include "chainslam/odometry/scan_filter.hpp"
@@ -14,6 +15,7 @@
 #include "chainslam/odometry/scan_to_map.hpp"
 #include "chainslam/search/downsampling.hpp"
 #include "chainslam/search/voxel_map.hpp"
+#include "chainslam/sensor/imu_check.hpp"
 
 namespace chainslam {
 
@@ -31,12 +33,18 @@ struct LidarInertialOdometryOptions {
   LocalMapOptions local_map{};
   Index min_points = 50;            ///< after the voxel filter; scans with fewer count as empty
   double min_match_ratio = 0.2;     ///< of the points given to the filter; with less the scan is lost
+  double poor_match_ratio = 0.8;    ///< of the usual one; with less other guesses are tried, the most matches decide
   double min_error = 0.3;           ///< metres a prediction may be off, whatever the filter thinks
-  double max_error = 2.0;           ///< the same at most; a pose twice as far off is not believed
+  double max_error = 2.0;           ///< the same at most
+  double max_correction = 8.0;      ///< metres off the prediction at which a pose is not believed
   double redeskew_distance = 0.06;  ///< metres of skew left after the update that call for a second pass
   Index max_lost_scans = 10;        ///< in a row; then the local map starts anew where the body is believed to be
+  ImuCheckOptions imu_check{};
+  ImuUse imu_use = ImuUse::all;  ///< at most: all, the gyroscope, or none of the IMU's measurements
+  ImuMonitorOptions monitor{};
   InertialMotionOptions motion{};
-  ScanToMap<Kernel> scan_to_map{.min_signal = 1.5};  ///< less than by itself: the prediction is weighed against it
+  ScanToMap<Kernel> scan_to_map{
+      .min_signal = 1.5, .correlated_residuals = 10};  ///< less than by itself: the prediction is weighed against it
   ScanMeasurementOptions scan{};
   /// More than `scan_to_map.max_coarse_iterations`, so that some are left for the fine ones. A good prediction takes 3
   /// to 5 in all, a bad one dozens.
@@ -53,9 +61,12 @@ struct LidarInertialOdometryOptions {
   options.map = {.voxel_size = 0.5};
   options.scan_voxel = 0.5;
   options.local_map.radius = 500;
+  options.poor_match_ratio = 0;
+  options.monitor.max_pose_nis = std::numeric_limits<double>::infinity();
   options.redeskew_distance = std::numeric_limits<double>::infinity();
   options.motion.process = rules.process;
   options.motion.lidar_rotation = 0;
+  options.motion.start_speed = 5;
   options.motion.start_bend = 0;
   options.motion.imu.unseen_share = 0;
   options.motion.imu.max_step = std::numeric_limits<double>::infinity();
@@ -74,6 +85,9 @@ struct InertialHealth {
   Index degenerate_directions = 0;     ///< of six, that the scan did not see and that were not updated
   Vector6d signal = Vector6d::Zero();  ///< ascending: information of these directions over that of pure noise
   double measured_share = 0;           ///< of the way to this frame, by the inertial unit
+  double pose_nis =
+      0;  ///< normalized innovation squared of the pose against the prediction, per direction seen: about 1
+  ImuUse imu_use = ImuUse::all;  ///< what of the IMU's measurements the frame believes
 };
 
 }  // namespace chainslam

@@ -15,6 +15,7 @@
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
+#include "chainslam/odometry/detail/pose_doubt.hpp"
 #include "chainslam/odometry/imu_initializer.hpp"
 #include "chainslam/odometry/local_map.hpp"
 #include "chainslam/odometry/motion_predictor.hpp"
@@ -22,6 +23,7 @@
 #include "chainslam/odometry/scan_filter.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
 #include "chainslam/search/voxel_map.hpp"
+#include "chainslam/sensor/imu_check.hpp"
 #include "chainslam/sensor/packet.hpp"
 
 namespace chainslam {
@@ -41,6 +43,7 @@ struct LidarOdometryOptions {
   double min_match_ratio = 0.2;     ///< of the points given to registration; with less the scan is lost
   double redeskew_distance = 0.06;  ///< metres of skew left after registration that call for a second pass
   Index max_lost_scans = 10;        ///< in a row; then the local map starts anew where the body is believed to be
+  ImuCheckOptions imu_check{};
   ImuInitializer imu_initializer{};
   MotionPredictorOptions motion{};
   ScanToMap<Kernel> scan_to_map{};
@@ -52,8 +55,9 @@ struct LidarOdometryOptions {
 /// The first pose is the origin of `odom`; with an IMU its +z is up. Scans without an answer leave defined traces:
 /// - too few points, or a time not later than the last frame's: no frame, counted;
 /// - too few matches or an implausible pose: a frame with status `lost` at the predicted pose, with a covariance that
-///   grows with every lost scan; its points do not enter the map;
-/// - more than `max_lost_scans` lost in a row: the local map starts anew at the predicted pose.
+///   grows with the time without a match; its points do not enter the map;
+/// - more than `max_lost_scans` lost in a row: the local map is restarted at the predicted pose, whose covariance all
+///   later frames carry.
 /// Same packets, same bits, whatever the executor. Poses are always finite.
 ///
 /// @tparam Map  a map that grows and thins itself, made from its `downsampling()`: `VoxelMap`, `IkdTree`. One point a
@@ -68,7 +72,7 @@ class LidarOdometry {
       LidarOdometryOptions<Kernel, std::remove_cvref_t<decltype(std::declval<const Map&>().downsampling())>>;
 
   explicit LidarOdometry(Options options = {})
-      : options_(std::move(options)), map_(options_.map), motion_(options_.motion) {}
+      : options_(std::move(options)), map_(options_.map), imu_check_(options_.imu_check), motion_(options_.motion) {}
 
   /// Takes the next packet, in time order. @returns a frame, at the end of the scan, if the packet was a usable scan.
   /// @throws std::invalid_argument if a scan's columns do not match.
@@ -113,9 +117,11 @@ class LidarOdometry {
   Options options_;
   LidarOdometryCounts counts_;
   Map map_;
+  ImuCheck imu_check_;
   MotionPredictor motion_;
   ImuStart imu_start_;
   std::optional<Sweep> first_;  ///< the first scan, until the motion during it is known
+  detail::PoseDoubt doubt_;
   bool started_ = false;
   Index lost_in_a_row_ = 0;
   Eigen::Vector3d map_center_ = Eigen::Vector3d::Zero();  ///< where the map was last cut to its radius
@@ -124,8 +130,12 @@ class LidarOdometry {
 template <class Map, class Kernel>
 template <Executor E>
 std::optional<Frame> LidarOdometry<Map, Kernel>::process(const Packet& packet, const E& executor) {
-  if (const auto* sample = std::get_if<ImuSample>(&packet); sample != nullptr && !motion_.add(*sample))
-    ++counts_.dropped_imu_samples;
+  if (const auto* sample = std::get_if<ImuSample>(&packet)) {
+    imu_check_.add(*sample, [&](const ImuSample& checked) {
+      if (checked.rate_measured) motion_.add(checked);
+    });
+    counts_.imu = imu_check_.counts();
+  }
   const auto* scan = std::get_if<LidarScan>(&packet);
   if (scan == nullptr) return std::nullopt;
   ++counts_.scans;
@@ -178,12 +188,10 @@ std::optional<Frame> LidarOdometry<Map, Kernel>::start(Sweep sweep, const E& exe
   started_ = true;
   extend_map(scan.map_points);
   if (sweep.points.has_times()) first_ = std::move(sweep);
-  constexpr double anchored = 1e-12;  // m^2, rad^2: the first pose is the origin by definition
   Frame frame;
   frame.time = motion_.time();
   frame.T_odom_body = motion_.T_odom_body();
-  frame.covariance.setZero();
-  for (int i = 0; i < 6; ++i) frame.covariance(i, i) = anchored;
+  frame.covariance = detail::anchored_covariance();
   frame.health.points = to_index(scan.points.size());
   frame.cloud = std::move(scan.cloud);
   return frame;
@@ -256,31 +264,34 @@ template <class Map, class Kernel>
 Frame LidarOdometry<Map, Kernel>::follow(Registered scan, const MotionPrediction& prediction) {
   const Vector6d skew = motion_.end_deviation(prediction, scan.twist, scan.match.T_map_body);
   motion_.follow(prediction, scan.twist, scan.match.T_map_body);
+  doubt_.match();
   lost_in_a_row_ = 0;
   extend_map(scan.map_points);
   Frame frame = answer(scan, scan.match.degenerate_directions > 0 ? FrameStatus::degenerate : FrameStatus::good);
   if (frame.health.status == FrameStatus::degenerate) ++counts_.degenerate_scans;
-  frame.covariance = scan.match.covariance;
-  for (int i = 0; i < 6; ++i) frame.covariance(i, i) += skew[i] * skew[i];
+  Matrix6d covariance = scan.match.covariance;
+  for (int i = 0; i < 6; ++i) covariance(i, i) += skew[i] * skew[i];
+  frame.covariance = doubt_.in_odom(frame.T_odom_body, covariance);
+  frame.health.after_gap = prediction.since_last > options_.motion.max_gap;
   return frame;
 }
 
 template <class Map, class Kernel>
 Frame LidarOdometry<Map, Kernel>::lose(Registered scan, const MotionPrediction& prediction) {
   motion_.lose(prediction);
+  doubt_.lose(prediction.since_last);
   ++counts_.lost_scans;
+  Frame frame = answer(scan, FrameStatus::lost);
+  Matrix6d predicted = Matrix6d::Zero();
+  for (int i = 0; i < 3; ++i) predicted(i, i) = prediction.error * prediction.error;
+  frame.covariance = doubt_.in_odom(frame.T_odom_body, predicted);
+  frame.health.after_gap = prediction.since_last > options_.motion.max_gap;
   if (++lost_in_a_row_ > options_.max_lost_scans) {
     ++counts_.map_restarts;
     map_ = Map(options_.map);
     extend_map(scan.map_points);
-  }
-  Frame frame = answer(scan, FrameStatus::lost);
-  constexpr double lost_rotation = 0.1;  // radians per lost scan
-  const double n = lost_in_a_row_;
-  frame.covariance.setZero();
-  for (int i = 0; i < 6; ++i) {
-    const double deviation = n * (i < 3 ? prediction.error : lost_rotation);
-    frame.covariance(i, i) = deviation * deviation;
+    doubt_.restart(frame.T_odom_body, frame.covariance);
+    frame.health.map_restarted = true;
   }
   return frame;
 }

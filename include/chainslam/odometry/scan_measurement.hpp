@@ -80,6 +80,10 @@ class ScanMeasurement {
 
   /// Figures of the last pass; `T_map_body` and `covariance` stay to be filled in.
   [[nodiscard]] const ScanMatch& match() const { return match_; }
+  /// Where the scan would lie by its matches alone; directions that they do not show are left as they were.
+  [[nodiscard]] const SE3d& own_pose() const { return own_pose_; }
+  /// By how much the squared error exceeds the least that a pose of the scan's own choice would leave.
+  [[nodiscard]] double excess() const { return excess_; }
 
  private:
   [[nodiscard]] static Eigen::Vector3d velocity(const InertialState& x) { return x.get<Inertial::velocity>().value(); }
@@ -108,6 +112,8 @@ class ScanMeasurement {
   SE3d T_before_;     ///< of the last iteration
   Index matchings_ = 0, fine_matchings_ = 0;
   ScanMatch match_;
+  double excess_ = 0;
+  SE3d own_pose_;
 };
 
 template <Cloud Scan, NearestNeighborSearch Map, class Kernel, Executor E>
@@ -142,6 +148,9 @@ Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(co
   match_.signal = information.signal;
   match_.degenerate_directions = information.degenerate;
 
+  const Vector6d to_own_pose = information.step(sum.gradient);
+  own_pose_ = T.retract(to_own_pose);
+  excess_ = -transposed_product(to_own_pose, sum.gradient)(0, 0) / prior_.variance;
   const Eigen::Matrix<double, 6, InertialState::dof> J = pose_jacobian(x);
   const Eigen::Matrix<double, InertialState::dof, 6> J_transposed = (1 / prior_.variance) * transposed(J);
   answer.information = product(J_transposed, product(information.seen_hessian(), J));

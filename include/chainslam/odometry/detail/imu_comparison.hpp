@@ -1,0 +1,49 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "chainslam/core/timestamp.hpp"
+#include "chainslam/odometry/imu_monitor.hpp"
+#include "chainslam/odometry/imu_record.hpp"
+#include "chainslam/odometry/inertial_state.hpp"
+
+namespace chainslam::detail {
+
+/// What was measured on the way from one state to another, against the way that the scans show. Interval 0 if not all
+/// of it was measured. @param gravity  m/s^2
+[[nodiscard]] inline ImuComparison compare_imu(const ImuRecord& imu, Timestamp begin, const InertialState& from,
+                                               Timestamp end, const InertialState& to, double gravity) {
+  const double interval = to_seconds(end - begin);
+  const Eigen::Vector3d turn = from.get<Inertial::rotation>().local(to.get<Inertial::rotation>());
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();
+  SO3d measured_turn;
+  double at = 0;
+  bool force_measured = true;
+  bool measured = interval > 0;
+  imu.for_each_step(begin, end, [&](const ImuStep& piece) {
+    const double dt = piece.duration;
+    at += dt;
+    if (!piece.reading || !piece.reading->rate_measured) {
+      measured = false;
+      return;
+    }
+    force_measured = force_measured && piece.reading->force_measured;
+    const double middle = (at - 0.5 * dt) / interval;
+    const SO3d R = from.get<Inertial::rotation>() * SO3d::exp(middle * turn);
+    const Eigen::Vector3d rate = piece.reading->gyro - from.get<Inertial::gyro_bias>().value();
+    const Eigen::Vector3d specific = piece.reading->accel - from.get<Inertial::accel_bias>().value();
+    measured_turn = measured_turn * SO3d::exp(dt * rate);
+    force += Eigen::Vector3d(dt / interval * (R * specific));
+  });
+  if (!measured) return {};
+  const Eigen::Vector3d gained = to.get<Inertial::velocity>().value() - from.get<Inertial::velocity>().value();
+  const Eigen::Vector3d error = measured_turn.log() - turn;
+  return {.interval = interval,
+          .force_measured = force_measured,
+          .rate = turn.norm() / interval,
+          .rate_error = error / interval,
+          .up = force - Eigen::Vector3d(gained / interval),
+          .expected_up = gravity * to.get<Inertial::up>().direction()};
+}
+
+}  // namespace chainslam::detail

@@ -1,0 +1,266 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
+#include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/moved_distance.hpp"
+#include "chainslam/odometry/detail/sweep.hpp"
+#include "chainslam/odometry/imu_monitor.hpp"
+#include "chainslam/odometry/inertial_motion.hpp"
+#include "chainslam/odometry/lidar_inertial_options.hpp"
+#include "chainslam/odometry/local_map.hpp"
+#include "chainslam/odometry/scan_measurement.hpp"
+#include "chainslam/odometry/scan_to_map.hpp"
+
+namespace chainslam::detail {
+
+/// How `LidarInertialOdometry` registers a sweep: attempts from one prediction after the other, and which of them is
+/// taken. Its parts are the odometry's own.
+template <class Map, class Kernel>
+struct SweepRegistration {
+  using Options = LidarInertialOdometryOptions<Kernel, typename LocalMap<Map>::Downsampling>;
+  struct Clouds {
+    PointCloud<float> whole;        ///< body frame at the sweep's end
+    PointCloud<float> map, points;  ///< of these, for the map and for the filter
+  };
+  /// A scan, straightened and measured.
+  struct Attempt {
+    Clouds clouds;
+    InertialMotion::Filter filter;
+    FilterReport<InertialState> report;
+    ScanMatch match;
+    double pose_nis = 0;
+    SE3d own_pose;  ///< of the sweep, body frame, by its matches alone
+  };
+
+  /// Which of several attempts a scan is taken by.
+  struct Choice {
+    std::optional<Attempt> best{};
+    ImuUse use = ImuUse::all;  ///< that it believed
+    double enough = 0;         ///< matches that a better one must exceed
+
+    void offer(Attempt attempt, ImuUse believed, bool fits, bool agrees);
+  };
+
+  explicit SweepRegistration(Options options)
+      : options_(std::move(options)),
+        map_(options_.map, options_.local_map),
+        motion_(options_.motion, options_.T_body_lidar),
+        monitor_(options_.monitor) {}
+
+  [[nodiscard]] const InertialState& state() const { return motion_.state(); }
+  [[nodiscard]] const InertialState::Jacobian& covariance() const { return motion_.filter().covariance(); }
+
+  template <Executor E>
+  [[nodiscard]] Clouds straightened(const Sweep& sweep, const SweepMotion& motion, const E& executor) const;
+  template <Executor E>
+  [[nodiscard]] Attempt attempt(const Sweep& sweep, const Vector6d& correction, double error,
+                                const InertialState& guess, const E& executor) const;
+  template <Executor E>
+  [[nodiscard]] Attempt attempt(const Sweep& sweep, const E& executor) const;
+  template <Executor E>
+  [[nodiscard]] Attempt consistent(const Sweep& sweep, const E& executor);
+  template <Executor E>
+  [[nodiscard]] Attempt registered(const Sweep& sweep, const E& executor);
+  template <Executor E>
+  void rebuild_map(const Sweep& first, const Attempt& second, const E& executor);
+
+  [[nodiscard]] bool believable(const Attempt& attempt) const {
+    return attempt.report.accepted() && off(attempt) <= options_.max_correction &&
+           attempt.match.matches >= options_.min_match_ratio * static_cast<double>(attempt.clouds.points.size());
+  }
+  /// Whether prediction and scan are farther apart than both say they may be. At a speed that is not known, they may.
+  [[nodiscard]] bool contradicted(const Attempt& attempt) const {
+    return !believable(attempt) || (motion_.knew_velocity() && attempt.pose_nis > monitor_.max_pose_nis());
+  }
+  /// Whether it matches clearly fewer points than scans lately did.
+  [[nodiscard]] bool poor(const Attempt& attempt) const {
+    return match_ratio(attempt) < options_.poor_match_ratio * usual_match_ratio_;
+  }
+  [[nodiscard]] static double match_ratio(const Attempt& attempt) {
+    return static_cast<double>(attempt.match.matches) / std::max<double>(1, to_index(attempt.clouds.points.size()));
+  }
+  /// Where a scan lies that was straightened with the mounting of before: where the LiDAR is now.
+  [[nodiscard]] SE3d scan_pose(const InertialState& x) const {
+    return T_odom_body(x) * T_body_lidar(x) * T_body_lidar(state()).inverse();
+  }
+  /// The correction of the predicted pose of the scan, tangent of the latter.
+  [[nodiscard]] Vector6d correction(const Attempt& attempt) const {
+    return T_odom_body(state()).local(scan_pose(attempt.filter.state()));
+  }
+  /// How far the prediction put the surroundings from where they were found, metres.
+  [[nodiscard]] double off(const Attempt& attempt) const { return moved_distance(correction(attempt), 10); }
+  /// How many neighbouring residuals count as one.
+  [[nodiscard]] double residuals_per_fact() const {
+    return options_.residual_variance > 0 ? 1.0 : options_.scan_to_map.correlated_residuals;
+  }
+  [[nodiscard]] double expected_error() const;
+
+  Options options_;
+  LocalMap<Map> map_;
+  InertialMotion motion_;
+  ImuMonitor monitor_;
+  ImuStart imu_start_;
+  std::optional<Sweep> first_;    ///< the first scan, until the motion during it is known
+  double residual_noise_ = 0.05;  ///< metres, smoothed
+  double usual_match_ratio_ = 0;  ///< smoothed
+};
+
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::straightened(const Sweep& sweep, const SweepMotion& motion,
+                                                  const E& executor) const -> Clouds {
+  Clouds clouds;
+  const SE3d mounting = motion_.started() ? T_body_lidar(state()) : options_.T_body_lidar;
+  clouds.whole = deskew(sweep.points, motion, mounting, executor);
+  clouds.map = voxel_downsample(clouds.whole, options_.map_voxel);
+  clouds.points =
+      options_.scan_voxel > options_.map_voxel ? voxel_downsample(clouds.map, options_.scan_voxel) : clouds.map;
+  return clouds;
+}
+
+/// Straightens the sweep by the predicted way, bent to end `correction` off, and takes it from the prediction.
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const Vector6d& correction, double error,
+                                             const InertialState& guess, const E& executor) const -> Attempt {
+  Attempt attempt;
+  attempt.clouds = straightened(sweep, motion_.sweep_motion(sweep.begin, correction), executor);
+  attempt.filter = motion_.filter();
+  const double noise = std::max(residual_noise_, options_.scan_to_map.residual_floor);
+  ScanPrior prior{
+      .state = state(),
+      .error = error,
+      .variance = options_.residual_variance > 0 ? options_.residual_variance : noise * noise * residuals_per_fact(),
+      .mean_age = first_ ? 0.0 : sweep.mean_age()};  // a map as skewed as the scan lies at its mean time, too
+  const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * block_of<3, 1>(correction, 0, 0);
+  R3d& velocity = prior.state.template get<Inertial::velocity>();
+  velocity = R3d(velocity.value() + bent / std::max(motion_.interval(), 1e-3));
+  ScanMeasurement measurement(attempt.clouds.points, map_.points(), options_.scan_to_map, options_.scan, prior,
+                              executor);
+  attempt.report = attempt.filter.update(measurement, options_.iteration, guess);
+  attempt.match = measurement.match();
+  attempt.own_pose = measurement.own_pose();
+  attempt.pose_nis = (attempt.report.prior_error + measurement.excess()) /
+                     static_cast<double>(std::max<Index>(1, 6 - attempt.match.degenerate_directions));
+  return attempt;
+}
+
+/// Takes the scan from the prediction, and as if nothing were known of the motion if it does not fit.
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const E& executor) const -> Attempt {
+  const double error = expected_error();
+  Attempt found = attempt(sweep, Vector6d::Zero(), error, state(), executor);
+  if (!believable(found) && error < options_.max_error)
+    found = attempt(sweep, Vector6d::Zero(), options_.max_error, state(), executor);
+  return found;
+}
+
+/// Takes the offer if it agrees with its prediction and matches clearly more than those before.
+template <class Map, class Kernel>
+void SweepRegistration<Map, Kernel>::Choice::offer(Attempt attempt, ImuUse believed, bool fits, bool agrees) {
+  constexpr double clearly = 1.05, clearly_than_lost = 1.25;  // more matches; the latter than what did not fit
+  const auto matches = static_cast<double>(attempt.match.matches);
+  const bool better = agrees && matches > enough;
+  if (agrees || !fits) enough = std::max(enough, matches * (fits ? clearly : clearly_than_lost));
+  if (!better) return;
+  best = std::move(attempt);
+  use = believed;
+}
+
+/// Takes the scan from a prediction that it does not contradict: from less and less of the IMU's measurements. Where
+/// that leaves fewer matches than scans had before, the pose may be that of another place that looks alike: the most
+/// matches decide.
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& executor) -> Attempt {
+  if (!monitor_.enabled()) return attempt(sweep, executor);
+  const ImuUse before = motion_.use();
+  Choice choice{.use = before};
+  const auto offer = [&](Attempt found) {
+    const bool fits = believable(found), agrees = !contradicted(found);
+    choice.offer(std::move(found), motion_.use(), fits, agrees);
+  };
+  offer(attempt(sweep, executor));
+  // At a speed that is not known, the body may stand: a wide gate alone might find another place.
+  if (!motion_.knew_velocity()) offer(attempt(sweep, Vector6d::Zero(), options_.min_error, state(), executor));
+  for (const ImuUse use : {ImuUse::gyroscope, ImuUse::rough_gyroscope, ImuUse::none}) {
+    if (choice.best && !poor(*choice.best)) break;
+    if (use <= motion_.use() || (use != ImuUse::none && motion_.measured_share() == 0)) continue;
+    motion_.predict_again(use);
+    offer(attempt(sweep, executor));
+  }
+  if (choice.best && poor(*choice.best) && motion_.use() == ImuUse::none)
+    for (const double share : {0.0, 0.5}) {  // of the predicted way: bodies stop faster than they start
+      const Vector6d back = (share - 1) * motion_.way_begin().local(T_odom_body(state()));
+      offer(attempt(sweep, Vector6d::Zero(), options_.max_error, motion_.moved(back), executor));
+    }
+  if (choice.best) {
+    if (choice.use != motion_.use()) motion_.predict_again(choice.use);
+    return *std::move(choice.best);
+  }
+  motion_.doubt_motion();
+  Attempt doubted = attempt(sweep, Vector6d::Zero(), options_.max_error, state(), executor);
+  if (!believable(doubted))
+    motion_.restore(before);  // it may be the scan that is at fault: the IMU carries the motion on
+  return doubted;
+}
+
+/// Takes the scan; once more if that left it skewed.
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& executor) -> Attempt {
+  Attempt found = consistent(sweep, executor);
+  if (!believable(found) || !sweep.points.has_times()) {
+    first_.reset();
+    return found;
+  }
+  constexpr double poor = 20;  // of the least signal that counts: the scan hardly tells a velocity
+  if (first_ && imu_start_.at_rest && found.match.signal[0] < poor * options_.scan_to_map.min_signal) {
+    motion_.assume_rest();
+    found = attempt(sweep, executor);
+  }
+  Vector6d bent = correction(found);
+  if (first_) {
+    rebuild_map(*std::exchange(first_, std::nullopt), found, executor);
+    found = attempt(sweep, bent, options_.min_error, InertialState(found.filter.state()), executor);
+    bent = correction(found);
+  }
+  constexpr double lever = 20;  // metres: points that far off
+  const double share = to_seconds(sweep.end - sweep.begin) / std::max(motion_.interval(), 1e-3);
+  if (believable(found) && std::min(share, 1.0) * moved_distance(bent, lever) > options_.redeskew_distance)
+    found = attempt(sweep, bent, options_.min_error, InertialState(found.filter.state()), executor);
+  return found;
+}
+
+/// Straightens the first scan by the motion that the second has shown, and builds the map from it again.
+template <class Map, class Kernel>
+template <Executor E>
+void SweepRegistration<Map, Kernel>::rebuild_map(const Sweep& first, const Attempt& second, const E& executor) {
+  const auto velocity = [](const InertialState& x) { return x.get<Inertial::velocity>().value(); };
+  const SweepMotion motion =
+      motion_.motion_before(to_seconds(first.end - first.begin), velocity(second.filter.state()) - velocity(state()));
+  map_.clear();
+  map_.extend(straightened(first, motion, executor).map, motion_.way_begin());
+}
+
+/// Three standard deviations of where the filter puts a near wall.
+template <class Map, class Kernel>
+double SweepRegistration<Map, Kernel>::expected_error() const {
+  constexpr double lever = 10;  // metres
+  const Vector6d variances = lidar_pose_variances(state(), covariance());
+  const double error = 3 * (std::sqrt(variances[0] + variances[1] + variances[2]) +
+                            lever * std::sqrt(variances[3] + variances[4] + variances[5]));
+  return std::clamp(error, options_.min_error, options_.max_error);
+}
+
+}  // namespace chainslam::detail

@@ -1,0 +1,240 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <deque>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/square_matrix.hpp"
+#include "chainslam/core/timestamp.hpp"
+#include "chainslam/lie/se3.hpp"
+#include "chainslam/odometry/detail/alignment_block.hpp"
+#include "chainslam/odometry/detail/alignment_equations.hpp"
+#include "chainslam/odometry/detail/alignment_pose.hpp"
+#include "chainslam/odometry/detail/alignment_search.hpp"
+#include "chainslam/odometry/detail/alignment_solution.hpp"
+#include "chainslam/odometry/detail/imu_track.hpp"
+#include "chainslam/odometry/imu_alignment_options.hpp"
+#include "chainslam/sensor/imu_sample.hpp"
+
+namespace chainslam {
+
+/// Estimates time offset and rotation between IMU and LiDAR, and the IMU's biases, from the LiDAR's own motion.
+///
+/// Rotations between poses of LiDAR odometry are compared with the integrated gyroscope (Furgale et al. 2013; Zhu et
+/// al. 2022, LI-Init), second differences of its positions with the integrated accelerometer, gravity free for every
+/// few seconds. A search over the offset, each with the rotation in closed form, gives the start; robust Gauss-Newton
+/// steps on (offset, rotation, biases) refine it. The covariance is that of M-estimators with dependent residuals
+/// (sandwich, Liang and Zeger 1986: sums over blocks of time), so that it does not rest on the poses' own deviations.
+///
+/// Poses may come at 2 to 20 Hz, unevenly; IMU measurements before or after the poses that they go with. What the
+/// motion does not show keeps the deviation of the prior. Memory is bounded; an estimate is made every `interval`.
+class ImuAlignment {
+ public:
+  explicit ImuAlignment(const ImuAlignmentOptions& options = {}) : options_(options), track_(options.max_gap) {
+    state_ = given();
+    report(state_, detail::spd_inverse(given_information(options.rotation_deviation)));
+  }
+
+  /// Takes a measurement, in order of time. @returns false if it was dropped: not finite, absurd, or not later.
+  bool add(const ImuSample& sample) { return track_.add(seconds_of(sample.time), sample.gyro, sample.accel); }
+
+  /// Takes the pose of a scan, in order of time; earlier ones are ignored. @returns whether there is a new estimate.
+  bool add(const LidarPose& pose);
+
+  [[nodiscard]] const ImuAlignmentEstimate& estimate() const { return estimate_; }
+  [[nodiscard]] bool known() const { return estimate_.time_known && estimate_.rotation_known; }
+
+ private:
+  using AlignmentState = detail::AlignmentState;
+  using AlignmentVector = detail::AlignmentVector;
+  using AlignmentMatrix = detail::AlignmentMatrix;
+
+  [[nodiscard]] double seconds_of(Timestamp time) {
+    if (!epoch_) epoch_ = time;
+    return to_seconds(time - *epoch_);
+  }
+  void forget_old();
+  void forget_before(double time);
+  void solve();
+  [[nodiscard]] std::vector<std::size_t> block_ends(std::size_t count) const;
+  [[nodiscard]] std::size_t covered_poses() const;
+  [[nodiscard]] bool distinct() const { return contrast_ >= options_.min_contrast; }
+  [[nodiscard]] AlignmentMatrix given_information(double rotation_deviation) const;
+  static constexpr double any_rotation = 2;  ///< rad, of a rotation of which nothing is known
+  [[nodiscard]] AlignmentState given() const {
+    return {.time_offset = options_.time_offset, .R_body_lidar = options_.T_body_lidar.rotation()};
+  }
+  [[nodiscard]] AlignmentMatrix with_floor(AlignmentMatrix covariance) const;
+  void compare_with_given(const AlignmentMatrix& covariance);
+  void report(const AlignmentState& x, const AlignmentMatrix& P);
+
+  ImuAlignmentOptions options_;
+  detail::ImuTrack track_;
+  std::optional<Timestamp> epoch_;
+  std::vector<detail::AlignmentPose> poses_;
+  std::deque<detail::AlignmentBlock> old_;      ///< of poses that have left the window
+  std::vector<detail::AlignmentBlock> newest_;  ///< of the window, by the last solution
+  AlignmentState state_;                        ///< by the data alone
+  std::optional<double> solved_at_;
+  double searched_at_ = 0;
+  double contrast_ = 0;  ///< the most that a search has found
+  ImuAlignmentEstimate estimate_;
+};
+
+inline bool ImuAlignment::add(const LidarPose& pose) {
+  const double time = seconds_of(pose.time);
+  if (!is_finite(pose.T_odom_lidar.translation()) || (!poses_.empty() && !(time > poses_.back().time))) return false;
+  poses_.push_back(detail::alignment_pose(pose, time));
+  detail::link_to_neighbours(poses_, options_.half_span, options_.max_step);
+  if (!solved_at_) solved_at_ = time;
+  if (time - *solved_at_ < (known() ? options_.known_interval : options_.interval)) return false;
+  solved_at_ = time;
+  solve();
+  forget_old();
+  return true;
+}
+
+inline std::vector<std::size_t> ImuAlignment::block_ends(std::size_t count) const {
+  std::vector<std::size_t> ends;
+  for (std::size_t j = 1; j <= count; ++j)
+    if (j == count || std::floor(poses_[j].time / options_.block) != std::floor(poses_[j - 1].time / options_.block))
+      ends.push_back(j);
+  return ends;
+}
+
+inline ImuAlignment::AlignmentMatrix ImuAlignment::given_information(double rotation_deviation) const {
+  const auto weight = [](double deviation) { return 1 / (deviation * deviation); };
+  AlignmentMatrix information = AlignmentMatrix::Zero();
+  information(0, 0) = weight(options_.time_offset_deviation);
+  for (int i = 0; i < 3; ++i) {
+    information(1 + i, 1 + i) = weight(std::min(rotation_deviation, any_rotation));
+    information(4 + i, 4 + i) = weight(options_.gyro_bias_deviation);
+    information(7 + i, 7 + i) = weight(options_.accel_bias_deviation);
+  }
+  return information;
+}
+
+/// Poses whose measurements have come for any offset.
+inline std::size_t ImuAlignment::covered_poses() const {
+  const double end = track_.end().value_or(-std::numeric_limits<double>::infinity());
+  std::size_t count = 0;
+  while (count < poses_.size() &&
+         poses_[count].time + options_.max_time_offset + detail::ImuAlignmentEquations::nudge <= end)
+    ++count;
+  return count;
+}
+
+inline void ImuAlignment::solve() {
+  const std::size_t count = covered_poses();
+  if (count == 0 || poses_[count - 1].time - poses_.front().time < options_.min_duration) return;
+  const std::vector<std::size_t> ends = block_ends(count);
+  detail::AlignmentProblem problem{.track = track_,
+                                   .poses = std::span(poses_.data(), count),
+                                   .ends = ends,
+                                   .old = old_,
+                                   .lever_arm = options_.T_body_lidar.translation(),
+                                   .given = given(),
+                                   .given_information = given_information(any_rotation),
+                                   .max_offset = options_.max_time_offset};
+  std::vector<detail::AlignmentSolution> solutions;
+  if (!known() || poses_.back().time - searched_at_ >= options_.search_interval) {
+    searched_at_ = poses_.back().time;
+    const auto found = detail::search_alignment(track_, problem.poses, ends, options_.max_time_offset);
+    if (found) contrast_ = std::max(contrast_, found->contrast);
+    if (!distinct()) return;  // noise has a best offset, too
+    if (found) solutions.push_back(detail::refined(problem, found->state, 0));
+  }
+  solutions.push_back(detail::refined(problem, state_, known() ? detail::wide_steps : 0));
+  const detail::AlignmentSolution& best = detail::best_of(solutions);
+  newest_ = best.blocks;
+  state_ = best.state;
+  AlignmentMatrix covariance = with_floor(detail::sandwich(problem, best));
+  compare_with_given(covariance);
+  if (estimate_.contradicted || !std::isfinite(options_.rotation_deviation)) return report(state_, covariance);
+  // With the given rotation as a prior, and from there.
+  problem.rotation_given = true;
+  problem.given_information = given_information(options_.rotation_deviation);
+  AlignmentState start = state_;
+  start.R_body_lidar = options_.T_body_lidar.rotation();
+  const detail::AlignmentSolution fused = detail::refined(problem, start, 0);
+  report(fused.state, with_floor(detail::sandwich(problem, fused)));
+}
+
+/// Adds what more data do not reduce.
+inline ImuAlignment::AlignmentMatrix ImuAlignment::with_floor(AlignmentMatrix covariance) const {
+  covariance(0, 0) += options_.time_offset_floor * options_.time_offset_floor;
+  for (int i = 1; i < 4; ++i) covariance(i, i) += options_.rotation_floor * options_.rotation_floor;
+  return covariance;
+}
+
+inline void ImuAlignment::report(const AlignmentState& x, const AlignmentMatrix& P) {
+  ImuAlignmentEstimate& e = estimate_;
+  e.time_offset = x.time_offset;
+  e.time_offset_deviation = std::sqrt(P(0, 0));
+  e.R_body_lidar = x.R_body_lidar;
+  e.rotation_covariance = block_of<3, 3>(P, 1, 1);
+  e.gyro_bias = x.gyro_bias;
+  e.gyro_bias_covariance = block_of<3, 3>(P, 4, 4);
+  e.accel_bias = x.accel_bias;
+  e.accel_bias_covariance = block_of<3, 3>(P, 7, 7);
+  e.time_known = e.time_offset_deviation <= options_.known_time_offset;
+  e.observed_rotation_axes = 0;
+  for (const double variance : jacobi_eigen(e.rotation_covariance).values)
+    if (variance <= options_.known_rotation * options_.known_rotation) ++e.observed_rotation_axes;
+  e.rotation_known = e.observed_rotation_axes == 3;
+  e.seconds_used = 0;
+  const auto count_time = [&](const detail::AlignmentBlock& block) {
+    if (block.turns > 0) e.seconds_used += block.end - block.begin;
+  };
+  std::for_each(old_.begin(), old_.end(), count_time);
+  std::for_each(newest_.begin(), newest_.end(), count_time);
+  for (const detail::AlignmentBlock& block : newest_)
+    if (block.forces > 0) e.up_odom = block.up_force / block.up_force.norm();
+}
+
+/// Whether the data, which know the rotation about some axis well, exclude the one given.
+inline void ImuAlignment::compare_with_given(const AlignmentMatrix& covariance) {
+  const Eigen::Vector3d off = state_.R_body_lidar.local(options_.T_body_lidar.rotation());
+  const JacobiEigen<double, 3> axes = jacobi_eigen(block_of<3, 3>(covariance, 1, 1));
+  estimate_.contradicted = false;
+  estimate_.contradiction_angle = 0;
+  double worst = options_.contradiction_sigmas;
+  for (int i = 0; i < 3; ++i) {
+    const double angle = std::abs(block_of<3, 1>(axes.vectors, 0, i).dot(off)), deviation = std::sqrt(axes.values[i]);
+    if (angle < options_.contradiction_angle || deviation > options_.contradiction_angle || angle < worst * deviation)
+      continue;
+    worst = angle / deviation;
+    estimate_.contradicted = true;
+    estimate_.contradiction_angle = angle;
+  }
+}
+
+/// Keeps the equations of blocks that leave the window, and forgets their poses and measurements.
+inline void ImuAlignment::forget_old() {
+  const double oldest = poses_.back().time - options_.window;
+  if (!distinct()) return forget_before(oldest);
+  if (newest_.empty()) return;
+  std::size_t gone = 0;
+  while (gone + 1 < newest_.size() && newest_[gone].end < oldest) old_.push_back(newest_[gone++]);
+  while (!old_.empty() && old_.front().end < oldest - options_.memory) old_.pop_front();
+  if (gone == 0) return;
+  newest_.erase(newest_.begin(), newest_.begin() + static_cast<std::ptrdiff_t>(gone));
+  forget_before(newest_.front().begin);
+}
+
+inline void ImuAlignment::forget_before(double time) {
+  const auto needed = std::find_if(poses_.begin(), poses_.end(), [&](const auto& pose) { return pose.time >= time; });
+  poses_.erase(poses_.begin(), needed);
+  track_.forget_before(time - options_.max_time_offset - detail::ImuAlignmentEquations::nudge);
+}
+
+}  // namespace chainslam

@@ -1,0 +1,97 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <variant>
+
+#include "chainslam/core/executor.hpp"
+#include "chainslam/map/frame.hpp"
+#include "chainslam/odometry/imu_alignment.hpp"
+#include "chainslam/sensor/imu_check.hpp"
+#include "chainslam/sensor/imu_correction.hpp"
+#include "chainslam/sensor/packet.hpp"
+
+namespace chainslam {
+
+/// Odometry that finds out by how much its IMU's clock and axes differ from what is given, and corrects them.
+///
+/// `ImuAlignment` compares the IMU with the poses of the scans themselves. A time offset is corrected as soon as it is
+/// significant, axes only where the data exclude the given rotation: what is less than that the filter itself
+/// estimates.
+///
+/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction` and `T_map_lidar`.
+template <class Odometry>
+class SelfCalibrating {
+ public:
+  using Options = typename Odometry::Options;
+
+  explicit SelfCalibrating(Options options = {}, ImuAlignmentOptions alignment = {})
+      : T_body_lidar_(options.T_body_lidar),
+        odometry_(std::move(options)),
+        alignment_(with(alignment, T_body_lidar_)) {}
+
+  /// As the odometry's own.
+  template <Executor E = Serial>
+  std::optional<Frame> process(const Packet& packet, const E& executor = {}) {
+    if (const auto* sample = std::get_if<ImuSample>(&packet))
+      imu_check_.add(*sample, [&](const ImuSample& checked) {
+        if (checked.rate_measured && checked.force_measured) alignment_.add(checked);
+      });
+    return followed(odometry_.process(packet, executor));
+  }
+  template <Executor E = Serial>
+  std::optional<Frame> flush(const E& executor = {}) {
+    return followed(odometry_.flush(executor));
+  }
+
+  [[nodiscard]] const Odometry& odometry() const { return odometry_; }
+  [[nodiscard]] const ImuAlignmentEstimate& alignment() const { return alignment_.estimate(); }
+  [[nodiscard]] auto counts() const { return odometry_.counts(); }
+
+ private:
+  [[nodiscard]] static ImuAlignmentOptions with(ImuAlignmentOptions options, const SE3d& T_body_lidar) {
+    options.T_body_lidar = T_body_lidar;
+    return options;
+  }
+
+  std::optional<Frame> followed(std::optional<Frame> frame) {
+    if (!frame || frame->health.status != FrameStatus::good) return frame;
+    constexpr double angle = 5e-4, distance = 0.02;  // rad, m: what registration leaves
+    if (alignment_.add(LidarPose{frame->time, odometry_.T_map_lidar(), angle, distance})) correct();
+    return frame;
+  }
+
+  /// Whether to correct the clock (again). How scans were undistorted biases the offset by some milliseconds: a clock
+  /// that is right to that is left alone.
+  [[nodiscard]] bool clock_is_off(double corrected) const {
+    constexpr double bias = 0.01, min_change = 0.002, max_deviation = 0.02;  // seconds
+    const double deviation = alignment_.estimate().time_offset_deviation;
+    const double off = std::abs(alignment_.estimate().time_offset - corrected);
+    return deviation < max_deviation && off > (corrected == 0 ? bias + 2 * deviation : min_change);
+  }
+
+  void correct() {
+    constexpr double min_turn = 2e-3, max_axes_deviation = 0.04;  // rad
+    const ImuAlignmentEstimate& found = alignment_.estimate();
+    ImuCorrection correction = odometry_.imu_correction();
+    const bool new_clock = clock_is_off(correction.time_offset);
+    const SO3d axes = T_body_lidar_.rotation() * found.R_body_lidar.inverse();
+    const double axes_deviation = std::sqrt(found.rotation_covariance.trace());
+    const bool new_axes = found.contradicted && axes_deviation < max_axes_deviation &&
+                          correction.R_body_imu.local(axes).norm() > std::max(min_turn, axes_deviation);
+    if (!new_clock && !new_axes) return;
+    if (new_clock) correction.time_offset = found.time_offset;
+    if (new_axes) correction.R_body_imu = axes;
+    const bool up_known = found.up_odom.norm() > 0;
+    odometry_.correct_imu(correction, up_known ? std::optional<Eigen::Vector3d>(found.up_odom) : std::nullopt);
+  }
+
+  SE3d T_body_lidar_;
+  ImuCheck imu_check_;  ///< as the odometry's own: what is rejected must not calibrate, either
+  Odometry odometry_;
+  ImuAlignment alignment_;
+};
+
+}  // namespace chainslam

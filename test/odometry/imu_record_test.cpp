@@ -1,0 +1,84 @@
+#include "chainslam/odometry/imu_record.hpp"
+
+#include <doctest/doctest.h>
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "chainslam/core/random.hpp"
+#include "odometry/imu_samples.hpp"
+#include "support/property.hpp"
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+namespace {
+
+Eigen::Vector3d any_vector(Rng& rng) { return {rng.normal(), rng.normal(), rng.normal()}; }
+
+struct Step {
+  double duration;
+  Eigen::Vector3d gyro, accel;
+};
+std::vector<Step> steps_of(const ImuRecord& record, double from, double to) {
+  std::vector<Step> steps;
+  record.for_each_step(at(from), at(to), [&](const ImuStep& step) {
+    REQUIRE(step.reading);
+    steps.push_back({step.duration, step.reading->gyro, step.reading->accel});
+  });
+  return steps;
+}
+
+}  // namespace
+
+TEST_SUITE("odometry/imu_record") {
+  TEST_CASE("steps next to a sample with a stuck axis are without that sensor, and no others") {
+    ImuRecord record;
+    for (int i = 0; i < 6; ++i) record.add({.time = at(0.01 * i), .rate_measured = i != 2, .force_measured = i != 4});
+    std::string rates, forces;
+    record.for_each_step(at(0), at(0.05), [&](const ImuStep& step) {
+      REQUIRE(step.reading);
+      rates += step.reading->rate_measured ? 'y' : 'n';
+      forces += step.reading->force_measured ? 'y' : 'n';
+    });
+    CHECK(rates == "ynnyy");
+    CHECK(forces == "yyynn");
+  }
+
+  TEST_CASE("a correction holds for the samples kept and for those to come, however often it is changed") {
+    for_all(20, [](Rng& rng, int) {
+      const ImuCorrection first{rng.normal(0, 0.05), SO3d::exp(any_vector(rng))};
+      const ImuCorrection last{rng.normal(0, 0.05), SO3d::exp(any_vector(rng))};
+      ImuRecord record, corrected_before;
+      for (int i = 0; i < 60; ++i) {
+        const ImuSample sample = sample_at(100 + 0.01 * i, any_vector(rng), any_vector(rng));
+        if (i == 20) record.correct(first);
+        if (i == 40) record.correct(last);
+        CHECK(record.add(sample) == ImuRecord::Taken::yes);
+        corrected_before.add(last(sample));
+      }
+      REQUIRE(record.samples().size() == corrected_before.samples().size());
+      CHECK(record.correction().time_offset == last.time_offset);
+      const std::vector<Step> steps = steps_of(record, 100.1, 100.4),
+                              expected = steps_of(corrected_before, 100.1, 100.4);
+      REQUIRE(steps.size() == expected.size());
+      for (std::size_t i = 0; i < steps.size(); ++i) {
+        CHECK(steps[i].duration == doctest::Approx(expected[i].duration).epsilon(1e-6));
+        CHECK((steps[i].gyro - expected[i].gyro).norm() < 1e-5);  // times are rounded to a nanosecond
+        CHECK((steps[i].accel - expected[i].accel).norm() < 1e-5);
+      }
+    });
+  }
+
+  TEST_CASE("a clock that is put back loses no sample: those that come after continue those before") {
+    ImuRecord record;
+    for (int i = 0; i < 50; ++i) record.add(sample_at(10.2 + 0.01 * i, {0, 0, 0.1}));
+    record.correct({.time_offset = 0.2});
+    CHECK_FALSE(record.reaches(at(10.5)));
+    CHECK(record.reaches(at(10.49)));
+    CHECK(record.add(sample_at(10.7, {0, 0, 0.1})) == ImuRecord::Taken::yes);
+    CHECK(record.samples().size() == 51);
+    CHECK(record.reaches(at(10.5)));
+  }
+}

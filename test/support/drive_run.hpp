@@ -1,0 +1,109 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <ctime>
+#include <optional>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "chainslam/evaluation/ape.hpp"
+#include "chainslam/map/frame.hpp"
+#include "chainslam/odometry/odometry_counts.hpp"
+#include "chainslam/sensor/packet.hpp"
+#include "chainslam/trajectory/association.hpp"
+#include "support/real_drives.hpp"
+
+namespace chainslam::test {
+
+/// What an odometry made of a drive.
+struct DriveRun {
+  Trajectory lidar;  ///< T_odom_lidar at the frames' times
+  LidarOdometryCounts counts;
+  double seconds_per_scan = 0;  ///< processor time of the thread, IMU measurements included
+};
+
+namespace detail {
+
+/// Processor time of this thread, seconds: other programs do not count.
+inline double thread_seconds() {
+  std::timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+}  // namespace detail
+
+/// Feeds an odometry.
+/// @param next_packet  yields `std::optional<Packet>`, nothing after the last one.
+template <class Odometry, class NextPacket>
+DriveRun run_packets(NextPacket&& next_packet, Odometry& odometry, const SE3d& T_body_lidar) {
+  DriveRun run;
+  double spent = 0;
+  const auto take = [&](auto&& work) {
+    const double begin = detail::thread_seconds();
+    const std::optional<Frame> frame = work();
+    spent += detail::thread_seconds() - begin;
+    if (!frame) return false;
+    run.lidar.times.push_back(frame->time);
+    run.lidar.poses.push_back(frame->T_odom_body * T_body_lidar);
+    return true;
+  };
+  std::size_t scans = 0;
+  while (const std::optional<Packet> packet = next_packet()) {
+    scans += std::holds_alternative<LidarScan>(*packet);
+    take([&] { return odometry.process(*packet); });
+  }
+  if constexpr (requires { odometry.flush(); })
+    while (take([&] { return odometry.flush(); })) {
+    }
+  run.counts = odometry.counts();
+  run.seconds_per_scan = spent / static_cast<double>(std::max<std::size_t>(scans, 1));
+  return run;
+}
+template <class Odometry, class NextPacket>
+DriveRun run_packets(NextPacket&& next_packet, const typename Odometry::Options& options) {
+  Odometry odometry(options);
+  return run_packets(std::forward<NextPacket>(next_packet), odometry, options.T_body_lidar);
+}
+
+/// Feeds a drive to an odometry in time order, an IMU measurement before a scan that ends at its time.
+/// @param T_body_lidar  of the odometry's settings; the drive's own does not count.
+template <class Odometry>
+DriveRun run_drive(const Drive& drive, Odometry& odometry, const SE3d& T_body_lidar) {
+  auto scan = drive.scans.begin();
+  auto sample = drive.imu.begin();
+  return run_packets(
+      [&]() -> std::optional<Packet> {
+        if (scan == drive.scans.end()) return std::nullopt;
+        if (sample != drive.imu.end() && sample->time <= scan->end) return Packet(*sample++);
+        return Packet(*scan++);
+      },
+      odometry, T_body_lidar);
+}
+template <class Odometry>
+DriveRun run_drive(const Drive& drive, const typename Odometry::Options& options) {
+  Odometry odometry(options);
+  return run_drive(drive, odometry, options.T_body_lidar);
+}
+
+/// Frames with the reference at their times, without those that do not count.
+inline MatchedTrajectories counted_poses(const Drive& drive, const Trajectory& lidar) {
+  Trajectory counted;
+  for (std::size_t i = 0; i < lidar.size(); ++i) {
+    const auto leaves_out = [&](const TimeSpan& span) { return span.contains(lidar.times[i]); };
+    if (std::ranges::any_of(drive.not_counted, leaves_out)) continue;
+    counted.times.push_back(lidar.times[i]);
+    counted.poses.push_back(lidar.poses[i]);
+  }
+  return match_interpolated(drive.reference, counted, seconds(1)).trajectories;
+}
+
+/// APE of the LiDAR's positions after alignment by a rotation and a translation.
+inline AbsolutePoseErrors drive_ape(const Drive& drive, const Trajectory& lidar) {
+  const MatchedTrajectories poses = counted_poses(drive, lidar);
+  return ape(poses.reference, poses.estimate);
+}
+
+}  // namespace chainslam::test
