@@ -96,8 +96,8 @@ std::string with_header(const std::filesystem::path& path, std::size_t offset, c
   return text.substr(0, 56) + little(hash) + text.substr(64);
 }
 
-/// The map of test/io/golden: numbers that every machine writes the same way.
-SlamMap golden_map() {
+/// The map of test/io/golden, format 1.0: numbers that every machine writes the same way.
+SlamMap golden_map_1_0() {
   SlamMap map;
   const auto pose = [](double x) {
     return SE3d(SO3d::from_quaternion(SO3d::Quaternion(0.6, 0, 0, 0.8)), {x, -x, 0.25});
@@ -149,6 +149,32 @@ SlamMap golden_map() {
   closure.verdict = ClosureVerdict::unconfirmed;
   closure.sqrt_information.setZero();
   map.refusals.push_back(closure);
+  return map;
+}
+
+/// The same with frames, as format 1.1 has them.
+SlamMap golden_map() {
+  SlamMap map = golden_map_1_0();
+  for (Index i = 0; i < 12; ++i) {
+    FrameRecord frame;
+    frame.session = SessionId{i < 8 ? 0 : 1};
+    frame.time = Timestamp::from_nanoseconds(1'000'000'000'000'000'000 + 125'000'000LL * i);
+    frame.T_odom_body = map.keyframes[static_cast<std::size_t>(i % 5)].T_odom_body;
+    Matrix6d covariance = 0.25 * Matrix6d::Identity();
+    covariance(0, 5) = covariance(5, 0) = -0.125 * i / 16;
+    frame.covariance = PackedCovariance(covariance);
+    frame.health = {.status = i == 3   ? FrameStatus::degenerate
+                              : i == 5 ? FrameStatus::lost
+                                       : FrameStatus::good,
+                    .points = 1000 + i,
+                    .matches = 900 - i,
+                    .residual_rms = 0.03125,
+                    .iterations = 4,
+                    .map_restarted = i == 5,
+                    .after_gap = i == 6};
+    if (i < 8) frame.health.imu_use = static_cast<ImuUse>(i % 4);
+    map.frames.push_back(frame);
+  }
   return map;
 }
 
@@ -231,7 +257,72 @@ TEST_SUITE("io/map_format") {
     CHECK(loaded.report.format_minor == 0);
     CHECK(loaded.parameters == golden_options().parameters);
     CHECK(loaded.unknown == golden_options().unknown);
+    CHECK(same_map(loaded.map, golden_map_1_0()));
+    CHECK(loaded.map.frames.empty());
+    const TemporaryFolder folder;
+    save_map(folder / "again", loaded);  // in the format of today
+    CHECK(load_map(folder / "again").report.format_minor == chainslam::detail::map_minor);
+    CHECK(same_map(load_map(folder / "again").map, golden_map_1_0()));
+  }
+
+  TEST_CASE("the golden file of format 1.1 says what it said when it was made") {
+    const std::string path = CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_1.cslam";
+    const LoadedMap loaded = load_map(path);
+    CHECK(loaded.report.complete);
+    CHECK(loaded.report.format_minor == 1);
+    CHECK(loaded.parameters == golden_options().parameters);
+    CHECK(loaded.unknown == golden_options().unknown);
     CHECK(same_map(loaded.map, golden_map()));
+    const TemporaryFolder folder;
+    save_map(folder / "again", loaded);
+    CHECK(read_bytes(folder / "again") == read_bytes(path));
+  }
+
+  TEST_CASE("frames lie in the file as they are described, and a damaged chunk loses only them") {
+    const TemporaryFolder folder;
+    const std::string path = CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_1.cslam";
+    std::string file = read_bytes(path);
+    const auto at = file.find(std::string("CHNK\x0d\0", 6));
+    REQUIRE(at != std::string::npos);
+    const auto* record = reinterpret_cast<const std::byte*>(file.data()) + at + 64 + 16 + 5 * 172;
+    CHECK(load_as<std::uint32_t>(reinterpret_cast<const std::byte*>(file.data()) + at + 68) == 172);
+    CHECK(load_as<std::int64_t>(record) == 1'000'000'000'625'000'000);
+    CHECK(load_as<std::int32_t>(record + 8) == 0);
+    CHECK(load_as<std::uint8_t>(record + 12) == 2);  // lost
+    CHECK(load_as<std::uint8_t>(record + 13) == 1);  // the local map was restarted
+    CHECK(load_as<std::uint8_t>(record + 14) == 1);  // gyroscope
+    CHECK(load_as<std::uint8_t>(record + 172 + 13) == 2);
+    CHECK(load_as<std::uint8_t>(record + 3 * 172 + 14) == 255);
+    CHECK(load_as<std::int32_t>(record + 16) == 1005);
+    CHECK(load_as<std::int32_t>(record + 20) == 895);
+    CHECK(load_as<std::int32_t>(record + 24) == 4);
+    CHECK(load_as<float>(record + 28) == 0.03125F);
+    CHECK(load_as<double>(record + 32 + 6 * 8) == 0.6);  // w of the quaternion
+    CHECK(load_as<float>(record + 88) == 0.25F);
+    CHECK(load_as<float>(record + 88 + 5 * 4) == -0.0390625F);  // row 0, column 5
+    CHECK(load_as<float>(record + 88 + 20 * 4) == 0.25F);
+
+    file[at + 64 + 40] ^= 1;
+    write_bytes(folder / "damaged", file);
+    CHECK(says(io_error([&] { return load_map(folder / "damaged"); }), "(frames)"));
+    const LoadedMap loaded = load_map(folder / "damaged", {.recover = true});
+    CHECK(same_map(loaded.map, golden_map_1_0()));
+    CHECK_FALSE(loaded.report.complete);
+  }
+
+  TEST_CASE("frames that cannot be are refused with record and field") {
+    const std::size_t second = 16 + 172;
+    CHECK(says(after_change(ChunkType::frames, put(second + 12, std::uint8_t{3})), "record 1, status"));
+    CHECK(says(after_change(ChunkType::frames, put(second + 14, std::uint8_t{4})), "record 1, use of the IMU"));
+    CHECK(says(after_change(ChunkType::frames, put(second + 8, std::int32_t{2})), "record 1, session"));
+    CHECK(says(after_change(ChunkType::frames, put(second, std::int64_t{5})), "record 1, time"));
+    CHECK(says(after_change(ChunkType::frames, put(second + 32, std::nan(""))), "record 1, T_odom_body"));
+    CHECK(says(after_change(ChunkType::frames, put(second + 88, -1.0F)), "record 1, covariance"));
+    CHECK(says(after_change(ChunkType::frames, put(0, std::int32_t{1})), "record 0, number"));
+    SlamMap map = random_map(4, 5);
+    map.frames[2].covariance = PackedCovariance(std::array<float, 21>{std::nanf("")});
+    const TemporaryFolder folder;
+    CHECK_THROWS_AS(save_map(folder / "a", map), std::invalid_argument);
   }
 
   TEST_CASE("a reader made from the description alone finds the golden map") {
@@ -240,7 +331,7 @@ TEST_SUITE("io/map_format") {
     const auto u16 = [&](std::size_t at) { return load_as<std::uint16_t>(bytes.data() + at); };
     const auto u32 = [&](std::size_t at) { return load_as<std::uint32_t>(bytes.data() + at); };
     const auto u64 = [&](std::size_t at) { return load_as<std::uint64_t>(bytes.data() + at); };
-    const SlamMap map = golden_map();
+    const SlamMap map = golden_map_1_0();
     CHECK(u16(8) == 1);
     CHECK(u32(12) == 64);
     CHECK(u64(56) == XXH3_64bits(file.data(), 56));
@@ -337,7 +428,7 @@ TEST_SUITE("io/map_format") {
     CHECK(loaded.report.format_minor == 3);
     CHECK(same_map(loaded.map, map));
     write_bytes(folder / "major", with_header(folder / "a", 8, 2));
-    CHECK(says(io_error([&] { return load_map(folder / "major", {.recover = true}); }), "format 2.0"));
+    CHECK(says(io_error([&] { return load_map(folder / "major", {.recover = true}); }), "format 2.1"));
     write_bytes(folder / "flags", with_header(folder / "a", 24, 1));
     CHECK(says(io_error([&] { return load_map(folder / "flags", {.recover = true}); }), "flags 1"));
   }

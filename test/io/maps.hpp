@@ -84,6 +84,7 @@ class GrowingMap {
     if (session.keyframes > 0)
       map_.odometry.push_back({KeyframeId{id.value - 1}, id, random_pose(rng_, 1), random_root(rng_)});
     ++session.keyframes;
+    for (int k = 2; k >= 0; --k) add_frame(keyframe, keyframe.time - seconds(0.1 * k));
     map_.keyframes.push_back(std::move(keyframe));
     if (id.value >= 2 && id.value % 3 == 0) add_fix(map_.keyframes[static_cast<std::size_t>(id.value - 2)]);
     if (id.value > 3 && id.value % 4 == 0) close(id);
@@ -99,6 +100,21 @@ class GrowingMap {
       if (id % 10 == 1) cloud.intensities.push_back(p[1]);
     }
     return cloud;
+  }
+
+  void add_frame(const Keyframe& keyframe, Timestamp time) {
+    FrameRecord frame{.session = keyframe.session, .time = time, .T_odom_body = random_pose(rng_)};
+    const Matrix6d root = random_root(rng_);
+    frame.covariance = PackedCovariance(Matrix6d(root.transpose() * root));
+    frame.health = {.status = static_cast<FrameStatus>(rng_.uniform_index(3)),
+                    .points = rng_.uniform_index(5000),
+                    .matches = rng_.uniform_index(5000),
+                    .residual_rms = 0.0625 * rng_.uniform_index(9),
+                    .iterations = rng_.uniform_index(99),
+                    .map_restarted = rng_.uniform_index(2) == 0,
+                    .after_gap = rng_.uniform_index(2) == 0};
+    if (const Index use = rng_.uniform_index(5); use < 4) frame.health.imu_use = static_cast<ImuUse>(use);
+    map_.frames.push_back(frame);
   }
 
   void add_fix(Keyframe& keyframe) {
@@ -187,6 +203,14 @@ inline bool same_record(const LoopClosure& a, const LoopClosure& b) {
          a.inlier_ratio == b.inlier_ratio && a.cause == b.cause;
 }
 
+inline bool same_record(const FrameRecord& a, const FrameRecord& b) {
+  const FrameHealth &x = a.health, &y = b.health;
+  return a.session == b.session && a.time == b.time && a.T_odom_body == b.T_odom_body && a.covariance == b.covariance &&
+         x.status == y.status && x.points == y.points && x.matches == y.matches && x.residual_rms == y.residual_rms &&
+         x.iterations == y.iterations && x.map_restarted == y.map_restarted && x.after_gap == y.after_gap &&
+         x.imu_use == y.imu_use;
+}
+
 template <class Records>
 bool same_records(const Records& a, const Records& b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(),
@@ -196,7 +220,7 @@ bool same_records(const Records& a, const Records& b) {
 inline bool same_map(const SlamMap& a, const SlamMap& b) {
   return same_records(a.sessions, b.sessions) && same_records(a.keyframes, b.keyframes) &&
          same_records(a.odometry, b.odometry) && same_records(a.closures, b.closures) &&
-         same_records(a.refusals, b.refusals) &&
+         same_records(a.refusals, b.refusals) && same_records(a.frames, b.frames) &&
          std::equal(a.keyframes.begin(), a.keyframes.end(), b.keyframes.begin(),
                     [](const Keyframe& x, const Keyframe& y) {
                       return x.T_map_body == y.T_map_body && same_cloud(x.cloud, y.cloud) && same_fix(x.gnss, y.gnss);

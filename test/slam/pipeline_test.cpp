@@ -38,6 +38,7 @@ struct DiaryBackEnd {
   void add(const GnssFix& fix, const E&) {
     diary.push_back("fix " + std::to_string(fix.time.to_seconds()));
   }
+  void add(std::span<const FrameRecord> frames) { diary.push_back(std::to_string(frames.size()) + " frames"); }
 };
 
 /// Counts how often it was called, and what the back end had seen by then.
@@ -56,6 +57,7 @@ template <class Add>
 void drive(Add&& add) {
   add([](auto& to) { to.begin_session("morning"); });
   for (int i = 0; i < 50; ++i) {
+    add([&](auto& to) { to.add(std::vector<FrameRecord>(static_cast<std::size_t>(i % 3))); });
     add([&](auto& to) {
       if constexpr (requires { to.backlog(); })
         to.add(keyframe(i));

@@ -1,6 +1,6 @@
 #pragma once
 
-// Map files (.cslam), format 1.0.
+// Map files (.cslam), format 1.1.
 //
 // All numbers are little-endian; i and u are whole numbers, f is IEEE 754, the figure is their bits. Lengths are
 // metres, times are nanoseconds of the data set's clock. Poses are 7 f64: translation x y z, unit quaternion x y z w
@@ -60,6 +60,13 @@
 //   8009 gnss *       112 bytes: i32 keyframe, u32 quality (0 none, 1 2-D, 2 3-D, 3 differential, 4 RTK float, 5 RTK
 //                     fixed), i64 time, 3 f64 position, 9 f64 covariance (m^2), Earth-centred, WGS 84. The number of
 //                     the first record has no meaning.
+//   000D frames *     172 bytes (since 1.1): every frame of odometry, keyframe or not: i64 time, i32 session, u8 status
+//   (0
+//                     good, 1 degenerate, 2 lost), u8 flags (1: the local map was restarted here, 2: no frame for long
+//                     before), u8 use of the IMU (0 all, 1 gyroscope, 2 gyroscope with more noise, 3 none, 255: not
+//                     stated), u8 0, i32 points, i32 matches, i32 iterations, f32 residual (m), pose T_odom_body, 21
+//                     f32 covariance of it: the upper triangle, row by row, tangent [translation; rotation]. Sessions
+//                     follow one another; times increase in each.
 //   800A commit       i32 sessions, keyframes, scans, odometry, closures, refusals before it; u64 0
 //   000B index        16 bytes for each chunk before: u64 offset, u16 type, u16 version, u32 count
 //   800C end          u64 offset of the index, u64 bytes of the whole file; the file's last 128 bytes
@@ -67,8 +74,8 @@
 // Reading. The map is what the chunks up to a commit say; a whole file ends with commit, index, end. Of any other file
 // the last commit counts: the walk stops at the first header that is not there, whose hash is wrong, or whose id or
 // sequence does not fit, or whose payload would pass the file's end. A damaged payload (hash) of a scan, refusals,
-// poses, gnss, the index or an unknown chunk loses only that; of another chunk, all from the last commit before it on.
-// Keyframes without a pose are placed by odometry from the keyframe before.
+// poses, gnss, frames, the index or an unknown chunk loses only that; of another chunk, all from the last commit before
+// it on. Keyframes without a pose are placed by odometry from the keyframe before.
 //
 // Writing is appending only: commit, then fdatasync. A file grows as NAME.partial and is renamed when it has its end.
 //

@@ -53,9 +53,9 @@ class MapJournal {
   /// Appends what is new since the last call and commits: once it has returned, a crash or a loss of power keeps it.
   ///
   /// Written: new sessions and those whose frame or prior changed; new keyframes with their scans; GNSS fixes of new
-  /// keyframes and of the 256 before; new measurements. Poses are written whole when an eighth more keyframes have come
-  /// or a session was merged, so that the file does not grow with the square of the map; on recovery, later keyframes
-  /// are placed by odometry. Calls without news write nothing.
+  /// keyframes and of the 256 before; new measurements and frames. Poses are written whole when an eighth more
+  /// keyframes have come or a session was merged, so that the file does not grow with the square of the map; on
+  /// recovery, later keyframes are placed by odometry. Calls without news write nothing.
   /// @throws std::invalid_argument, before anything is written, if a record breaks the format's rules or the map
   /// shrank.
   /// @throws IoError if the disk fails; what had been committed stays.
@@ -136,7 +136,8 @@ class MapJournal {
     const detail::MapCounts counts = {count(map.sessions), count(map.keyframes), 0,
                                       count(map.odometry), count(map.closures),  count(map.refusals)};
     if (counts.sessions < counts_.sessions || counts.keyframes < counts_.keyframes ||
-        counts.odometry < counts_.odometry || counts.closures < counts_.closures || counts.refusals < counts_.refusals)
+        counts.odometry < counts_.odometry || counts.closures < counts_.closures ||
+        counts.refusals < counts_.refusals || count(map.frames) < frames_)
       throw std::invalid_argument("MapJournal: the map has fewer records than at the last call");
     check_sessions(map);
     for (Index i = counts_.keyframes; i < counts.keyframes; ++i) check_keyframe(map, i);
@@ -151,6 +152,9 @@ class MapJournal {
       if (auto fault = detail::fault_of(at(map.closures, i), counts)) refuse("closure", i, *fault);
     for (Index i = counts_.refusals; i < counts.refusals; ++i)
       if (auto fault = detail::fault_of(at(map.refusals, i), counts)) refuse("refusal", i, *fault);
+    for (Index i = frames_; i < count(map.frames); ++i)
+      if (auto fault = detail::fault_of(at(map.frames, i), i > 0 ? &at(map.frames, i - 1) : nullptr, counts.sessions))
+        refuse("frame", i, *fault);
   }
 
   static void check_sessions(const SlamMap& map) {
@@ -212,6 +216,9 @@ class MapJournal {
     const Index refusals = std::exchange(counts_.refusals, count(map.refusals));
     append_records(Type::refusals, detail::closure_bytes, refusals, counts_.refusals,
                    [&](auto& out, Index i) { detail::append_closure(out, at(map.refusals, i)); });
+    const Index frames = std::exchange(frames_, count(map.frames));
+    append_records(Type::frames, detail::frame_bytes, frames, frames_,
+                   [&](auto& out, Index i) { detail::append_frame(out, at(map.frames, i)); });
     for (Index i = fresh; i < counts_.keyframes; ++i)
       if (at(map.keyframes, i).cloud) append_scan(at(map.keyframes, i));
     return chunks_ != before;
@@ -358,6 +365,7 @@ class MapJournal {
   detail::MapCounts counts_;  ///< written so far
   std::vector<Session> sessions_;
   std::vector<bool> has_gnss_;
+  Index frames_ = 0;       ///< written so far
   Index posed_ = 0;        ///< keyframes that the last whole set of poses has
   bool in_doubt_ = false;  ///< a call ended by an exception while it wrote
 };

@@ -7,6 +7,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/sensor/imu_use.hpp"
 
 namespace chainslam {
 
@@ -19,6 +20,16 @@ struct FrameHealth {
   Index matches = 0;        ///< that found a partner
   double residual_rms = 0;  ///< metres, over matches
   Index iterations = 0;
+  bool map_restarted = false;  ///< the local map was cleared, and begins with this scan at the predicted pose
+  bool after_gap = false;      ///< no frame before for longer than the motion can be predicted
+  /// What of the IMU the pose relies on; empty if odometry does not say.
+  std::optional<ImuUse> imu_use{};
+
+  /// Whether the pose may be wrong by more than registration to the local map leaves.
+  [[nodiscard]] bool doubtful() const {
+    const bool imu_contradicted = imu_use && (*imu_use == ImuUse::gyroscope || *imu_use == ImuUse::rough_gyroscope);
+    return status != FrameStatus::good || map_restarted || after_gap || imu_contradicted;
+  }
 };
 
 /// What odometry says of one scan.

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "chainslam/map/frame_record.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
 #include "chainslam/map/session.hpp"
@@ -25,6 +26,8 @@ struct SlamMap {
   std::vector<OdometryMeasurement> odometry;
   std::vector<LoopClosure> closures;  ///< accepted, in the order in which they were
   std::vector<LoopClosure> refusals;  ///< tried and refused
+  /// Every frame of odometry, session by session, in the order of time. Maps made without them have none.
+  std::vector<FrameRecord> frames;
 };
 
 }  // namespace chainslam

@@ -90,6 +90,10 @@ class BackEnd {
   template <Executor E = Serial>
   KeyframeId add(Keyframe keyframe, const E& executor = {});
 
+  /// Takes the session's next frames, keyframes or not, which the map keeps; those up to a keyframe before it.
+  /// @throws std::invalid_argument if times do not increase or something is not finite.
+  void add(std::span<const FrameRecord> frames);
+
   /// Takes a GNSS fix, which keyframes around its time get a position from; they may then join two frames.
   template <Executor E = Serial>
   void add(const GnssFix& fix, const E& executor = {});
@@ -188,6 +192,12 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::begin_session(std::string name) {
   graph_.begin_session(std::move(name));
   in_session_ = true;
   index_positions();
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+void BackEnd<Closer, Chainer, Merger, Kernel>::add(std::span<const FrameRecord> frames) {
+  if (!in_session_) begin_session({});
+  graph_.append(frames);
 }
 
 template <class Closer, class Chainer, class Merger, class Kernel>

@@ -15,12 +15,14 @@
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/odometry_doubt.hpp"
 #include "chainslam/slam/odometry_noise.hpp"
 
 namespace chainslam {
 
 struct MapGraphOptions {
   OdometryNoise odometry_noise{};
+  OdometryDoubt odometry_doubt{};  ///< where frames between two keyframes were lost or degenerate
   /// Standard deviation of the prior that holds a frame's first keyframe, metres and radians.
   double anchor = 1e-4;
   /// Whether a session that a merge joins to another frame is held there, at its aligned start, by a prior as tight
@@ -75,6 +77,11 @@ class MapGraph {
   /// map is then as it was.
   KeyframeId append(Keyframe keyframe);
 
+  /// Adds the newest session's next frames, with their health. Those up to a keyframe come before it: what they say of
+  /// odometry since the last keyframe is in the measurement between the two.
+  /// @throws std::invalid_argument if times do not increase or something is not finite; the map is then as it was.
+  void append(std::span<const FrameRecord> frames);
+
   void set_gnss(KeyframeId id, const GnssFix& fix);
 
   /// @returns the closure's position among the map's closures.
@@ -110,6 +117,7 @@ class MapGraph {
   [[nodiscard]] const Session& session(SessionId id) const { return map_.sessions[static_cast<std::size_t>(id.value)]; }
 
   void check(const Keyframe& keyframe) const;
+  [[nodiscard]] NoiseModel<6> odometry_noise(const Keyframe& last, const Keyframe& next) const;
   [[gnu::cold]] void remeasure();
 
   void take(std::span<const Key> keys) {
@@ -178,7 +186,7 @@ KeyframeId MapGraph<Kernel>::append(Keyframe keyframe) {
     const Keyframe& last = map_.keyframes.back();
     const SE3d T_last_new = last.T_odom_body.inverse() * keyframe.T_odom_body;
     keyframe.T_map_body = last.T_map_body * T_last_new;
-    map_.odometry.push_back({last.id, keyframe.id, T_last_new, options_.odometry_noise(T_last_new).sqrt_information()});
+    map_.odometry.push_back({last.id, keyframe.id, T_last_new, odometry_noise(last, keyframe).sqrt_information()});
   }
   smoother_->add_value(keyframe.T_map_body);
   if (session.keyframes++ == 0)
@@ -187,6 +195,26 @@ KeyframeId MapGraph<Kernel>::append(Keyframe keyframe) {
     add_factor(map_.odometry.back());
   map_.keyframes.push_back(std::move(keyframe));
   return map_.keyframes.back().id;
+}
+
+template <class Kernel>
+NoiseModel<6> MapGraph<Kernel>::odometry_noise(const Keyframe& last, const Keyframe& next) const {
+  const Matrix6d doubt = options_.odometry_doubt(frames_between(map_.frames, last, next));
+  const SE3d T_last_next = last.T_odom_body.inverse() * next.T_odom_body;
+  return doubt.isZero(0) ? options_.odometry_noise(T_last_next) : options_.odometry_noise(T_last_next, doubt);
+}
+
+template <class Kernel>
+void MapGraph<Kernel>::append(std::span<const FrameRecord> frames) {
+  if (map_.sessions.empty()) begin_session({});
+  const SessionId session = map_.sessions.back().id;
+  const bool first = map_.frames.empty() || map_.frames.back().session != session;
+  require_sound(frames, first ? nullptr : &map_.frames.back());
+  const Change change(*this);
+  for (FrameRecord frame : frames) {
+    frame.session = session;
+    map_.frames.push_back(frame);
+  }
 }
 
 template <class Kernel>
@@ -266,6 +294,10 @@ void MapGraph<Kernel>::load(const SlamMap& other) {
       to.push_back(closure);
     }
   };
+  for (FrameRecord frame : other.frames) {
+    frame.session.value += sessions;
+    map_.frames.push_back(frame);
+  }
   append_closures(other.closures, map_.closures);
   append_closures(other.refusals, map_.refusals);
   if (options_.remeasure_loaded) {

@@ -20,11 +20,29 @@ struct OdometryNoise {
 
   /// Of T_from_to, tangent [translation; rotation].
   [[nodiscard]] NoiseModel<6> operator()(const SE3d& T_from_to) const {
+    return NoiseModel<6>::from_sigmas(sigmas(T_from_to));
+  }
+
+  /// The same where frames between were lost or degenerate.
+  /// @param doubt  covariance that they add, of `OdometryDoubt`; positive semi-definite but for rounding.
+  [[nodiscard]] NoiseModel<6> operator()(const SE3d& T_from_to, const Matrix6d& doubt) const {
+    constexpr double rounding = 1e-9;
+    const Vector6d of_odometry = sigmas(T_from_to);
+    Matrix6d covariance;
+    for (int j = 0; j < 6; ++j)
+      for (int i = 0; i < 6; ++i)
+        covariance(i, j) = 0.5 * (doubt(i, j) + doubt(j, i)) +
+                           (i == j ? of_odometry[i] * of_odometry[i] + rounding * doubt(i, i) : 0.0);
+    return NoiseModel<6>::from_covariance(covariance);
+  }
+
+ private:
+  [[nodiscard]] Vector6d sigmas(const SE3d& T_from_to) const {
     const double way = T_from_to.translation().norm();
     Vector6d sigmas;
     sigmas << Eigen::Vector3d::Constant(translation + translation_per_metre * way),
         Eigen::Vector3d::Constant(rotation + rotation_per_metre * way);
-    return NoiseModel<6>::from_sigmas(sigmas);
+    return sigmas;
   }
 };
 

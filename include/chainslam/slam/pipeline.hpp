@@ -2,15 +2,18 @@
 
 #include <cstddef>
 #include <exception>
+#include <span>
 #include <stdexcept>
 #include <stop_token>
 #include <string>
 #include <thread>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include "chainslam/core/channel.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/map/frame_record.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/sensor/gnss_fix.hpp"
 
@@ -54,6 +57,7 @@ class Pipeline {
   void begin_session(std::string name) { push(BeginSession{std::move(name)}); }
   void add(Keyframe keyframe) { push(std::move(keyframe)); }
   void add(const GnssFix& fix) { push(fix); }
+  void add(std::vector<FrameRecord> frames) { push(std::move(frames)); }
   /// @}
 
   /// Items that wait.
@@ -70,7 +74,7 @@ class Pipeline {
   struct BeginSession {
     std::string name;
   };
-  using Item = std::variant<BeginSession, Keyframe, GnssFix>;
+  using Item = std::variant<BeginSession, Keyframe, GnssFix, std::vector<FrameRecord>>;
 
   void push(Item item) {
     if (items_.push(std::move(item))) return;
@@ -86,6 +90,8 @@ class Pipeline {
           back_end.begin_session(std::move(session->name));
         else if (auto* keyframe = std::get_if<Keyframe>(&*item))
           back_end.add(std::move(*keyframe), executor);
+        else if (const auto* frames = std::get_if<std::vector<FrameRecord>>(&*item))
+          back_end.add(std::span<const FrameRecord>(*frames));
         else
           back_end.add(std::get<GnssFix>(*item), executor);
         after_each(std::as_const(back_end));

@@ -24,7 +24,7 @@ namespace chainslam::detail {
 // Headers of a map file and of its chunks; map_archive.hpp describes them byte by byte.
 
 inline constexpr std::array<unsigned char, 8> map_magic = {0x89, 'C', 'S', 'L', 'A', 'M', '\r', '\n'};
-inline constexpr std::uint16_t map_major = 1, map_minor = 0;
+inline constexpr std::uint16_t map_major = 1, map_minor = 1;
 inline constexpr std::size_t map_header_bytes = 64, chunk_alignment = 64;
 inline constexpr std::uint32_t chunk_magic = 0x4b4e'4843;  // "CHNK"
 inline constexpr std::uint16_t critical = 0x8000;
@@ -45,20 +45,22 @@ enum class ChunkType : std::uint16_t {
   commit = critical | 10,
   index = 11,
   end = critical | 12,
+  frames = 13,
 };
 
 [[nodiscard]] constexpr bool is_known_chunk(std::uint16_t type) {
   const unsigned number = type & ~static_cast<unsigned>(critical);
-  const bool may_be_skipped =
-      type == static_cast<std::uint16_t>(ChunkType::refusals) || type == static_cast<std::uint16_t>(ChunkType::index);
-  return number >= 1 && number <= 12 && may_be_skipped == ((type & critical) == 0);
+  const bool may_be_skipped = number == static_cast<unsigned>(ChunkType::refusals) ||
+                              number == static_cast<unsigned>(ChunkType::index) ||
+                              number == static_cast<unsigned>(ChunkType::frames);
+  return number >= 1 && number <= 13 && may_be_skipped == ((type & critical) == 0);
 }
 
 /// What a chunk's type is called in messages.
 [[nodiscard]] inline const char* chunk_name(std::uint16_t type) {
-  constexpr std::array<const char*, 13> names = {"unknown kind", "parameters", "session",  "keyframes", "scan",
+  constexpr std::array<const char*, 14> names = {"unknown kind", "parameters", "session",  "keyframes", "scan",
                                                  "odometry",     "closures",   "refusals", "poses",     "gnss",
-                                                 "commit",       "index",      "end"};
+                                                 "commit",       "index",      "end",      "frames"};
   return names[is_known_chunk(type) ? type & ~static_cast<unsigned>(critical) : 0U];
 }
 

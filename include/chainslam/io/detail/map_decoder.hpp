@@ -37,6 +37,7 @@ class MapDecoder {
       if (!may_be_lost(header)) return number;
       loaded_.report.problems.push_back(file_.place(number) + ": damaged");
       refusals_lost_ |= header.is(ChunkType::refusals);
+      frames_lost_ |= header.is(ChunkType::frames);
       scan_lost_ |= header.is(ChunkType::scan);
     }
     finish();
@@ -107,6 +108,9 @@ class MapDecoder {
         break;
       case ChunkType::gnss:
         each(number, *payload, gnss_bytes, &MapDecoder::set_gnss);
+        break;
+      case ChunkType::frames:
+        each(number, *payload, frame_bytes, &MapDecoder::add_frame);
         break;
       case ChunkType::commit:
         check_commit(number, *payload);
@@ -264,6 +268,17 @@ class MapDecoder {
     loaded_.map.keyframes[static_cast<std::size_t>(id)].gnss = fix;
   }
 
+  void add_frame(std::size_t number, std::size_t i, Index id, ByteReader in) {
+    auto& frames = loaded_.map.frames;
+    if (!frames_lost_) require_next(number, i, id, frames);
+    FrameRecord frame = read_frame_begin(in);
+    frame.T_odom_body = take_pose(number, i, "T_odom_body", in);
+    frame.covariance = read_packed_covariance(in);
+    check(number, i,
+          fault_of(frame, frames.empty() ? nullptr : &frames.back(), static_cast<Index>(loaded_.map.sessions.size())));
+    frames.push_back(frame);
+  }
+
   void add_scan(std::size_t number, std::span<const std::byte> payload) {
     const ChunkHeader& header = file_.chunks()[number].header;
     if (header.version != 1) fail(number, "version", std::to_string(header.version) + ", where 1 is known");
@@ -346,7 +361,7 @@ class MapDecoder {
   LoadedMap loaded_;
   std::vector<bool> wants_scan_, has_pose_;
   std::int64_t scans_ = 0, refusals_ = 0;
-  bool scan_lost_ = false, refusals_lost_ = false;
+  bool scan_lost_ = false, refusals_lost_ = false, frames_lost_ = false;
 };
 
 }  // namespace chainslam::detail

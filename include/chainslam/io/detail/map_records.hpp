@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <optional>
@@ -21,8 +22,9 @@ namespace chainslam::detail {
 // the checks: what a writer lets through, every reader takes.
 
 inline constexpr std::size_t pose_bytes = 56, session_bytes = 360, keyframe_bytes = 72, odometry_bytes = 352,
-                             closure_bytes = 376, gnss_bytes = 112;
+                             closure_bytes = 376, gnss_bytes = 112, frame_bytes = 172;
 inline constexpr std::uint32_t keyframe_has_scan = 1;
+inline constexpr std::uint8_t frame_map_restarted = 1, frame_after_gap = 2, frame_imu_unknown = 255;
 inline constexpr std::size_t longest_session_name = 65535;
 
 /// What is wrong with a record.
@@ -154,6 +156,27 @@ inline MaybeFault fault_of(const GnssFix& fix) {
                          "qualities known to this version");
 }
 
+/// @param before  the frame before, if there is one.
+inline MaybeFault fault_of(const FrameRecord& frame, const FrameRecord* before, Index sessions) {
+  if (auto fault = fault_of_number("session", frame.session.value, 0, sessions, "sessions")) return fault;
+  if (before != nullptr && frame.session < before->session)
+    return Fault{"session", std::to_string(frame.session.value) + " after " + std::to_string(before->session.value)};
+  if (before != nullptr && frame.session == before->session && frame.time <= before->time)
+    return Fault{"time", std::to_string(frame.time.nanoseconds()) + " ns after " +
+                             std::to_string(before->time.nanoseconds()) + " ns of the same session"};
+  const Matrix6d covariance = frame.covariance.matrix();
+  if (!is_finite(covariance)) return Fault{"covariance", "a number that is not finite"};
+  for (int i = 0; i < 6; ++i)
+    if (covariance(i, i) < 0) return Fault{"covariance", "a variance of " + std::to_string(covariance(i, i))};
+  const FrameHealth& health = frame.health;
+  if (!is_finite(health.residual_rms)) return Fault{"residual", "a number that is not finite"};
+  return first_fault({fault_of_number("status", static_cast<Index>(health.status), 0,
+                                      static_cast<Index>(FrameStatus::lost) + 1, "statuses known to this version"),
+                      fault_of_number("use of the IMU", static_cast<Index>(health.imu_use.value_or(ImuUse::all)), 0,
+                                      static_cast<Index>(ImuUse::none) + 1, "uses known to this version"),
+                      fault_of("T_odom_body", frame.T_odom_body)});
+}
+
 inline void append_session(std::vector<std::byte>& out, const Session& session) {
   append_bytes(out, session.id.value);
   append_bytes(out, session.first_keyframe);
@@ -196,6 +219,48 @@ inline void append_gnss(std::vector<std::byte>& out, KeyframeId keyframe, const 
   append_bytes(out, fix.time.nanoseconds());
   for (Eigen::Index i = 0; i < 3; ++i) append_bytes(out, fix.position_ecef[i]);
   append_matrix<3>(out, fix.covariance_ecef);
+}
+
+inline void append_frame(std::vector<std::byte>& out, const FrameRecord& frame) {
+  const FrameHealth& health = frame.health;
+  append_bytes(out, frame.time.nanoseconds());
+  append_bytes(out, frame.session.value);
+  append_bytes(out, static_cast<std::uint8_t>(health.status));
+  append_bytes(out, static_cast<std::uint8_t>((health.map_restarted ? frame_map_restarted : 0) |
+                                              (health.after_gap ? frame_after_gap : 0)));
+  append_bytes(out, health.imu_use ? static_cast<std::uint8_t>(*health.imu_use) : frame_imu_unknown);
+  append_bytes(out, std::uint8_t{0});
+  append_bytes(out, health.points);
+  append_bytes(out, health.matches);
+  append_bytes(out, health.iterations);
+  append_bytes(out, static_cast<float>(health.residual_rms));
+  append_pose(out, frame.T_odom_body);
+  for (const float entry : frame.covariance.upper()) append_bytes(out, entry);
+}
+
+/// The record but for its pose, which has to be checked before it is one: `read_pose` comes between the two parts.
+inline FrameRecord read_frame_begin(ByteReader& in) {
+  FrameRecord frame;
+  FrameHealth& health = frame.health;
+  frame.time = Timestamp::from_nanoseconds(in.take<std::int64_t>());
+  frame.session.value = in.take<Index>();
+  health.status = static_cast<FrameStatus>(in.take<std::uint8_t>());
+  const auto flags = in.take<std::uint8_t>();
+  const auto imu_use = static_cast<std::uint8_t>(in.take<std::uint16_t>());  // and a byte of zero
+  health.map_restarted = (flags & frame_map_restarted) != 0;
+  health.after_gap = (flags & frame_after_gap) != 0;
+  if (imu_use != frame_imu_unknown) health.imu_use = static_cast<ImuUse>(imu_use);
+  health.points = in.take<Index>();
+  health.matches = in.take<Index>();
+  health.iterations = in.take<Index>();
+  health.residual_rms = static_cast<double>(in.take<float>());
+  return frame;
+}
+
+inline PackedCovariance read_packed_covariance(ByteReader& in) {
+  std::array<float, PackedCovariance::entries> upper;
+  for (float& entry : upper) entry = in.take<float>();
+  return PackedCovariance(upper);
 }
 
 }  // namespace chainslam::detail
