@@ -5,11 +5,13 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/io/input_file.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
 #include "chainslam/io/tum.hpp"
 #include "datasets/dataset.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/imu_table.hpp"
 #include "datasets/scan_files.hpp"
@@ -18,7 +20,8 @@
 // A folder of clouds: .pcd, .ply or KITTI's .bin (all of one kind), in the order of the numbers in their names. Times
 // come from times.txt or timestamps.txt beside them, else from the names, else from a given rate. Truth:
 // poses/<name>.txt or poses.txt (3x4 rows), or a trajectory as TUM's, groundtruth.txt or the only .tum file. An
-// inertial unit's table beside them is read, too (see `find_imu_table`).
+// IMU's table beside them is read, too (see `find_imu_table`), where the LiDAR sits on it (see `find_extrinsic`), and
+// the first line of simulation/source.txt, which says what of the data is simulated.
 
 namespace chainslam::datasets {
 namespace {
@@ -160,7 +163,6 @@ std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const Da
                              {folder.filename().string(), SensorKind::lidar, files.size(), first.substr(1) + " files"},
                              times.front(), times[files.size() - 1]);
   DatasetInfo& info = parts.info;
-  info.T_body_lidar = options.T_body_lidar.value_or(SE3d());
   if (found.source.empty())
     info.oddities.push_back("nothing states when the clouds were taken: " + text_of(options.scan_rate) +
                             " Hz assumed; add times.txt or set the rate");
@@ -172,10 +174,14 @@ std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const Da
                    std::size_t i) { return read_scan(files[i], times[i], rule); };
   for (const auto& place : {path, folder.parent_path()})
     if (const auto table = find_imu_table(place); !table.empty() && parts.others.empty()) {
-      add_imu_table(parts, table, imu_columns(table));
-      if (!options.T_body_lidar)
-        info.oddities.push_back("nothing states where the LiDAR sits on the inertial unit: set T_body_lidar");
+      add_imu_table(parts, options, table, imu_columns(table));
     }
+  set_extrinsic(options, find_extrinsic({path, folder, folder.parent_path()}), !parts.others.empty(), info);
+  if (const auto source = path / "simulation/source.txt"; std::filesystem::is_regular_file(source)) {
+    InputFile file(source);
+    info.source = file.read_line().value_or("simulated");
+    info.notes.push_back(info.source);
+  }
   CloudTruth truth = options.truth.empty() ? find_truth(path, folder, files) : CloudTruth{options.truth};
   info.truth = truth.path;
   if (!truth.path.empty())

@@ -45,6 +45,9 @@ enum class NcltAxes {
 /// Which record of positions an NCLT folder gives.
 enum class NcltGnss { automatic, rtk, consumer, none };
 
+/// Which units an IMU's numbers have: m/s^2 or g, rad/s or deg/s.
+enum class ImuUnitsGiven { automatic, si, g, degrees, g_and_degrees };
+
 struct DatasetOptions {
   std::optional<DatasetKind> kind{};   ///< found by looking at the folder if absent
   std::optional<SE3d> T_body_lidar{};  ///< mounting, if the data set's own is to be overridden
@@ -59,6 +62,8 @@ struct DatasetOptions {
   std::string lidar_topic{};            ///< of ROS recordings; the one with most points at the start if empty; HeLiPR's
   std::string imu_topic{};              ///< the same, with most messages
   std::string gnss_topic{};
+  ImuUnitsGiven imu_units = ImuUnitsGiven::automatic;  ///< automatic: by the format, or inferred from the numbers
+  Duration imu_time_offset{};  ///< added to the times of IMU samples (and of fixes of the same device)
 };
 
 /// One of a data set's sensors.
@@ -76,11 +81,13 @@ struct DatasetInfo {
   std::vector<SensorInfo> sensors;
   std::optional<Timestamp> start, end;            ///< of the scans, where known without reading all
   SE3d T_body_lidar;                              ///< mounting; body = the IMU, or the LiDAR if there is none
+  bool extrinsic_known = true;                    ///< false: nothing states it, and it is the identity
   std::optional<Eigen::Vector3d> p_body_antenna;  ///< of the GNSS antenna, where known
   bool motion_corrected = false;                  ///< scans are snapshots already
   bool has_odometry = false;                      ///< `next_frame` yields the frames of a recorded odometry
   std::filesystem::path truth{};                  ///< file with the true trajectory; empty if there is none
   std::string truth_frame{};                      ///< truths of sessions with the same are in one frame; empty: its own
+  std::string source{};                           ///< how the data came about, where they are not recorded throughout
   std::vector<std::string> notes;                 ///< how the data were read
   std::vector<std::string> oddities;              ///< what looks wrong, and what can be done
 };

@@ -10,6 +10,7 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/bytes.hpp"
 #include "chainslam/io/detail/point_records.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
 #include "datasets/mulran.hpp"
@@ -110,11 +111,11 @@ std::unique_ptr<Dataset> open_helipr(const fs::path& path, const DatasetOptions&
   DatasetInfo& info = parts.info;
   info.notes.push_back("LiDARs that are there: " + contents_of(path / "LiDAR") + "; read: " + sensor);
   parts.read = [=](std::size_t i) { return read_scan(files[i], layout, times[i]); };
-  add_xsens(parts, path / "Inertial_data/xsens_imu.csv");
+  add_xsens(parts, options, path / "Inertial_data/xsens_imu.csv");
   const bool inertial = !parts.others.empty();
-  info.T_body_lidar = options.T_body_lidar.value_or(inertial && sensor == "Ouster" ? T_imu_ouster() : SE3d());
-  if (inertial && sensor != "Ouster" && !options.T_body_lidar)
-    info.oddities.push_back("where the " + sensor + " sits on the inertial unit is not known: set T_body_lidar");
+  auto stated = find_extrinsic({path});
+  if (inertial && !stated && sensor == "Ouster") stated = {T_imu_ouster(), "the release's calibration"};
+  set_extrinsic(options, stated, inertial, info);
   if (const fs::path ins = path / "Inertial_data/inspva.csv"; fs::is_regular_file(ins)) {
     info.sensors.push_back({"inspva.csv", SensorKind::gnss, std::nullopt, "positions of an INS; 1 m and 2 m assumed"});
     parts.others.push_back(

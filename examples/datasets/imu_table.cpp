@@ -99,7 +99,9 @@ class ImuTable {
         return static_cast<Eigen::Index>(std::ranges::find(columns, i) - columns.begin());
       };
       if (i == columns_.time) {
-        sample.time = time_of(fields);
+        const auto time = time_of(fields);
+        if (!time) return std::nullopt;
+        sample.time = *time;
       } else if (i == columns_.nanoseconds) {
         nanoseconds = fields.integer("nanoseconds");
       } else if (const auto axis = place_in(columns_.gyro); axis < 3) {
@@ -116,11 +118,14 @@ class ImuTable {
   }
 
   /// Whole numbers are nanoseconds or microseconds by their size, unless a column of their own counts nanoseconds.
-  Timestamp time_of(LineFields& fields) const {
+  /// @returns nothing for a number that is no time.
+  std::optional<Timestamp> time_of(LineFields& fields) const {
     LineFields again = fields;
-    const auto whole = detail::parse_integer(fields.text("time"));
+    const std::string_view text = fields.text("time");
+    const auto whole = detail::parse_integer(text);
     if (whole && !columns_.nanoseconds && *whole >= 100'000'000'000'000'000) return Timestamp::from_nanoseconds(*whole);
     if (whole && !columns_.nanoseconds && *whole >= 100'000'000'000'000) return Timestamp::from_microseconds(*whole);
+    if (detail::parse_double(text) && !detail::parse_seconds(text)) return std::nullopt;
     return again.time_in_seconds("time");
   }
 
@@ -147,15 +152,16 @@ ImuColumns imu_columns(const std::filesystem::path& path) {
   return {};
 }
 
-void add_imu_table(ScanFiles& parts, const std::filesystem::path& path, const ImuColumns& columns) {
+void add_imu_table(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& path,
+                   const ImuColumns& columns) {
   const auto skipped = std::make_shared<std::size_t>(0);
   const std::string name = path.filename().string();
-  add_imu(parts, name, [=] {
+  add_imu(parts, options, name, [=] {
     *skipped = 0;
     return [table = std::make_shared<ImuTable>(path, columns), skipped] { return table->next(*skipped); };
   });
   parts.end.push_back([=] {
-    return *skipped > 0 ? std::to_string(*skipped) + " rows of " + name + " skipped that hold no number"
+    return *skipped > 0 ? std::to_string(*skipped) + " rows of " + name + " skipped that hold no number, or no time"
                         : std::string();
   });
 }

@@ -25,9 +25,11 @@ struct ImuColumns {
 /// @throws IoError if the header names not all of them.
 [[nodiscard]] ImuColumns imu_columns(const std::filesystem::path& path);
 
-/// Adds a table's samples. Rows whose numbers are not finite are left out and counted.
+/// Adds a table's samples (see `add_imu`). Rows whose numbers are not finite are left out and counted, and those whose
+/// time is none between the years 1678 and 2261.
 /// Reading throws IoError naming line and field of what is no number, or missing.
-void add_imu_table(ScanFiles& parts, const std::filesystem::path& path, const ImuColumns& columns);
+void add_imu_table(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& path,
+                   const ImuColumns& columns);
 
 /// A table of an inertial unit in a folder, by its usual names (imu.csv, imu0/data.csv, ouster_imu.csv ...); empty if
 /// there is none.

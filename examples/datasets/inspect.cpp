@@ -7,6 +7,7 @@
 #include <numbers>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "chainslam/io/euroc_csv.hpp"
 #include "chainslam/io/g2o.hpp"
@@ -14,9 +15,11 @@
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
 #include "chainslam/io/tum.hpp"
+#include "chainslam/sensor/imu_check.hpp"
 #include "chainslam/sensor/imu_units.hpp"
 #include "datasets/files.hpp"
 #include "datasets/ground_check.hpp"
+#include "datasets/imu_findings.hpp"
 #include "datasets/nclt.hpp"
 #include "datasets/statistics.hpp"
 
@@ -148,8 +151,10 @@ class PacketStatistics {
   void add(const Packet& packet) {
     times_[static_cast<std::size_t>(sensor_kind(packet))].add(available_at(packet));
     if (const auto* scan = std::get_if<LidarScan>(&packet)) add(*scan);
-    if (const auto* sample = std::get_if<ImuSample>(&packet); sample != nullptr && imu_.size() < 20'000)
-      imu_.push_back(*sample);
+    if (const auto* sample = std::get_if<ImuSample>(&packet)) {
+      imu_check_.add(*sample, [](const ImuSample&) {});
+      if (imu_.size() < 20'000) imu_.push_back(*sample);
+    }
     if (const auto* fix = std::get_if<GnssFix>(&packet)) add(*fix);
   }
 
@@ -185,6 +190,7 @@ class PacketStatistics {
   void report_imu(Inspection& result) const {
     const ImuUnits units = infer_imu_units(imu_);
     result.facts.emplace_back("IMU", units.sentence);
+    for (std::string& finding : imu_findings(imu_check_.counts())) result.oddities.push_back(std::move(finding));
     if (units.accel != AccelUnit::metres_per_second_squared)
       result.oddities.emplace_back("the IMU's acceleration does not look like m/s^2");
     if (units.gyro == GyroUnit::degrees_per_second) result.oddities.emplace_back("the IMU's rates look like deg/s");
@@ -200,6 +206,7 @@ class PacketStatistics {
   GroundCheck ground_;
   double sweep_ = 0;
   std::vector<ImuSample> imu_;
+  ImuCheck imu_check_;
   std::size_t fixes_ = 0;
   Eigen::Vector3d low_ = Eigen::Vector3d::Zero(), high_ = Eigen::Vector3d::Zero();
   std::map<GnssQuality, std::size_t> qualities_;

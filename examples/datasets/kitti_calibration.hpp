@@ -17,6 +17,8 @@ class KittiCalibration {
   /// @throws IoError if the file cannot be read.
   explicit KittiCalibration(const std::filesystem::path& path);
 
+  [[nodiscard]] bool has(const std::string& name) const { return entries_.contains(name); }
+
   /// A row-major 3x4 matrix [R | t]. @throws IoError naming the entry if it is missing or no rigid motion.
   [[nodiscard]] SE3d matrix(const std::string& name) const;
   /// The same from the entries R and T. @throws as `matrix`.

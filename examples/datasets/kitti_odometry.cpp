@@ -7,14 +7,17 @@
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/line_fields.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
+#include "datasets/imu_table.hpp"
 #include "datasets/kitti_calibration.hpp"
 #include "datasets/scan_files.hpp"
 #include "datasets/statistics.hpp"
 
 // A sequence of KITTI's odometry benchmark (Geiger, Lenz and Urtasun 2012): velodyne/NNNNNN.bin, already corrected for
 // motion, times.txt, calib.txt with Tr = T_camera_lidar, and poses of the left camera in ../../poses/NN.txt or
-// poses.txt.
+// poses.txt. The benchmark has no IMU data; a table of one beside the scans (see `find_imu_table`) is read, with where
+// the LiDAR sits on it (see `find_extrinsic`).
 
 namespace chainslam::datasets {
 namespace {
@@ -55,7 +58,9 @@ std::unique_ptr<Dataset> open_kitti(const fs::path& path, const DatasetOptions& 
       scans_of(DatasetKind::kitti, path, {"velodyne", SensorKind::lidar, files.size(), "corrected for motion by KITTI"},
                times.front(), times[files.size() - 1]);
   DatasetInfo& info = parts.info;
-  info.T_body_lidar = options.T_body_lidar.value_or(SE3d());
+  if (const fs::path table = find_imu_table(path); !table.empty())
+    add_imu_table(parts, options, table, imu_columns(table));
+  set_extrinsic(options, find_extrinsic({path}), !parts.others.empty(), info);
   info.motion_corrected = true;
   if (times.size() > files.size())
     info.oddities.push_back(std::to_string(times.size() - files.size()) + " times have no scan");

@@ -11,9 +11,10 @@
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/line_fields.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
-#include "datasets/kitti_calibration.hpp"
+#include "datasets/imu_conversion.hpp"
 #include "datasets/scan_files.hpp"
 
 // A drive of KITTI's raw recordings (Geiger et al. 2013): velodyne_points/data/NNNNNNNNNN.bin (or .txt, in `extract`)
@@ -106,22 +107,23 @@ OxtsRecord read_oxts(const fs::path& path) {
 /// The records in the order of their numbers: a sample of each, then its fix.
 class OxtsStream {
  public:
-  OxtsStream(NumberedFiles records, std::vector<Timestamp> times)
-      : records_(std::move(records)), times_(std::move(times)) {}
+  OxtsStream(NumberedFiles records, std::vector<Timestamp> times, const ImuConversion& convert)
+      : records_(std::move(records)), times_(std::move(times)), convert_(convert) {}
 
   std::optional<Packet> next() {
     if (fix_) return std::exchange(fix_, std::nullopt);
     if (record_ == records_.files.size()) return std::nullopt;
     const OxtsRecord record = read_oxts(records_.files[record_]);
     const Timestamp time = times_[records_.numbers[record_++]];
+    const ImuSample sample = convert_({.time = time, .gyro = record.gyro, .accel = record.accel});
     if (record.mode >= 3 && record.deviation > 0 && plausible(record.position)) {
       const GnssQuality quality = record.mode == 4   ? GnssQuality::differential
                                   : record.mode == 5 ? GnssQuality::rtk_float
                                   : record.mode == 6 ? GnssQuality::rtk_fixed
                                                      : GnssQuality::three_dimensional;
-      fix_ = make_fix(time, record.position, {record.deviation, 2 * record.deviation}, quality);
+      fix_ = make_fix(sample.time, record.position, {record.deviation, 2 * record.deviation}, quality);
     }
-    return ImuSample{.time = time, .gyro = record.gyro, .accel = record.accel};
+    return sample;
   }
 
   /// T_map_body: east, north, up about the first record.
@@ -142,19 +144,14 @@ class OxtsStream {
  private:
   NumberedFiles records_;
   std::vector<Timestamp> times_;
+  ImuConversion convert_;
   std::size_t record_ = 0;
   std::optional<Packet> fix_;
 };
 
-/// The drive's, or its day's, calib_imu_to_velo.txt as T_body_lidar.
-SE3d mounting(const fs::path& path, DatasetInfo& info) {
-  const fs::path day = fs::absolute(path / "").lexically_normal().parent_path().parent_path();
-  for (const fs::path& place : {path, day})
-    if (const fs::path file = place / "calib_imu_to_velo.txt"; fs::is_regular_file(file))
-      return KittiCalibration(file).rotation_and_translation().inverse();
-  info.oddities.emplace_back(
-      "no calib_imu_to_velo.txt in the drive's folder or its day's: the LiDAR is taken to sit at the INS");
-  return SE3d();
+/// The drive's folder, and its day's.
+std::vector<fs::path> places_of_calibration(const fs::path& path) {
+  return {path, fs::absolute(path / "").lexically_normal().parent_path().parent_path()};
 }
 
 struct SweepStamps {
@@ -204,7 +201,8 @@ std::unique_ptr<Dataset> open_kitti_raw(const fs::path& path, const DatasetOptio
   };
   if (fs::is_directory(path / "oxts")) {
     const std::vector<Timestamp> times = read_stamps(path / "oxts/timestamps.txt", false);
-    const auto oxts = std::make_shared<OxtsStream>(numbered_files(path / "oxts/data", {".txt"}, times.size()), times);
+    const auto oxts = std::make_shared<OxtsStream>(numbered_files(path / "oxts/data", {".txt"}, times.size()), times,
+                                                   ImuConversion(options));
     info.sensors.push_back({"oxts", SensorKind::imu, times.size(), "forward, left, up"});
     info.sensors.push_back(
         {"oxts", SensorKind::gnss, std::nullopt, "positions of the INS, with the deviation it states"});
@@ -212,9 +210,9 @@ std::unique_ptr<Dataset> open_kitti_raw(const fs::path& path, const DatasetOptio
     info.notes.emplace_back("truth: the poses of the same INS that gives samples and fixes");
     parts.others.push_back([oxts] { return oxts->next(); });
     set_truth(parts, options, path / "oxts", [oxts] { return oxts->truth(); });
-    info.T_body_lidar = options.T_body_lidar ? *options.T_body_lidar : mounting(path, info);
+    set_extrinsic(options, find_extrinsic(places_of_calibration(path)), true, info);
   } else {
-    info.T_body_lidar = options.T_body_lidar.value_or(SE3d());
+    set_extrinsic(options, std::nullopt, false, info);
   }
   return dataset_of(std::move(parts));
 }

@@ -7,6 +7,7 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/kitti.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
 #include "datasets/imu_table.hpp"
@@ -53,10 +54,10 @@ fs::path mulran_scans(const fs::path& path) {
   return {};
 }
 
-void add_xsens(ScanFiles& parts, const fs::path& path) {
+void add_xsens(ScanFiles& parts, const DatasetOptions& options, const fs::path& path) {
   if (!fs::is_regular_file(path)) return;
   if (holds_samples(path))
-    add_imu_table(parts, path, {.time = 0, .nanoseconds = {}, .gyro = {8, 9, 10}, .accel = {11, 12, 13}});
+    add_imu_table(parts, options, path, {.time = 0, .nanoseconds = {}, .gyro = {8, 9, 10}, .accel = {11, 12, 13}});
   else
     parts.info.oddities.push_back(path.filename().string() + " holds angles, no rates and accelerations: not read");
 }
@@ -75,9 +76,11 @@ std::unique_ptr<Dataset> open_mulran(const fs::path& path, const DatasetOptions&
                              times.front(), times.back());
   DatasetInfo& info = parts.info;
   parts.read = [=](std::size_t i) { return ouster_scan(times[i], read_kitti_bin(files[i])); };
-  add_xsens(parts, find("xsens_imu.csv"));
+  add_xsens(parts, options, find("xsens_imu.csv"));
   const bool inertial = !parts.others.empty();
-  info.T_body_lidar = options.T_body_lidar.value_or(inertial ? T_xsens_ouster() : SE3d());
+  auto extrinsic = find_extrinsic({path, folder.parent_path()});
+  if (inertial && !extrinsic) extrinsic = {T_xsens_ouster(), "LIO-SAM's settings for MulRan"};
+  set_extrinsic(options, extrinsic, inertial, info);
   if (inertial && !options.T_body_lidar)
     info.notes.emplace_back("T_body_lidar as LIO-SAM's settings for MulRan state it; the release states none");
   if (const fs::path gps = find("gps.csv"); !gps.empty()) {

@@ -12,6 +12,6 @@ namespace chainslam::datasets {
 
 /// Adds the samples of MulRan's and HeLiPR's xsens_imu.csv, if there is one; says so if it is the short form without
 /// any.
-void add_xsens(ScanFiles& parts, const std::filesystem::path& path);
+void add_xsens(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& path);
 
 }  // namespace chainslam::datasets

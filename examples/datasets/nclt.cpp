@@ -9,9 +9,11 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/io/tum.hpp"
 #include "datasets/dataset.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
 #include "datasets/ground_check.hpp"
+#include "datasets/imu_conversion.hpp"
 #include "datasets/merged_streams.hpp"
 #include "datasets/number_rows.hpp"
 
@@ -149,11 +151,9 @@ class Nclt final : public Dataset {
     else
       open_sync();
     choose_axes(options);
-    info_.T_body_lidar = options.T_body_lidar.value_or(flipped_ ? half_turn_about_x() * nclt_T_body_imu().inverse() *
-                                                                      nclt_T_body_velodyne() * half_turn_about_x()
-                                                                : SE3d());
+    find_mounting(options);
     streams_.add([this] { return next_scan(); });
-    if (!layout_.imu.empty()) open_imu();
+    if (!layout_.imu.empty()) open_imu(ImuConversion(options));
     open_gnss(options.gnss);
   }
 
@@ -231,7 +231,16 @@ class Nclt final : public Dataset {
     return flipped_ ? Eigen::Vector3d(v.x(), -v.y(), -v.z()) : v;
   }
 
-  void open_imu() {
+  /// By the release, for its own axes.
+  void find_mounting(const DatasetOptions& options) {
+    auto stated = find_extrinsic({info_.path});
+    if (!stated && flipped_)
+      stated = {half_turn_about_x() * nclt_T_body_imu().inverse() * nclt_T_body_velodyne() * half_turn_about_x(),
+                "the release's calibration"};
+    set_extrinsic(options, stated, !layout_.imu.empty(), info_);
+  }
+
+  void open_imu(const ImuConversion& convert) {
     imu_.emplace(layout_.imu);
     info_.sensors.push_back({"ms25.csv", SensorKind::imu, std::nullopt, ""});
     ImuFile beginning(layout_.imu);
@@ -241,12 +250,13 @@ class Nclt final : public Dataset {
       if (const auto sample = beginning.next()) sum += flip(sample->accel);
     if (sum.z() < -0.5 * sum.norm())
       info_.oddities.emplace_back("ms25.csv: at the start the specific force points down: its axes look turned over");
-    streams_.add([this]() -> std::optional<Packet> {
-      auto sample = imu_->next();
+    ordered_imu_.emplace([this] { return imu_->next(); });
+    streams_.add([this, convert]() -> std::optional<Packet> {
+      auto sample = ordered_imu_->next();
       if (!sample) return std::nullopt;
       sample->gyro = flip(sample->gyro);
       sample->accel = flip(sample->accel);
-      return *sample;
+      return convert(*sample);
     });
   }
 
@@ -291,6 +301,7 @@ class Nclt final : public Dataset {
     if (sweeps_ && sweeps_->dropped() > 0)
       info_.notes.push_back(std::to_string(sweeps_->dropped()) + " sweeps of less than half a turn left out");
     if (imu_) note(imu_->skipped(), " rows of ms25.csv skipped that hold no number");
+    if (ordered_imu_) note(ordered_imu_->dropped(), " rows of ms25.csv left out whose time is ahead of the next row's");
   }
 
   Layout layout_;
@@ -298,6 +309,7 @@ class Nclt final : public Dataset {
   std::optional<NcltSweeps> sweeps_;
   std::size_t scan_ = 0;
   std::optional<ImuFile> imu_;
+  std::optional<TimesThatRunOn> ordered_imu_;
   std::optional<GnssFile> gnss_;
   MergedStreams streams_;
   bool noted_ = false;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "chainslam/io/pcd.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/imu_table.hpp"
 #include "datasets/ouster.hpp"
@@ -56,9 +57,12 @@ std::unique_ptr<Dataset> open_newer_college(const fs::path& path, const DatasetO
   for (const fs::path& place : {folder.parent_path(), path}) {
     const fs::path table = find_imu_table(place);
     if (table.empty() || !parts.others.empty()) continue;
-    add_imu_table(parts, table, imu_columns(table));
+    add_imu_table(parts, options, table, imu_columns(table));
   }
-  info.T_body_lidar = options.T_body_lidar.value_or(parts.others.empty() ? SE3d() : T_imu_lidar());
+  const bool inertial = !parts.others.empty();
+  auto stated = find_extrinsic({path, folder.parent_path()});
+  if (inertial && !stated) stated = {T_imu_lidar(), "the maker's data of the OS1's own IMU"};
+  set_extrinsic(options, stated, inertial, info);
   fs::path poses;
   for (const fs::path& place : {path / "ground_truth", path})
     if (poses.empty() && fs::is_regular_file(place / "registered_poses.csv")) poses = place / "registered_poses.csv";

@@ -12,8 +12,10 @@
 #include "chainslam/io/detail/point_records.hpp"
 #include "datasets/azimuth_times.hpp"
 #include "datasets/dataset.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
+#include "datasets/imu_conversion.hpp"
 #include "datasets/json_table.hpp"
 #include "datasets/merged_streams.hpp"
 #include "datasets/statistics.hpp"
@@ -173,7 +175,9 @@ class NuscenesScene final : public Dataset {
   void describe(const DatasetOptions& options) {
     ego_poses_ = tables_ / "ego_pose.json";
     if (info_.truth.empty() && fs::is_regular_file(ego_poses_)) info_.truth = ego_poses_;
-    info_.T_body_lidar = options.T_body_lidar.value_or(T_ego_body_.inverse() * T_ego_lidar_);
+    set_extrinsic(options, StatedExtrinsic{T_ego_body_.inverse() * T_ego_lidar_, "calibrated_sensor.json"},
+                  !imu_.empty(), info_);
+    convert_ = ImuConversion(options);
     info_.start = scans_.front().time;
     info_.end = scans_.back().time;
     info_.sensors.push_back({lidar_, SensorKind::lidar, scans_.size(), "x y z intensity ring, no time per point"});
@@ -260,18 +264,19 @@ class NuscenesScene final : public Dataset {
     const auto* rate = row.find("avel", 3);
     const auto* force = row.find("acc", 3);
     if (rate == nullptr || force == nullptr) return std::nullopt;
+    const ImuSample sample = convert_({.time = time,
+                                       .gyro = Eigen::Vector3d((*rate)[0], (*rate)[1], (*rate)[2]),
+                                       .accel = Eigen::Vector3d((*force)[0], (*force)[1], (*force)[2])});
     const auto *latitude = row.find("lat", 1), *longitude = row.find("lon", 1), *height = row.find("elev", 1);
     if (height != nullptr) altitude_ = (*height)[0];
     if (latitude != nullptr && longitude != nullptr && altitude_) {
       const GeodeticPosition position{(*latitude)[0], (*longitude)[0], *altitude_};
       const GnssDeviation deviation{.horizontal = 1, .vertical = height == nullptr ? 50.0 : 2.0};
       if (plausible(position))
-        fix_ = make_fix(time, position, deviation,
+        fix_ = make_fix(sample.time, position, deviation,
                         height == nullptr ? GnssQuality::two_dimensional : GnssQuality::three_dimensional);
     }
-    return ImuSample{.time = time,
-                     .gyro = Eigen::Vector3d((*rate)[0], (*rate)[1], (*rate)[2]),
-                     .accel = Eigen::Vector3d((*force)[0], (*force)[1], (*force)[2])};
+    return sample;
   }
 
   void lose(const IoError& error) {
@@ -302,6 +307,7 @@ class NuscenesScene final : public Dataset {
   MergedStreams streams_;
   std::size_t scan_ = 0, sample_ = 0;
   std::optional<Packet> fix_;
+  ImuConversion convert_;
   std::optional<double> altitude_;
   std::size_t lost_ = 0, incomplete_ = 0, unsteady_ = 0;
   std::string first_loss_;

@@ -7,11 +7,12 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/finite.hpp"
-#include "chainslam/sensor/imu_units.hpp"
 #include "chainslam/sensor/time_order.hpp"
 #include "datasets/dataset.hpp"
+#include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
+#include "datasets/imu_conversion.hpp"
 #include "datasets/ros_recording.hpp"
 #include "datasets/statistics.hpp"
 #include "datasets/transform_tree.hpp"
@@ -44,7 +45,7 @@ struct Topic {
   std::optional<Duration> clock_difference{};
   // Of an inertial unit:
   std::vector<ImuSample> beginning{};
-  double accel_scale = 1, gyro_scale = 1;
+  std::optional<ImuConversion> convert{};
   // Of a receiver:
   std::optional<double> altitude{};
 
@@ -88,7 +89,8 @@ class RecordingParts {
 class RosDataset final : public Dataset {
  public:
   RosDataset(const std::filesystem::path& path, const DatasetOptions& options)
-      : hints_(options.point_time),
+      : options_(options),
+        hints_(options.point_time),
         chosen_{options.imu_topic, options.lidar_topic, options.gnss_topic},
         parts_(recording_files(path)) {
     info_.kind = DatasetKind::ros;
@@ -98,7 +100,7 @@ class RosDataset final : public Dataset {
     Topics topics = look(path);
     for (const SensorKind kind : {SensorKind::imu, SensorKind::lidar, SensorKind::gnss}) choose(kind, topics);
     describe(topics);
-    find_mounting(topics, options.T_body_lidar);
+    find_mounting(topics, options);
     for (auto& [name, topic] : topics) topic.tally = {};  // counted again while reading
     topics_ = std::move(topics);
   }
@@ -236,9 +238,7 @@ class RosDataset final : public Dataset {
 
   static std::optional<Packet> sample(RosImu&& imu, Topic& topic, const RosMessage& message) {
     imu.sample.time = stamp_of(imu.header, topic, message);
-    imu.sample.accel *= topic.accel_scale;
-    imu.sample.gyro *= topic.gyro_scale;
-    return imu.sample;
+    return topic.convert ? (*topic.convert)(imu.sample) : imu.sample;
   }
 
   static std::optional<Packet> fix(RosFix&& fix, Topic& topic, const RosMessage& message) {
@@ -294,20 +294,20 @@ class RosDataset final : public Dataset {
   }
 
   /// Where the LiDAR sits on the inertial unit: as given, or as /tf_static states it at the start.
-  void find_mounting(const Topics& topics, const std::optional<SE3d>& given) {
-    if (given) info_.T_body_lidar = *given;
+  void find_mounting(const Topics& topics, const DatasetOptions& options) {
     const auto lidar = topics.find(chosen(SensorKind::lidar)), imu = topics.find(chosen(SensorKind::imu));
-    if (given || lidar == topics.end() || imu == topics.end()) return;  // alone, the LiDAR is the body
+    if (lidar == topics.end() || imu == topics.end()) return set_extrinsic(options, std::nullopt, false, info_);
     const std::string frames = imu->second.frame + " to " + lidar->second.frame;
+    auto stated = find_extrinsic({info_.path, info_.path.parent_path()});
     if (const auto T = transforms_.between(imu->second.frame, lidar->second.frame)) {
-      info_.T_body_lidar = *T;
-      info_.notes.push_back("T_body_lidar from " + frames + ", as /tf_static states it");
+      if (!stated) stated = {*T, frames + ", as /tf_static states it"};
       if (const auto gnss = topics.find(chosen(SensorKind::gnss)); gnss != topics.end())
         if (const auto T_body_antenna = transforms_.between(imu->second.frame, gnss->second.frame))
           info_.p_body_antenna = T_body_antenna->translation();
-    } else {
-      info_.notes.push_back("T_body_lidar is taken as given: no /tf_static leads from " + frames);
+    } else if (!stated) {
+      info_.notes.push_back("no /tf_static leads from " + frames);
     }
+    set_extrinsic(options, stated, true, info_);
   }
 
   std::string remark(const Topic& topic, bool used) {
@@ -329,11 +329,7 @@ class RosDataset final : public Dataset {
                                  " s from its messages' stamps, which are believed");
     }
     if (topic.kind != MessageKind::imu) return;
-    const ImuUnits units = infer_imu_units(topic.beginning);
-    topic.accel_scale = units.accel_scale();
-    topic.gyro_scale = units.gyro_scale();
-    if (units.accel == AccelUnit::g) info_.notes.emplace_back("acceleration in g: turned into m/s^2");
-    if (units.gyro == GyroUnit::degrees_per_second) info_.notes.emplace_back("rates in deg/s: turned into rad/s");
+    topic.convert.emplace(options_, topic.beginning, info_);
     topic.beginning = {};
   }
 
@@ -361,6 +357,7 @@ class RosDataset final : public Dataset {
     if (late > 0) info_.oddities.push_back(std::to_string(late) + " packets dropped that were recorded far too late");
   }
 
+  DatasetOptions options_;
   PointTimeHints hints_;
   std::array<std::string, 3> chosen_;  ///< topics to read, by `SensorKind`
   RecordingParts parts_;

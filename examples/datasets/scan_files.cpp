@@ -1,13 +1,14 @@
 #include "datasets/scan_files.hpp"
 
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/sensor/imu_units.hpp"
 #include "datasets/files.hpp"
+#include "datasets/imu_conversion.hpp"
 
 namespace chainslam::datasets {
 namespace {
@@ -99,25 +100,26 @@ void set_truth(ScanFiles& parts, const DatasetOptions& options, const std::files
   if (options.truth.empty() && !file.empty()) parts.truth = std::move(read);
 }
 
-void add_imu(ScanFiles& parts, const std::string& name,
+void add_imu(ScanFiles& parts, const DatasetOptions& options, const std::string& name,
              const std::function<std::function<std::optional<ImuSample>()>()>& open) {
-  constexpr std::size_t most = 200;  // samples that say what the units are
+  constexpr std::size_t most = 20'000;  // samples that say what the units are
   std::vector<ImuSample> beginning;
   for (const auto read = open(); beginning.size() < most;) {
     const auto sample = read();
     if (!sample) break;
     beginning.push_back(*sample);
   }
-  const ImuUnits units = infer_imu_units(beginning);
-  if (units.accel == AccelUnit::g) parts.info.notes.emplace_back("acceleration in g: turned into m/s^2");
-  if (units.gyro == GyroUnit::degrees_per_second) parts.info.notes.emplace_back("rates in deg/s: turned into rad/s");
+  const ImuConversion convert(options, beginning, parts.info);
   parts.info.sensors.push_back({name, SensorKind::imu, std::nullopt, ""});
-  parts.others.push_back([read = open(), units]() -> std::optional<Packet> {
-    auto sample = read();
-    if (!sample) return std::nullopt;
-    sample->accel *= units.accel_scale();
-    sample->gyro *= units.gyro_scale();
-    return *sample;
+  const auto samples = std::make_shared<TimesThatRunOn>(open());
+  parts.others.push_back([samples, convert]() -> std::optional<Packet> {
+    const auto sample = samples->next();
+    return sample ? std::optional<Packet>(convert(*sample)) : std::nullopt;
+  });
+  parts.end.push_back([samples, name] {
+    return samples->dropped() > 0 ? std::to_string(samples->dropped()) + " rows of " + name +
+                                        " left out whose time is ahead of the next row's"
+                                  : std::string();
   });
 }
 

@@ -40,10 +40,12 @@ void set_point_times(LidarScan& scan, const PointTimeRule& rule, std::span<const
 void set_truth(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& file,
                std::function<Trajectory()> read);
 
-/// Adds the samples of an inertial unit from a table, turned into m/s^2 and rad/s where they look like g or deg/s.
+/// Adds the samples of an IMU from a table, converted to m/s^2, rad/s and the scans' clock as the options say, or as
+/// the numbers of the first minutes look. Rows whose time is ahead of the next row's are left out, which is said at the
+/// end.
 ///
 /// @param open  opens the table at its start: the returned function gives its samples in their order.
-void add_imu(ScanFiles& parts, const std::string& name,
+void add_imu(ScanFiles& parts, const DatasetOptions& options, const std::string& name,
              const std::function<std::function<std::optional<ImuSample>()>()>& open);
 
 }  // namespace chainslam::datasets

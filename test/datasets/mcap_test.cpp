@@ -123,7 +123,7 @@ TEST_SUITE("datasets/mcap") {
       write_bytes(folder / "run/metadata.yaml", "not needed");
       const auto dataset = open_dataset(folder.path());
       const auto packets = packets_of(*dataset);
-      CHECK(dataset->info().oddities.empty());
+      CHECK(dataset->info().oddities.size() == 1);  // no extrinsic is stated
       CHECK(counts_of(packets) == std::array<int, 3>{6, 2, 2});
       for (std::size_t i = 1; i < packets.size(); ++i) CHECK(available_at(packets[i - 1]) <= available_at(packets[i]));
       REQUIRE(packets[4].index() == 1);  // at its end

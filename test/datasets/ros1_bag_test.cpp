@@ -291,7 +291,7 @@ TEST_SUITE("datasets/ros1_bag") {
       const auto dataset = open_dataset(folder.path());
       CHECK(dataset->info().kind == DatasetKind::ros);
       const auto packets = packets_of(*dataset);
-      CHECK(dataset->info().oddities.empty());
+      CHECK(dataset->info().oddities.size() == 1);  // no extrinsic is stated
       CHECK(counts_of(packets) == std::array<int, 3>{40, 4, 2});
       for (std::size_t i = 1; i < packets.size(); ++i) CHECK(available_at(packets[i - 1]) <= available_at(packets[i]));
       const auto scan = std::ranges::find_if(packets, [](const Packet& p) { return p.index() == 1; });

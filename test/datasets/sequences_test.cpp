@@ -225,7 +225,7 @@ TEST_SUITE("datasets/kitti") {
     write_bytes(drive / "velodyne_points/data/0000000000.txt", "10 0 0 0.5\n0 -10 1 0.25\n");
     std::filesystem::remove(folder / "calib_imu_to_velo.txt");
     const auto extracted = open_dataset(drive);  // clouds as text; no stamps of starts and ends
-    CHECK(any_says(extracted->info().oddities, "no calib_imu_to_velo.txt"));
+    CHECK(any_says(extracted->info().oddities, "nothing states where the LiDAR sits on the IMU"));
     const auto packets = packets_of(*extracted);
     const auto scan = std::ranges::find_if(packets, [](const Packet& p) { return p.index() == 1; });
     REQUIRE(scan != packets.end());
@@ -344,7 +344,7 @@ TEST_SUITE("datasets/helipr") {
     REQUIRE(truth);
     CHECK((truth->poses.at(0) * dataset->info().T_body_lidar).translation().isApprox(Eigen::Vector3d(1, 2, 3)));
     const auto avia = open_dataset(folder.path(), {.lidar_topic = "Avia"});
-    CHECK(any_says(avia->info().oddities, "where the Avia sits on the inertial unit is not known"));
+    CHECK(any_says(avia->info().oddities, "nothing states where the LiDAR sits on the IMU"));
     CHECK(!avia->truth());
     CHECK(says(reading_error(folder.path(), {.lidar_topic = "Aeva"}), "no scans of Aeva"));
     write_bytes(folder / "LiDAR_GT/global_Ouster_gt.txt", std::to_string(helipr_start) + " 1 2 3 0 0 0\n");
@@ -449,7 +449,7 @@ TEST_SUITE("datasets/imu_table") {
     write_bytes(folder / "run.tum", "1583836591 1 0 0 0 0 0 1\n1583836592 3 0 0 0 0 0 1\n");
     const auto dataset = open_dataset(folder.path());
     CHECK(dataset->info().kind == DatasetKind::clouds);
-    CHECK(any_says(dataset->info().oddities, "set T_body_lidar"));
+    CHECK(any_says(dataset->info().oddities, "set dataset.T_body_lidar"));
     CHECK(any_says(dataset->info().notes, "acceleration in g"));
     const auto packets = packets_of(*dataset);
     REQUIRE(counts_of(packets) == std::array<int, 3>{300, 1, 0});
