@@ -1,12 +1,10 @@
 #pragma once
 
-#include <Eigen/Core>
-
 #include "chainslam/core/random.hpp"
-#include "chainslam/lie/se3.hpp"
 #include "simulator/lane_path.hpp"
 #include "simulator/spline.hpp"
 #include "simulator/town.hpp"
+#include "simulator/vehicle_motion.hpp"
 
 namespace chainslam::simulator {
 
@@ -33,29 +31,18 @@ struct DriveOptions {
   CornerRadii corners{};
 };
 
-/// The truth at one time. The world is the map frame: z up, metres.
-struct Motion {
-  SE3d T_map_body;
-  Eigen::Vector3d velocity_map;      ///< m/s
-  Eigen::Vector3d acceleration_map;  ///< m/s^2, without gravity
-  Eigen::Vector3d rate_body;         ///< rad/s
-};
-
 /// A smooth drive along a route (see `follow_lane`) through the town: four times continuously differentiable, at rest
 /// at both ends.
 ///
 /// The speed obeys the corners; position and attitude follow the terrain, pitch with the pedals and roll in corners,
 /// and tremble with the speed.
-class Drive {
+class Drive final : public VehicleMotion {
  public:
   Drive(const DriveOptions& options, const Route& route, const Town& town, const Rng& rng);
 
-  [[nodiscard]] double duration() const { return spline_.duration(); }  ///< seconds
-  [[nodiscard]] double length() const { return path_.length(); }        ///< along the path, metres
-
-  /// @param time  seconds from the start.
-  [[nodiscard]] Motion motion(double time) const;
-  [[nodiscard]] SE3d pose(double time) const { return motion(time).T_map_body; }
+  [[nodiscard]] double duration() const override { return spline_.duration(); }
+  [[nodiscard]] double length() const { return path_.length(); }  ///< along the path, metres
+  [[nodiscard]] Motion motion(double time) const override;
 
   /// The line that it follows, and how far along it is at a time, metres.
   [[nodiscard]] const LanePath& path() const { return path_; }

@@ -61,8 +61,8 @@ InertialOptions InertialOptions::without_errors() const {
           .accel_range = accel_range};
 }
 
-std::vector<ImuSample> record_imu(const Drive& drive, const InertialOptions& options, Timestamp epoch, const Rng& unit,
-                                  Index day) {
+std::vector<ImuSample> record_imu(const VehicleMotion& drive, const InertialOptions& options, Timestamp epoch,
+                                  const Rng& unit, Index day) {
   const double misalignment = options.misalignment_deg * std::numbers::pi / 180.0;
   const double per_sample = std::sqrt(options.rate);  // white noise of a density, sampled
   Triad gyro(options.scale, misalignment, options.gyro_bias, options.gyro_bias_walk / per_sample,

@@ -7,7 +7,7 @@
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sensor/imu_sample.hpp"
-#include "simulator/drive.hpp"
+#include "simulator/vehicle_motion.hpp"
 
 namespace chainslam::simulator {
 
@@ -34,7 +34,7 @@ struct InertialOptions {
 
 /// The whole drive as the unit (the body frame) feels it. Samples are instantaneous, at multiples of 1 / rate from
 /// `epoch`. The same unit has the same scales and axes on every `day`; its biases and noise are the day's.
-[[nodiscard]] std::vector<ImuSample> record_imu(const Drive& drive, const InertialOptions& options, Timestamp epoch,
-                                                const Rng& unit, Index day = 0);
+[[nodiscard]] std::vector<ImuSample> record_imu(const VehicleMotion& drive, const InertialOptions& options,
+                                                Timestamp epoch, const Rng& unit, Index day = 0);
 
 }  // namespace chainslam::simulator

@@ -81,11 +81,41 @@ LidarModel vls_128() {
   return numbered(std::move(model));
 }
 
+LidarModel hdl_64e() {
+  LidarModel model{.name = "HDL-64E",
+                   .channels = {},
+                   .firings_per_revolution = 2082,  // 2083.3 in a tenth of a second
+                   .firings_per_packet = 6,
+                   .range_of_tenth = 50.0};
+  for (Index pair = 0; pair < 32; ++pair) {  // one laser of each block after the other, from the highest down
+    model.channels.push_back({2.0 - pair / 3.0, 0.0, nanoseconds(pair * 1500), 0});
+    model.channels.push_back({-8.83 - pair / 2.0, 0.0, nanoseconds(pair * 1500 + 750), 0});
+  }
+  return numbered(std::move(model));
+}
+
+const std::array<LidarModel, 5>& lidar_models() {
+  static const std::array models{hdl_32e(), vlp_16(), os1_64(), vls_128(), hdl_64e()};
+  return models;
+}
+
+char upper(char letter) { return letter >= 'a' && letter <= 'z' ? static_cast<char>(letter - 'a' + 'A') : letter; }
+
 }  // namespace
 
-const LidarModel& lidar_model(LidarKind kind) {
-  static const std::array models{hdl_32e(), vlp_16(), os1_64(), vls_128()};
-  return models[static_cast<std::size_t>(kind)];
+const LidarModel& lidar_model(LidarKind kind) { return lidar_models()[static_cast<std::size_t>(kind)]; }
+
+std::optional<LidarKind> lidar_kind(std::string_view name) {
+  const auto& models = lidar_models();
+  const auto found = std::ranges::find_if(
+      models, [&](const LidarModel& model) { return std::ranges::equal(model.name, name, {}, {}, upper); });
+  return found == models.end() ? std::nullopt : std::optional(static_cast<LidarKind>(found - models.begin()));
+}
+
+std::string lidar_names() {
+  std::string names;
+  for (const LidarModel& model : lidar_models()) names += (names.empty() ? "" : ", ") + std::string(model.name);
+  return names;
 }
 
 }  // namespace chainslam::simulator

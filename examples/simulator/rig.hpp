@@ -58,4 +58,23 @@ namespace chainslam::simulator {
 /// Metres.
 [[nodiscard]] inline Eigen::Vector3d nominal_antenna_ego() { return {0.2, 0.3, 1.95}; }
 
+// KITTI's car: the HDL-64E, the OXTS RT3003 (x ahead, y left, z up) and the left grey camera (x right, y down, z
+// ahead).
+
+/// calib_imu_to_velo.txt of 2011_09_26; that of the other days is near.
+[[nodiscard]] inline SE3d kitti_T_lidar_imu() {
+  Eigen::Matrix3d R;
+  R << 9.999976e-01, 7.553071e-04, -2.035826e-03, -7.854027e-04, 9.998898e-01, -1.482298e-02, 2.024406e-03,
+      1.482454e-02, 9.998881e-01;
+  return SE3d(SO3d::from_matrix(R), {-8.086759e-01, 3.195559e-01, -7.997231e-01});
+}
+
+/// `Tr` of sequences 00 to 02 (2011_10_03).
+[[nodiscard]] inline SE3d kitti_T_camera_lidar() {
+  Eigen::Matrix3d R;
+  R << 4.276802385584e-04, -9.999672484946e-01, -8.084491683471e-03, -7.210626507497e-03, 8.081198471645e-03,
+      -9.999413164504e-01, 9.999738645903e-01, 4.859485810390e-04, -7.206933692422e-03;
+  return SE3d(SO3d::from_matrix(R), {-1.198459927713e-02, -5.403984729748e-02, -2.921968648686e-01});
+}
+
 }  // namespace chainslam::simulator

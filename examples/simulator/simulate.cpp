@@ -1,6 +1,5 @@
 #include "simulator/simulate.hpp"
 
-#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <optional>
@@ -9,8 +8,10 @@
 
 #include "chainslam/io/tum.hpp"
 #include "simulator/nclt_files.hpp"
+#include "simulator/new_folder.hpp"
 #include "simulator/nuscenes_files.hpp"
 #include "simulator/rig.hpp"
+#include "simulator/scan_batches.hpp"
 #include "simulator/town_drive.hpp"
 
 namespace chainslam::simulator {
@@ -18,81 +19,6 @@ namespace chainslam::simulator {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A folder that was empty: what has been finished in it goes again unless all was.
-class NewFolder {
- public:
-  explicit NewFolder(const fs::path& path) : path_(path) {
-    std::error_code error;
-    fs::create_directories(path, error);
-    if (error) throw_output_error(path.string(), "", error.message(), "choose a folder that can be made");
-    if (!fs::is_empty(path, error) || error)
-      throw_output_error(path.string(), "", error ? error.message() : "a folder that is not empty",
-                         "name a new or empty folder; nothing in it was changed");
-  }
-  NewFolder(const NewFolder&) = delete;
-  NewFolder& operator=(const NewFolder&) = delete;
-  ~NewFolder() {
-    if (whole_) return;
-    std::error_code ignored;
-    for (; !parts_.empty(); parts_.pop_back()) fs::remove(parts_.back(), ignored);
-  }
-
-  /// A file or folder to be made in it.
-  fs::path part(const fs::path& name) { return parts_.emplace_back(path_ / name); }
-  /// All that was made, folders before what is in them; more may be added.
-  [[nodiscard]] std::vector<fs::path>& parts() { return parts_; }
-
-  /// Bytes in all files, which stay from now on.
-  std::uint64_t keep() {
-    whole_ = true;
-    std::uint64_t bytes = 0;
-    for (const fs::path& part : parts_) bytes += fs::is_regular_file(part) ? fs::file_size(part) : 0;
-    return bytes;
-  }
-
- private:
-  fs::path path_;
-  std::vector<fs::path> parts_;
-  bool whole_ = false;
-};
-
-/// A revolution and its bytes.
-struct EncodedScan {
-  Revolution revolution;
-  std::vector<std::byte> bytes;
-};
-
-/// Makes all scans of a drive, batch by batch on all threads, and takes them in order.
-///
-/// @param encode  the bytes of a revolution. @param take  called with each scan's number and what was made of it.
-/// @param made  called with the scans that have been taken since the last call.
-/// @returns the number of returns.
-template <class Encode, class Take>
-std::uint64_t for_each_scan(const TownDrive& drive, const ChunkRunner& run_chunks, const Encode& encode,
-                            const Take& take, const std::function<void(Index)>& made) {
-  constexpr Index batch = 32;  // scans that are made, then taken together
-  std::uint64_t points = 0;
-  for (Index done = 0; done < drive.scan_count();) {
-    const Index count = std::min(batch, drive.scan_count() - done);
-    std::vector<EncodedScan> scans(static_cast<std::size_t>(count));
-    run_chunks(count, 1, [&](Index begin, Index end) {
-      for (Index i = begin; i < end; ++i) {
-        EncodedScan& scan = scans[static_cast<std::size_t>(i)];
-        scan.revolution = drive.revolution(done + i);
-        scan.bytes = encode(scan.revolution);
-      }
-    });
-    for (Index i = 0; i < count; ++i) {
-      const EncodedScan& scan = scans[static_cast<std::size_t>(i)];
-      take(done + i, scan);
-      points += scan.revolution.returns.size();
-    }
-    done += count;
-    made(count);
-  }
-  return points;
-}
 
 /// @param labels  where to write the presence of every hit, if anywhere.
 std::uint64_t write_hits(const fs::path& path, const fs::path& labels, const TownDrive& drive,

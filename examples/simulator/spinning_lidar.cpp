@@ -117,7 +117,7 @@ Duration SpinningLidar::firing_offset(Index firing) const {
   return Duration(period().count() * firing / options_.firings_per_revolution);
 }
 
-Revolution SpinningLidar::turn(const RayCaster& world, const Drive& drive, Index index,
+Revolution SpinningLidar::turn(const RayCaster& world, const VehicleMotion& drive, Index index,
                                std::span<const Passing> passing) const {
   Revolution revolution{.start = index * period(), .returns = {}};
   const Rng rng = noise_.fork(static_cast<std::uint64_t>(index));

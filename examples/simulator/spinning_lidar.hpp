@@ -9,11 +9,11 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/sensor/lidar_scan.hpp"
-#include "simulator/drive.hpp"
 #include "simulator/lidar_model.hpp"
 #include "simulator/ray_caster.hpp"
 #include "simulator/rig.hpp"
 #include "simulator/traffic.hpp"
+#include "simulator/vehicle_motion.hpp"
 
 namespace chainslam::simulator {
 
@@ -82,7 +82,7 @@ class SpinningLidar {
 
   /// Revolution `index`, which starts `index` periods after the drive. The result depends on the arguments alone.
   /// @param passing  whoever is on the way during it: `Traffic::during` from its start to its end.
-  [[nodiscard]] Revolution turn(const RayCaster& world, const Drive& drive, Index index,
+  [[nodiscard]] Revolution turn(const RayCaster& world, const VehicleMotion& drive, Index index,
                                 std::span<const Passing> passing = {}) const;
 
   /// The revolution as the library's record. `epoch` is the drive's start; a scan ends with its last firing, whether or

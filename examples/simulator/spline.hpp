@@ -24,6 +24,29 @@ class Spline {
     Vector acceleration;  ///< second derivative, per second squared
   };
 
+  /// How much each of the six control points around counts for value, first and second derivative (by u).
+  using Weights = Eigen::Matrix<double, 6, 3>;
+
+  /// @param u  part of the segment that has passed, 0 to 1.
+  [[nodiscard]] static Weights weights_at(double u) {
+    // The basis in powers of u (Qin 1998, general matrix for uniform B-splines), times 120.
+    static const Eigen::Matrix<double, 6, 6> basis = (Eigen::Matrix<double, 6, 6>() << 1, 26, 66, 26, 1, 0,  //
+                                                      -5, -50, 0, 50, 5, 0,                                  //
+                                                      10, 20, -60, 20, 10, 0,                                //
+                                                      -10, 20, 0, -20, 10, 0,                                //
+                                                      5, -20, 30, -20, 5, 0,                                 //
+                                                      -1, 5, -10, 10, -5, 1)
+                                                         .finished();
+    Weights powers;
+    powers << 1.0, 0.0, 0.0,                           //
+        u, 1.0, 0.0,                                   //
+        u * u, 2.0 * u, 2.0,                           //
+        u * u * u, 3.0 * u * u, 6.0 * u,               //
+        u * u * u * u, 4.0 * u * u * u, 12.0 * u * u,  //
+        u * u * u * u * u, 5.0 * u * u * u * u, 20.0 * u * u * u;
+    return basis.transpose() * powers / 120.0;
+  }
+
   /// @param step  seconds between control points.
   /// @throws std::invalid_argument with fewer than 6 control points.
   Spline(std::vector<Vector> controls, double step) : controls_(std::move(controls)), step_(step) {
@@ -38,22 +61,7 @@ class Spline {
     const double last = static_cast<double>(controls_.size() - 6);
     const double segment = std::clamp(std::floor(time / step_), 0.0, last);
     const double u = time / step_ - segment;
-    // The basis in powers of u (Qin 1998, general matrix for uniform B-splines), times 120.
-    static const Eigen::Matrix<double, 6, 6> basis = (Eigen::Matrix<double, 6, 6>() << 1, 26, 66, 26, 1, 0,  //
-                                                      -5, -50, 0, 50, 5, 0,                                  //
-                                                      10, 20, -60, 20, 10, 0,                                //
-                                                      -10, 20, 0, -20, 10, 0,                                //
-                                                      5, -20, 30, -20, 5, 0,                                 //
-                                                      -1, 5, -10, 10, -5, 1)
-                                                         .finished();
-    Eigen::Matrix<double, 6, 3> powers;
-    powers << 1.0, 0.0, 0.0,                           //
-        u, 1.0, 0.0,                                   //
-        u * u, 2.0 * u, 2.0,                           //
-        u * u * u, 3.0 * u * u, 6.0 * u,               //
-        u * u * u * u, 4.0 * u * u * u, 12.0 * u * u,  //
-        u * u * u * u * u, 5.0 * u * u * u * u, 20.0 * u * u * u;
-    const Eigen::Matrix<double, 6, 3> weights = basis.transpose() * powers / 120.0;
+    const Weights weights = weights_at(u);
     Point point{Vector::Zero(), Vector::Zero(), Vector::Zero()};
     for (int i = 0; i < 6; ++i) {
       const Vector& control = controls_[static_cast<std::size_t>(segment) + static_cast<std::size_t>(i)];

@@ -21,6 +21,11 @@ struct HeightField {
   [[nodiscard]] std::size_t at(Index column, Index row) const {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(column);
   }
+  /// z of the sample nearest to a position within the field, metres.
+  [[nodiscard]] double height_at(const Eigen::Vector2d& position) const {
+    const Eigen::Vector2d local = (position - origin.cast<double>()) / static_cast<double>(spacing);
+    return static_cast<double>(heights[at(static_cast<Index>(local.x() + 0.5), static_cast<Index>(local.y() + 0.5))]);
+  }
 };
 
 /// All that a ray can meet. World frame: x, y horizontal, z up, metres.
