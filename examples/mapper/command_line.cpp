@@ -10,6 +10,7 @@
 
 #include "chainslam/core/version.hpp"
 #include "exit_code.hpp"
+#include "simulator/lidar_model.hpp"
 #include "verbs.hpp"
 
 // The only file that includes CLI11, which is headers only: each file that includes it compiles all of it anew.
@@ -34,7 +35,7 @@ void add_map(CLI::App& program, int& exit_code) {
       "`chainslam config --print` shows everything that can be configured.");
   verb->add_option("DATA", arguments->data,
                    "folders of data sets, one session each (see chainslam inspect), or "
-                   "simulate:PRESET/SIZE/SESSION")
+                   "simulate:PRESET/SIZE/SESSION or simulate:FOLDER (see chainslam simulate)")
       ->required()
       ->option_text("...");
   verb->add_option("--load", arguments->maps, "maps to go on from: map.cslam of earlier runs")->option_text("MAP...");
@@ -55,10 +56,79 @@ void add_map(CLI::App& program, int& exit_code) {
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
+/// What `simulate` takes for a recorded trajectory.
+void add_recorded(CLI::App& verb, SimulateArguments& arguments) {
+  const std::string group = "Along a recorded trajectory";
+  verb.add_option("--trajectory", arguments.trajectory,
+                  "in place of PRESET: TUM's, EuRoC's or NCLT's trajectory, or KITTI's 12 numbers a row")
+      ->option_text("FILE")
+      ->group(group);
+  verb.add_option("--times", arguments.times, "of KITTI's rows: seconds, one a line")
+      ->option_text("FILE")
+      ->group(group);
+  verb.add_option("--rate", arguments.rate, "... or their number in a second")
+      ->check(CLI::Range(0.5, 1000.0))
+      ->option_text("HZ")
+      ->group(group);
+  verb.add_option("--frame", arguments.frame,
+                  "whose poses they are: body (the IMU; default), lidar, or camera (default with --camera-lidar)")
+      ->check(CLI::IsMember({"body", "lidar", "camera"}))
+      ->option_text("FRAME")
+      ->group(group);
+  verb.add_option(
+          "--body-lidar", arguments.body_lidar,
+          "T_body_lidar: rows of the matrix, KITTI's calib_imu_to_velo.txt, or the word kitti; default: NCLT's\n"
+          "for NCLT's csv, else no difference")
+      ->option_text("FILE")
+      ->group(group);
+  verb.add_option("--camera-lidar", arguments.camera_lidar,
+                  "T_camera_lidar: rows of the matrix, KITTI's calib.txt, or the word kitti")
+      ->option_text("FILE")
+      ->group(group);
+  verb.add_option(
+          "--imu", arguments.imu,
+          "recorded on the trajectory, taken unchanged: rows timestamp,gx,gy,gz,ax,ay,az (s, rad/s, m/s^2), or\n"
+          "nominal_frame,... with KITTI's rows; default: simulated")
+      ->option_text("FILE")
+      ->group(group);
+  verb.add_option("--imu-offset", arguments.imu_offset, "added to the IMU's times (default 0: a lag stays)")
+      ->check(CLI::Range(-1e9, 1e9).description(""))
+      ->option_text("SECONDS")
+      ->group(group);
+  verb.add_option(
+          "--skip", arguments.skips,
+          "leave out IMU rows from FROM to TO (s); the drive is cut there if that is at its start or end; or a\n"
+          "file of such rows; may be given again")
+      ->option_text("FROM:TO|FILE")
+      ->allow_extra_args(false)
+      ->group(group);
+  verb.add_option("--lidar", arguments.lidar, "one of " + simulator::lidar_names() + " (default HDL-64E)")
+      ->option_text("NAME")
+      ->group(group);
+  verb.add_option("--columns", arguments.columns, "firings per revolution, about (default 1024)")
+      ->check(CLI::Range(36, 8192))
+      ->option_text("N")
+      ->group(group);
+  verb.add_option("--lidar-height", arguments.lidar_height, "of the LiDAR above the road (default 1.73)")
+      ->check(CLI::Range(0.2, 10.0))
+      ->option_text("METRES")
+      ->group(group);
+  verb.add_flag("!--no-scans", arguments.scans, "write all but the scans, for `chainslam map simulate:DIR`")
+      ->group(group);
+}
+
 void add_simulate(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<SimulateArguments>();
-  CLI::App* verb = program.add_subcommand("simulate", "make a data set: drives through a town or a campus");
-  verb->add_option("PRESET", arguments->preset, "what to make: " + known_presets())->required()->option_text(" ");
+  CLI::App* verb = program.add_subcommand(
+      "simulate", "make a data set: drives through a town or a campus, or along a recorded trajectory");
+  verb->footer(
+      "With --trajectory the motion is real, and so is the IMU data of --imu: only the scans are simulated, in a "
+      "world\n"
+      "that is built along the trajectory. DIR gets scans/*.pcd, times.txt, imu.csv, truth.tum, T_body_lidar.txt and\n"
+      "README.txt. `chainslam map simulate:DIR` makes the scans while it maps them; --no-scans then saves the disk.\n"
+      "KITTI: simulate --trajectory 07_truth_camera.txt --rate 9.615 --imu 07_imu.csv --body-lidar kitti \\\n"
+      "       --camera-lidar kitti --skip filled.txt --out DIR");
+  verb->add_option("PRESET", arguments->preset, "what to make: " + known_presets())->option_text(" ");
   verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
   verb->add_option("--size", arguments->size, "of nclt-like and mars-like: small, medium (default) or full")
       ->check(CLI::IsMember({"small", "medium", "full"}))
@@ -67,6 +137,7 @@ void add_simulate(CLI::App& program, int& exit_code) {
       ->check(CLI::Range(1, 1000))
       ->option_text("N");
   verb->add_option("--seed", arguments->seed, "the same seed gives the same bytes (default 1)")->option_text("N");
+  add_recorded(*verb, *arguments);
   verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");
   verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
       ->check(CLI::Range(1, 1024))
@@ -89,6 +160,11 @@ void add_inspect(CLI::App& program, int& exit_code) {
   verb->add_option("--set", arguments->overrides, "override a key of it, may be given again")
       ->option_text("KEY=VALUE")
       ->allow_extra_args(false);
+  verb->add_option("--imu-seconds", arguments->imu_seconds,
+                   "compare IMU and scans over the first so many seconds, for the IMU's clock and axes (default 60);\n"
+                   "0: not at all. Ctrl-C ends it with what was found so far")
+      ->option_text("SECONDS")
+      ->check(CLI::Range(0.0, 1e6).description(""));
   verb->add_flag("--closures", arguments->closures, "list a map's closures as well");
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
@@ -154,7 +230,9 @@ void add_eval(CLI::App& program, int& exit_code) {
   CLI::App* verb = program.add_subcommand("eval", "compare estimated trajectories with references, as evo does");
   verb->footer(
       "Formats are told by content: TUM, KITTI poses, EuRoC csv, NCLT ground truth csv. Several pairs are sessions of\n"
-      "one map: they share one alignment, and relative errors do not reach from one into the next.\n"
+      "one map: they share one alignment, and relative errors do not reach from one into the next. Of paths longer "
+      "than\n"
+      "100 m, KITTI's relative errors are given as well: estimate and reference must then be poses of one sensor.\n"
       "Examples:\n"
       "  chainslam eval truth.tum map/trajectory.tum\n"
       "  chainslam eval KITTI_00_gt.txt KITTI_00_ORB.txt --align none --delta 10m\n"
@@ -191,6 +269,10 @@ void add_eval(CLI::App& program, int& exit_code) {
           ""));
   add_choice<PairChoice>(*verb, "--pairs", options->pairs, "which pairs of that distance: consecutive (default) or all",
                          {{"consecutive", PairChoice::consecutive}, {"all", PairChoice::all}});
+  verb->add_option("--kitti-step", options->kitti_step,
+                   "KITTI's relative errors start a segment every so many poses: 10 (default) are a second at 10 Hz")
+      ->option_text("POSES")
+      ->check(CLI::Range(1, 1'000'000).description(""));
   add_choice<NcltPoses>(*verb, "--nclt", options->nclt_poses,
                         "what NCLT's csv gives: its poses as stated, z down (default), or imu: z up, of the inertial\n"
                         "unit, as this program's maps have them",

@@ -10,6 +10,7 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/evaluation/ape.hpp"
+#include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/evaluation/rpe.hpp"
 #include "chainslam/io/file_system.hpp"
 #include "evaluation_report.hpp"
@@ -113,6 +114,7 @@ Evaluation evaluate(const EvalArguments& options) {
   result.delta = options.delta;
   result.rpe_options = parse_delta(options.delta).value();
   result.rpe_options.pairs = options.pairs;
+  result.kitti_options.step = options.kitti_step;
   std::vector<MatchedTrajectories> sessions;
   for (std::size_t i = 0; i + 1 < options.files.size(); i += 2) {
     EvaluatedSession session;
@@ -129,6 +131,7 @@ Evaluation evaluate(const EvalArguments& options) {
                       "use --align origin or --align none");
   result.ape = ape(aligned);
   result.rpe = rpe(aligned, result.rpe_options);
+  result.kitti = kitti_errors(aligned, result.kitti_options);
   return result;
 }
 

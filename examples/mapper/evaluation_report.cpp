@@ -1,6 +1,7 @@
 #include "evaluation_report.hpp"
 
 #include <array>
+#include <cmath>
 #include <cstdarg>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -62,11 +63,52 @@ void append_row(std::string& text, const char* name, const ErrorStatistics& s) {
          s.max);
 }
 
+/// KITTI's figures: over all segments, and for each length.
+void append_kitti(std::string& text, const KittiErrors& kitti, Index step) {
+  if (kitti.status == EvaluationStatus::path_too_short) {
+    append(text, "\nKITTI: no path is longer than %.0f m, the shortest segment\n", kitti_lengths.front());
+    return;
+  }
+  append(text, "\n%-16s %10s %10s %10s %10s\n", "KITTI", "segments", "%", "deg/100 m", "deg/m");
+  const auto row = [&](const char* name, std::size_t segments, double translation, double rotation) {
+    append(text, "%-16s %10zu %10.4f %10.4f %10.6f\n", name, segments, 100 * translation,
+           100 * degrees_per_radian * rotation, degrees_per_radian * rotation);
+  };
+  row("all", kitti.segments.size(), kitti.translation, kitti.rotation);
+  for (const KittiLengthErrors& each : kitti.lengths) {
+    if (each.segments == 0) continue;
+    const std::string name = std::to_string(std::lround(each.length)) + " m";
+    row(name.c_str(), static_cast<std::size_t>(each.segments), each.translation, each.rotation);
+  }
+  append(text, "segments start every %d poses\n", step);
+}
+
 /// Null if there were no errors to take them of.
 nlohmann::json to_json(const ErrorStatistics& s) {
   if (s.count == 0) return nullptr;
   return {{"rmse", s.rmse}, {"mean", s.mean}, {"median", s.median}, {"std", s.std},
           {"min", s.min},   {"max", s.max},   {"sse", s.sse}};
+}
+
+nlohmann::json to_json(const KittiErrors& kitti, Index step) {
+  if (kitti.status != EvaluationStatus::evaluated)
+    return {{"status", "path_too_short"}, {"step", step}, {"segments", 0}};
+  const auto figures = [](auto segments, double translation, double rotation) {
+    return nlohmann::json{{"segments", segments},
+                          {"translation_percent", 100 * translation},
+                          {"rotation_deg_per_100m", 100 * degrees_per_radian * rotation},
+                          {"rotation_deg_per_m", degrees_per_radian * rotation}};
+  };
+  nlohmann::json document = figures(kitti.segments.size(), kitti.translation, kitti.rotation);
+  document["status"] = "evaluated";
+  document["step"] = step;
+  document["lengths"] = nlohmann::json::array();
+  for (const KittiLengthErrors& each : kitti.lengths) {
+    if (each.segments == 0) continue;
+    document["lengths"].push_back(figures(each.segments, each.translation, each.rotation));
+    document["lengths"].back()["length"] = each.length;
+  }
+  return document;
 }
 
 nlohmann::json to_json(const UnmatchedCounts& counts) {
@@ -107,13 +149,14 @@ std::string evaluation_table(const Evaluation& evaluation) {
   append_row(text, "APE [deg]", in_degrees(evaluation.ape.rotation));
   if (evaluation.rpe.translation.count == 0) {
     append(text, "RPE %s: no two poses are that far apart\n", evaluation.delta.c_str());
-    return text;
+  } else {
+    append_row(text, ("RPE " + evaluation.delta + " [m]").c_str(), evaluation.rpe.translation);
+    append_row(text, ("RPE " + evaluation.delta + " [deg]").c_str(), in_degrees(evaluation.rpe.rotation));
+    append(text, "\nAPE over %d poses, RPE over %d %s\n", evaluation.ape.translation.count,
+           evaluation.rpe.translation.count,
+           evaluation.rpe_options.pairs == PairChoice::all ? "pairs (all)" : "consecutive pairs");
   }
-  append_row(text, ("RPE " + evaluation.delta + " [m]").c_str(), evaluation.rpe.translation);
-  append_row(text, ("RPE " + evaluation.delta + " [deg]").c_str(), in_degrees(evaluation.rpe.rotation));
-  append(text, "\nAPE over %d poses, RPE over %d %s\n", evaluation.ape.translation.count,
-         evaluation.rpe.translation.count,
-         evaluation.rpe_options.pairs == PairChoice::all ? "pairs (all)" : "consecutive pairs");
+  append_kitti(text, evaluation.kitti, evaluation.kitti_options.step);
   return text;
 }
 
@@ -145,7 +188,8 @@ std::string evaluation_json(const Evaluation& evaluation) {
                                      {"delta", evaluation.delta},
                                      {"pairs", evaluation.rpe_options.pairs == PairChoice::all ? "all" : "consecutive"},
                                      {"translation", to_json(evaluation.rpe.translation)},
-                                     {"rotation_deg", to_json(in_degrees(evaluation.rpe.rotation))}}}};
+                                     {"rotation_deg", to_json(in_degrees(evaluation.rpe.rotation))}}},
+                                   {"kitti", to_json(evaluation.kitti, evaluation.kitti_options.step)}};
   return document.dump(2) + '\n';
 }
 

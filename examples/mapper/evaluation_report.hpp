@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "chainslam/evaluation/ape.hpp"
+#include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/evaluation/rpe.hpp"
 #include "chainslam/trajectory/association.hpp"
 #include "trajectory_file.hpp"
@@ -26,9 +27,11 @@ struct Evaluation {
   std::vector<EvaluatedSession> sessions;
   AlignmentOptions alignment;
   RpeOptions rpe_options;
+  KittiOptions kitti_options;
   std::string delta;  ///< as on the command line
   AbsolutePoseErrors ape;
   RelativePoseErrors rpe;
+  KittiErrors kitti;
 };
 
 [[nodiscard]] const char* alignment_name(Alignment alignment);
@@ -36,7 +39,8 @@ struct Evaluation {
 /// The evaluation for a reader.
 [[nodiscard]] std::string evaluation_table(const Evaluation& evaluation);
 
-/// The evaluation for a program: `ape.translation.rmse`, `ape.rotation_deg.rmse`, `rpe...`, counts; metres and degrees.
+/// The evaluation for a program: `ape.translation.rmse`, `ape.rotation_deg.rmse`, `rpe...`,
+/// `kitti.translation_percent`, `kitti.rotation_deg_per_100m`, counts; metres and degrees.
 [[nodiscard]] std::string evaluation_json(const Evaluation& evaluation);
 
 }  // namespace chainslam::mapper

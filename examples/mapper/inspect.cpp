@@ -10,9 +10,11 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "exit_code.hpp"
+#include "inspect_imu.hpp"
 #include "map_file.hpp"
 #include "map_inspect.hpp"
 #include "options.hpp"
+#include "support/interrupt.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {
@@ -75,11 +77,16 @@ int run(const InspectArguments& arguments) {
   if (arguments.closures && !map)
     throw_input_error(arguments.path.string(), "", "no map, so no closures",
                       "give a map file (.cslam), or a folder that `chainslam map` wrote");
-  const datasets::Inspection found =
-      map ? inspect_map(arguments.path) : datasets::inspect(arguments.path, options.dataset);
+  datasets::Inspection found = map ? inspect_map(arguments.path) : datasets::inspect(arguments.path, options.dataset);
+  bool interrupted = false;
+  if (!map && arguments.imu_seconds > 0 && datasets::recognise(arguments.path)) {
+    const support::Interrupt interrupt;
+    inspect_imu(arguments.path, options, arguments.imu_seconds, interrupt.token(), found);
+    interrupted = interrupt.requested();
+  }
   std::printf("%s: %s", arguments.path.c_str(), to_text(found).c_str());
   if (arguments.closures) print_closures(arguments.path);
-  return exit_good;
+  return interrupted ? exit_interrupted : exit_good;
 }
 
 }  // namespace chainslam::mapper

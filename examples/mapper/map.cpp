@@ -64,7 +64,10 @@ std::vector<SlamMap> load_maps(const MapArguments& arguments) {
 
 std::string title(const Datasets& datasets) {
   std::string names;
-  for (const auto& dataset : datasets) names += (names.empty() ? "" : ", ") + dataset->info().name;
+  for (const auto& dataset : datasets) {
+    const datasets::DatasetInfo& info = dataset->info();
+    names += (names.empty() ? "" : ", ") + info.name + (info.source.empty() ? "" : " (" + info.source + ")");
+  }
   return names;
 }
 
@@ -107,11 +110,49 @@ void print_errors(const RunOutcome& outcome) {
                 outcome.inter_session_errors->translation.rmse);
 }
 
-void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const fs::path& kept) {
+/// What may help odometry that loses scans.
+const char* remedy(OdometrySourceKind source) {
+  switch (source) {
+    case OdometrySourceKind::lidar:
+      return "run `chainslam inspect` on the data: gaps, times of points, ranges; with an IMU try --set "
+             "odometry.source=lidar_inertial";
+    case OdometrySourceKind::lidar_inertial:
+      return "run `chainslam inspect` on the data: units, clock and mounting of the IMU, gaps; try --set "
+             "odometry.source=lidar, which trusts the scans alone";
+    case OdometrySourceKind::fast_lio2:
+      return "try --set odometry.source=lidar_inertial or lidar: FAST-LIO2 needs a start at rest and a known mounting";
+  }
+  return "";
+}
+
+/// The first lines and the last: whether the map is what was asked for, and where it is not to be trusted.
+void print_verdict(const support::Verdict& verdict, OdometrySourceKind source) {
+  std::printf("verdict      %s\n", verdict.headline.c_str());
+  if (verdict.failed && !verdict.sentences.empty()) std::printf("  do: %s\n", remedy(source));
+}
+
+/// What of the IMU odometry relied on, and what the scans say of its clock and axes.
+void print_imu(const support::RunSummary& summary) {
+  for (const support::SessionSummary& session : summary.sessions) {
+    const std::string use = support::text_of(session.health.imu_use);
+    if (session.loaded || use.empty()) continue;
+    std::printf("IMU          %s%s\n", summary.sessions.size() > 1 ? (session.name + ": ").c_str() : "", use.c_str());
+    if (!session.calibration) continue;
+    std::printf("             imu.time_offset by the scans: %s\n", time_offset_text(*session.calibration).c_str());
+    std::printf("             rotation of T_body_lidar by the scans: %s\n",
+                rotation_text(*session.calibration).c_str());
+  }
+}
+
+void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const fs::path& kept,
+                   OdometrySourceKind source) {
   const support::RunSummary& summary = outcome.summary;
   const SlamMap& map = *outcome.mapping.map;
+  const support::Verdict verdict = support::verdict_of(summary);
+  print_verdict(verdict, source);
   std::printf("scans        %d (%d lost, %d degenerate)\n", summary.scans, summary.lost_frames,
               summary.degenerate_frames);
+  print_imu(summary);
   std::printf("keyframes    %d over %.1f m\n", summary.keyframes, summary.path_length);
   if (map.sessions.size() > 1)
     std::printf("sessions     %zu in %d frame%s\n", map.sessions.size(), frames(map), frames(map) == 1 ? "" : "s");
@@ -130,6 +171,7 @@ void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const 
                 goal.met ? "met" : "MISSED");
   if (!kept.empty()) std::printf("kept         what was there is now %s\n", kept.c_str());
   std::printf("report       %s\n", (folder.target() / "report.html").c_str());
+  if (verdict.failed) print_verdict(verdict, source);
 }
 
 }  // namespace
@@ -183,7 +225,7 @@ int run(const MapArguments& arguments) {
   write_run_report(folder.path(), outcome, options.map_voxel);
   support::write_summary(folder.path() / "summary.json", outcome.summary);
   const fs::path kept = folder.commit();
-  print_outcome(outcome, folder, kept);
+  print_outcome(outcome, folder, kept, options.odometry_source);
 
   if (outcome.summary.interrupted) return exit_interrupted;
   for (const support::GoalResult& goal : outcome.summary.goals)

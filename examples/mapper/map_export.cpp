@@ -10,6 +10,7 @@
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
 #include "chainslam/io/tum.hpp"
+#include "frame_table.hpp"
 #include "map_file.hpp"
 #include "output_folder.hpp"
 
@@ -42,6 +43,10 @@ std::vector<fs::path> export_trajectories(const SlamMap& map, const fs::path& ou
   const std::vector<FrameGroup> groups = frames_of(map);
   for (const FrameGroup& group : groups)
     write(groups.size() == 1 ? "joint" : "joint_frame_" + std::to_string(group.frame.value), group.sessions);
+  if (!map.frames.empty()) {
+    names.emplace_back("frames.csv");
+    write_frames(folder.path() / names.back(), map);
+  }
   folder.commit();
   std::vector<fs::path> paths;
   for (const std::string& name : names) paths.push_back(folder.target() / name);

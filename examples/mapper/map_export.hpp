@@ -35,7 +35,8 @@ struct FrameGroup {
                                                 double voxel_size);
 
 /// Writes a map in another program's format:
-/// - tum, kitti: a folder with `session_0.tum`, ... and `joint.tum`, all sessions of one frame in the order of time
+/// - tum, kitti: a folder with `session_0.tum`, ... and `joint.tum`, all sessions of one frame in the order of time,
+///   and `frames.csv` with the health of every frame if the map has them
 /// - g2o: keyframes, odometry and closures with their information; the first keyframe of each frame is fixed
 /// - ply, pcd: all scans, thinned, in one file
 /// Where sessions were not merged, each frame has a file of its own, `..._frame_N`, but for g2o's.

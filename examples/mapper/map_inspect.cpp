@@ -7,6 +7,7 @@
 
 #include "map_export.hpp"
 #include "map_file.hpp"
+#include "support/frame_health.hpp"
 #include "support/report_data.hpp"
 
 namespace chainslam::mapper {
@@ -31,6 +32,21 @@ std::string session_words(const SlamMap& map, const Session& session) {
   if (session.frame.valid() && session.frame != session.id)
     text += ", in the frame of session " + std::to_string(session.frame.value);
   return text;
+}
+
+/// What the map says of its frames; nothing of a map made before it kept them.
+void add_health(const SlamMap& map, const Session& session, datasets::Inspection& result) {
+  const support::SessionHealth health = support::health_of(support::frames_of(map, session.id));
+  if (health.frames == 0) return;
+  const std::string name = "session " + std::to_string(session.id.value);
+  result.facts.emplace_back(name + ": frames", std::to_string(health.frames) + ", " + std::to_string(health.lost) +
+                                                   " lost, " + std::to_string(health.degenerate) + " degenerate");
+  for (const support::FrameInterval& interval : health.intervals)
+    if (interval.concern == support::FrameConcern::lost)
+      result.oddities.push_back(name + ": " + std::to_string(interval.frames) + " scans lost" +
+                                decimal(" from %.1f s", interval.begin) + decimal(" to %.1f s", interval.end) +
+                                decimal(", over %.1f m, ", interval.distance) + std::to_string(interval.restarts) +
+                                " restarts of the local map");
 }
 
 void add_closures(const SlamMap& map, datasets::Inspection& result) {
@@ -69,6 +85,7 @@ datasets::Inspection inspect_map_file(const std::filesystem::path& path) {
   result.facts.emplace_back("sessions", std::to_string(map.sessions.size()));
   for (const Session& session : map.sessions)
     result.facts.emplace_back("session " + std::to_string(session.id.value), session_words(map, session));
+  for (const Session& session : map.sessions) add_health(map, session, result);
   result.facts.emplace_back("keyframes", std::to_string(map.keyframes.size()));
   const auto fixes = std::ranges::count_if(map.keyframes, [](const Keyframe& k) { return k.gnss.has_value(); });
   result.facts.emplace_back("gnss fixes", std::to_string(fixes));

@@ -3,19 +3,21 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <thread>
 #include <utility>
 #include <variant>
 
-#include "chainslam/odometry/lidar_inertial_odometry.hpp"
-#include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/odometry/recorded_odometry.hpp"
-#include "chainslam/search/ikd_tree.hpp"
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/pipeline.hpp"
+#include "datasets/imu_findings.hpp"
+#include "session_odometry.hpp"
+#include "support/summary.hpp"
 
 namespace chainslam::mapper {
 
@@ -57,6 +59,12 @@ class MeteredBackEnd {
     figures_.keyframe_alignments.back() += back_end_.counts().alignments - before;
     publish();
   }
+  /// What comes without a keyframe is kept from a crash, too.
+  void add(std::span<const FrameRecord> frames) {
+    back_end_.add(frames);
+    if (frames.size() >= most_frames) publish();
+  }
+  static constexpr std::size_t most_frames = 64;
 
   /// @name For the front end's thread.
   /// @{
@@ -125,6 +133,9 @@ class SessionMapper {
       map_recorded();
     else
       map_packets();
+    pass_frames();
+    if (const std::string lost = support::health_sentence(account_of_scans()); !lost.empty())
+      run_.progress.warning(lost);
     return std::move(session_);
   }
 
@@ -152,9 +163,34 @@ class SessionMapper {
   void add(const Frame& frame) {
     session_.odometry.times.push_back(frame.time);
     session_.odometry.poses.push_back(frame.T_odom_body);
-    session_.health.push_back(frame.health);
+    frames_.push_back(record_of(frame));
+    count_lost(frame);
     state_.data_seconds = to_seconds(frame.time - session_.odometry.times.front());
-    if (auto keyframe = select_(frame)) pipeline_.add(std::move(*keyframe));
+    auto keyframe = select_(frame);
+    if (keyframe || frames_.size() >= MeteredBackEnd::most_frames) pass_frames();
+    if (keyframe) pipeline_.add(std::move(*keyframe));
+  }
+
+  /// What the session's last line tells.
+  [[nodiscard]] support::SessionSummary account_of_scans() const {
+    support::SessionSummary summary{.name = session_.name,
+                                    .scans = session_.scans,
+                                    .frames = to_index(session_.odometry.size()),
+                                    .lost_frames = lost_.frames};
+    summary.health.restarts = lost_.restarts;
+    if (lost_.frames > 0) summary.health.intervals.push_back(lost_);
+    return summary;
+  }
+
+  void count_lost(const Frame& frame) {
+    if (frame.health.map_restarted) ++lost_.restarts;
+    if (frame.health.status != FrameStatus::lost) return;
+    const double time = to_seconds(frame.time - session_.odometry.times.front());
+    if (lost_.frames++ == 0) lost_.begin = lost_.end = time;
+  }
+
+  void pass_frames() {
+    if (!frames_.empty()) pipeline_.add(std::exchange(frames_, {}));
   }
 
   void map_recorded() {
@@ -173,33 +209,7 @@ class SessionMapper {
   }
 
   void map_packets() {
-    const LidarOdometryOptions<>& given = run_.options.odometry;
-    const auto inertial = [&](auto options) {
-      options.T_body_lidar = dataset_.info().T_body_lidar;
-      options.filter = given.filter;
-      options.local_map.radius = given.map_radius;
-      return options;
-    };
-    switch (run_.options.odometry_source) {
-      case OdometrySourceKind::lidar: {
-        LidarOdometryOptions<> options = given;
-        options.T_body_lidar = dataset_.info().T_body_lidar;
-        return map_packets(LidarOdometry<>(options));
-      }
-      case OdometrySourceKind::lidar_inertial: {
-        LidarInertialOdometryOptions<> options = inertial(LidarInertialOdometryOptions<>{});
-        options.scan_voxel = given.scan_voxel;
-        options.scan_to_map.residual_scale = given.scan_to_map.residual_scale;
-        return map_packets(LidarInertialOdometry<>(options));
-      }
-      case OdometrySourceKind::fast_lio2:
-        return map_packets(
-            LidarInertialOdometry<IkdTree<float, NearestToCenter>, Trivial>(inertial(fast_lio2_options())));
-    }
-  }
-
-  template <class Odometry>
-  void map_packets(Odometry odometry) {
+    const std::unique_ptr<SessionOdometry> odometry = make_session_odometry(run_.options, dataset_.info());
     double spent = 0;  // seconds since the last scan
     while (wants_more()) {
       const std::optional<Packet> packet = [&] {
@@ -208,9 +218,10 @@ class SessionMapper {
       }();
       if (!packet) break;
       if (const auto* fix = std::get_if<GnssFix>(&*packet)) pipeline_.add(*fix);
+      if (run_.options.imu.use == ImuUse::none && std::holds_alternative<ImuSample>(*packet)) continue;
       // A filter answers a scan when the readings up to its end have come: with a packet after it.
       const auto begin = std::chrono::steady_clock::now();
-      const std::optional<Frame> frame = odometry.process(*packet, threads_);
+      const std::optional<Frame> frame = odometry->process(*packet, threads_);
       spent += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
       if (std::holds_alternative<LidarScan>(*packet)) {
         run_.times.add("odometry", std::exchange(spent, 0.0));
@@ -218,9 +229,12 @@ class SessionMapper {
       }
       if (frame) add(*frame);
     }
-    if constexpr (requires { odometry.flush(threads_); })
-      while (const std::optional<Frame> frame = odometry.flush(threads_)) add(*frame);
-    note_counts(odometry.counts());
+    while (const std::optional<Frame> frame = odometry->flush(threads_)) add(*frame);
+    note_counts(odometry->counts());
+    session_.calibration = odometry->calibration();
+    if (!session_.calibration) return;
+    for (std::string& note : support::calibration_notes(*session_.calibration))
+      session_.notes.push_back(std::move(note));
   }
 
   void note(std::int64_t count, const std::string& what) {
@@ -232,9 +246,8 @@ class SessionMapper {
     note(counts.empty_scans, "scans left out: too few usable points");
     note(counts.out_of_order_scans, "scans left out: not later than the one before");
     note(counts.gaps, "gaps in time too long to predict the motion over");
-    note(counts.lost_scans, "scans lost: nothing in the local map fits them");
-    note(counts.map_restarts, "restarts of the local map after many lost scans");
-    note(counts.dropped_imu_samples, "inertial samples left out: not finite or out of order");
+    session_.imu = counts.imu;
+    for (std::string& finding : datasets::imu_findings(counts.imu)) session_.notes.push_back(std::move(finding));
   }
 
   datasets::Dataset& dataset_;
@@ -244,6 +257,8 @@ class SessionMapper {
   MapperPipeline& pipeline_;
   KeyframeSelector select_;
   SessionRun session_;
+  support::FrameInterval lost_;      ///< all scans that were, from the first on
+  std::vector<FrameRecord> frames_;  ///< that the back end does not have yet
   support::ProgressState state_;
 };
 
@@ -282,7 +297,7 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
     const ThreadPool front_end_threads(std::max(Index{1}, run.threads - run.threads / 2));
     const ThreadPool back_end_threads(std::max(Index{1}, run.threads / 2));
     MeteredBackEnd metered(back_end, run);
-    MapperPipeline pipeline(metered, back_end_threads);
+    MapperPipeline pipeline(metered, back_end_threads, {}, 128);  // a keyframe comes with the frames up to it
     for (const auto& dataset : datasets) {
       if (run.stop.stop_requested()) break;
       SessionRun session = SessionMapper(*dataset, run, front_end_threads, metered, pipeline).map();

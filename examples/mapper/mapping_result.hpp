@@ -6,9 +6,10 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/map/frame.hpp"
 #include "chainslam/map/slam_map.hpp"
+#include "chainslam/sensor/imu_check.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
+#include "support/imu_calibration.hpp"
 
 namespace chainslam::mapper {
 
@@ -16,11 +17,12 @@ namespace chainslam::mapper {
 struct SessionRun {
   SessionId id;  ///< in the map
   std::string name;
-  Trajectory odometry;              ///< T_odom_body of every frame
-  std::vector<FrameHealth> health;  ///< one for each frame
-  Index scans = 0;                  ///< read
-  std::optional<Trajectory> truth;  ///< T_truth_body; none if nothing states it
-  std::vector<std::string> notes;   ///< what the user should know: scans and points left out, and why
+  Trajectory odometry;                                   ///< T_odom_body of every frame; the map has their health
+  Index scans = 0;                                       ///< read
+  ImuCheckCounts imu;                                    ///< what became of the IMU's samples
+  std::optional<support::ImuCalibration> calibration{};  ///< none if the IMU is taken as given, or there is none
+  std::optional<Trajectory> truth;                       ///< T_truth_body; none if nothing states it
+  std::vector<std::string> notes;  ///< what the user should know: scans and points left out, and why
 };
 
 /// What the back end did, and how long it took.

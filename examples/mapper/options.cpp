@@ -3,6 +3,9 @@
 #include <numbers>
 #include <string>
 #include <tuple>
+#include <vector>
+
+#include "datasets/extrinsic.hpp"
 
 namespace chainslam::mapper {
 
@@ -11,6 +14,26 @@ namespace {
 using support::Configuration;
 
 constexpr double degree = std::numbers::pi / 180;
+
+/// The extrinsic as numbers; none while it is not set.
+Configuration::Target extrinsic_of(datasets::DatasetOptions& dataset) {
+  return Configuration::Numbers{.form = std::string("[] or an array of ") + datasets::pose_layouts,
+                                .get = [&dataset]() -> std::vector<double> {
+                                  if (!dataset.T_body_lidar) return {};
+                                  const Eigen::Vector3d& t = dataset.T_body_lidar->translation();
+                                  const Eigen::Quaterniond q = dataset.T_body_lidar->rotation().quaternion();
+                                  return {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()};
+                                },
+                                .problem =
+                                    [](const std::vector<double>& numbers) {
+                                      return numbers.empty() ? "" : datasets::pose_of_numbers(numbers).problem;
+                                    },
+                                .set =
+                                    [&dataset](const std::vector<double>& numbers) {
+                                      dataset.T_body_lidar =
+                                          numbers.empty() ? std::nullopt : datasets::pose_of_numbers(numbers).pose;
+                                    }};
+}
 
 void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset) {
   configuration.add("dataset.axes", dataset.axes,
@@ -30,7 +53,7 @@ void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset
   configuration.add("dataset.scan_rate", dataset.scan_rate,
                     {.unit = "Hz", .min = 0.01, .max = 1000, .help = "Scans per second where no file states times."});
   for (const auto& [key, topic, what] : {std::tuple{"dataset.lidar_topic", &dataset.lidar_topic, "scans"},
-                                         std::tuple{"dataset.imu_topic", &dataset.imu_topic, "inertial readings"},
+                                         std::tuple{"dataset.imu_topic", &dataset.imu_topic, "IMU samples"},
                                          std::tuple{"dataset.gnss_topic", &dataset.gnss_topic, "positions"}})
     configuration.add(
         key, *topic,
@@ -45,6 +68,56 @@ void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset
        .help = "Turn the points of KITTI's sequences up by this: their calibration has the lasers too low."});
   configuration.add("dataset.truth", dataset.truth,
                     {.help = "TUM file with the true poses T_map_body; --truth sets it too."});
+  configuration.add(
+      "dataset.T_body_lidar", extrinsic_of(dataset),
+      {.help = "Pose of the LiDAR in the IMU's frame, p_body = T p_lidar, in place of the data set's own. "
+               "Empty: calibration files of the data set, T_body_lidar.txt beside the data, or, without "
+               "either, no offset."});
+}
+
+void add_imu(Configuration& configuration, ImuSettings& imu, datasets::DatasetOptions& dataset) {
+  configuration.add("imu.use", imu.use,
+                    {{"all", ImuUse::all}, {"gyroscope", ImuUse::gyroscope}, {"none", ImuUse::none}},
+                    {.help = "What of the IMU's measurements odometry uses."});
+  configuration.add("imu.calibrate", imu.calibrate,
+                    {.help = "Find the offset of the IMU's clock and its axes by comparing it with the scans, and "
+                             "correct them where they differ from imu.time_offset and T_body_lidar. Of source = "
+                             "lidar_inertial, with imu.use = all."});
+  configuration.add("imu.units", dataset.imu_units,
+                    {{"auto", datasets::ImuUnitsGiven::automatic},
+                     {"m/s^2, rad/s", datasets::ImuUnitsGiven::si},
+                     {"g, rad/s", datasets::ImuUnitsGiven::g},
+                     {"m/s^2, deg/s", datasets::ImuUnitsGiven::degrees},
+                     {"g, deg/s", datasets::ImuUnitsGiven::g_and_degrees}},
+                    {.help = "Units of accelerations and rates in the data. auto: by the data set's format, or by the "
+                             "numbers."});
+  configuration.add(
+      "imu.time_offset", dataset.imu_time_offset,
+      {.unit = "s",
+       .min = -10,
+       .max = 10,
+       .help = "Added to the times of IMU samples: the time at which the LiDAR's clock has them less that "
+               "of the IMU's own. Negative if samples are stamped late."});
+  configuration.add("imu.gyro_noise", imu.noise.gyro,
+                    {.unit = "rad/s/sqrt(Hz)", .min = 1e-7, .max = 1, .help = "Noise density of the gyroscope."});
+  configuration.add("imu.accel_noise", imu.noise.accel,
+                    {.unit = "m/s^2/sqrt(Hz)", .min = 1e-6, .max = 100, .help = "Noise density of the accelerometer."});
+  configuration.add("imu.gyro_random_walk", imu.noise.gyro_bias_walk,
+                    {.unit = "rad/s/sqrt(s)", .min = 0, .max = 1, .help = "Random walk of the gyroscope's bias."});
+  configuration.add("imu.accel_random_walk", imu.noise.accel_bias_walk,
+                    {.unit = "m/s^2/sqrt(s)", .min = 0, .max = 10, .help = "Random walk of the accelerometer's bias."});
+  configuration.add("imu.gyro_range", imu.gyro_range,
+                    {.unit = "deg/s",
+                     .min = 0,
+                     .max = 1e5,
+                     .factor = degree,
+                     .help = "Rates of an axis from here on are saturated, and count for little. 0: not known."});
+  configuration.add("imu.accel_range", imu.accel_range,
+                    {.unit = "m/s^2",
+                     .min = 0,
+                     .max = 1e5,
+                     .help = "Accelerations of an axis from here on are saturated, and count for little. 0: not "
+                             "known."});
 }
 
 void add_odometry(Configuration& configuration, OdometrySourceKind& source, LidarOdometryOptions<>& odometry) {
@@ -241,6 +314,13 @@ void add_goals(Configuration& configuration, Goals& goals) {
        .min = 0,
        .max = 1e6,
        .help = "Largest error between keyframes of different sessions at one place. 0 asks for nothing."});
+  configuration.add("goals.max_lost_share", goals.max_lost_share,
+                    {.min = 0,
+                     .max = 1,
+                     .help = "Largest share of a session's scans that odometry may lose or leave out. 1 allows any."});
+  configuration.add(
+      "goals.max_map_restarts", goals.max_map_restarts,
+      {.min = -1, .max = 1e6, .help = "Restarts of the local map in a session, after many lost scans. -1 allows any."});
   configuration.add("goals.merged", goals.merged, {.help = "All sessions must end in one frame."});
 }
 
@@ -251,6 +331,7 @@ support::Configuration make_configuration(MapperOptions& options) {
   add_presets(configuration, options);
   add_dataset(configuration, options.dataset);
   add_odometry(configuration, options.odometry_source, options.odometry);
+  add_imu(configuration, options.imu, options.dataset);
   add_keyframes(configuration, options.keyframes);
   add_closures(configuration, options.back_end);
   add_chain(configuration, options.back_end);

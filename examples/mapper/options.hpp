@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/odometry/imu_process.hpp"
+#include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "datasets/dataset.hpp"
@@ -12,7 +14,8 @@
 
 namespace chainslam::mapper {
 
-/// Bounds that a run has to meet; the program ends with exit code 5 if one is missed. 0 asks for nothing.
+/// Bounds that a run has to meet; the program ends with exit code 5 if one is missed. 0 asks for nothing, but of the
+/// last two, which hold by default: a map that odometry did not follow is no good map.
 struct Goals {
   double max_ape = 0;           ///< metres, of the optimised trajectory against the truth
   double min_odometry_ape = 0;  ///< metres: a drive tests closures only if odometry alone drifts
@@ -21,6 +24,8 @@ struct Goals {
   Index min_chained_closures = 0;
   double max_inter_session_error = 0;  ///< metres, between keyframes of different sessions at one place
   bool merged = false;                 ///< all sessions in one frame
+  double max_lost_share = 0.1;         ///< scans of a session that were not registered, over all; 1 allows any
+  Index max_map_restarts = 0;          ///< restarts of a session's local map; -1 allows any
 };
 
 /// What turns packets into frames.
@@ -30,6 +35,15 @@ enum class OdometrySourceKind {
   fast_lio2,       ///< the same as FAST-LIO2 was published
 };
 
+/// What is said of the IMU, beside its units and clock, which concern its reader.
+struct ImuSettings {
+  ImuUse use = ImuUse::all;
+  bool calibrate = true;  ///< find its clock's offset and its axes, and correct them; `lidar_inertial` with all of it
+  ImuNoise noise{};
+  double gyro_range = 0;   ///< rad/s; 0: not known
+  double accel_range = 0;  ///< m/s^2; 0: not known
+};
+
 /// All that the configuration file can state, with its defaults.
 struct MapperOptions {
   datasets::DatasetOptions dataset;
@@ -37,6 +51,7 @@ struct MapperOptions {
   Platform platform = Platform::nclt;
   OdometrySourceKind odometry_source = OdometrySourceKind::lidar_inertial;
   LidarOdometryOptions<> odometry;
+  ImuSettings imu;
   KeyframeOptions keyframes;
   BackEndParts back_end;
   double map_voxel = 0.2;  ///< metres, of map.ply

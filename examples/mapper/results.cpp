@@ -11,6 +11,7 @@
 #include "chainslam/cloud/transform.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/evaluation/ape.hpp"
+#include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/io/file_system.hpp"
 #include "chainslam/io/g2o.hpp"
 #include "chainslam/io/kitti.hpp"
@@ -18,6 +19,7 @@
 #include "chainslam/io/tum.hpp"
 #include "chainslam/slam/corrected_trajectory.hpp"
 #include "chainslam/trajectory/association.hpp"
+#include "frame_table.hpp"
 #include "run_summary.hpp"
 #include "support/report_data.hpp"
 
@@ -32,7 +34,8 @@ const Duration truth_gap = seconds(2.0);  // over which the truth is interpolate
 std::optional<TrajectoryErrors> errors_against(const Trajectory& truth, const Trajectory& estimate) {
   const InterpolatedMatch match = match_interpolated(truth, estimate, truth_gap);
   if (match.trajectories.estimate.size() < 3) return std::nullopt;
-  TrajectoryErrors errors{ape(match.trajectories.reference, match.trajectories.estimate), match.estimate.total()};
+  const auto& [reference, estimated] = match.trajectories;
+  TrajectoryErrors errors{ape(reference, estimated), kitti_errors(reference, estimated), match.estimate.total()};
   if (errors.ape.status != EvaluationStatus::evaluated) return std::nullopt;
   return errors;
 }
@@ -47,14 +50,19 @@ class ErrorPool {
     ++alignments_;
   }
 
+  void add(const KittiErrors& errors) {
+    segments_.insert(segments_.end(), errors.segments.begin(), errors.segments.end());
+  }
+
   [[nodiscard]] std::optional<JointErrors> joint() const {
     const auto translation = error_statistics(translation_), rotation = error_statistics(rotation_);
     if (!translation || !rotation) return std::nullopt;
-    return JointErrors{*translation, *rotation, sessions_, alignments_};
+    return JointErrors{*translation, *rotation, kitti_errors(segments_), sessions_, alignments_};
   }
 
  private:
   std::vector<double> translation_, rotation_;
+  std::vector<KittiSegment> segments_;
   Index sessions_ = 0, alignments_ = 0;
 };
 
@@ -123,6 +131,8 @@ void take_errors(RunOutcome& outcome) {
     session.odometry_errors = errors_against(*run.truth, run.odometry);
     session.optimised_errors = errors_against(*run.truth, session.trajectory);
     if (session.odometry_errors) odometry.add(session.odometry_errors->ape, 1);
+    if (session.odometry_errors) odometry.add(session.odometry_errors->kitti);
+    if (session.optimised_errors) optimised.add(session.optimised_errors->kitti);
     if (!session.optimised_errors)
       run.notes.emplace_back("the truth shares fewer than three poses with the run: no errors are taken of it alone");
   }
@@ -286,6 +296,7 @@ void write_results(const fs::path& folder, const RunOutcome& outcome, const Mapp
   if (tags.size() > 1)
     if (const auto joint = joint_trajectory(outcome)) write_tum(folder / "trajectory.tum", *joint);
   write_keyframes(folder / "keyframes.csv", map);
+  write_frames(folder / "frames.csv", map);
   write_closures(folder / "closures.csv", map);
   write_graph(folder / "graph.g2o", map);
   for (const Session& session : map.sessions)

@@ -7,6 +7,7 @@
 
 #include "chainslam/evaluation/ape.hpp"
 #include "chainslam/evaluation/inter_session.hpp"
+#include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "mapping_result.hpp"
 #include "options.hpp"
@@ -17,6 +18,7 @@ namespace chainslam::mapper {
 /// Errors of one trajectory against the truth, after the rigid motion that fits best.
 struct TrajectoryErrors {
   AbsolutePoseErrors ape;
+  KittiErrors kitti;   ///< of paths longer than 100 m
   Index left_out = 0;  ///< poses outside of the truth's span
 };
 
@@ -24,6 +26,7 @@ struct TrajectoryErrors {
 struct JointErrors {
   ErrorStatistics translation;  ///< metres
   ErrorStatistics rotation;     ///< radians
+  KittiErrors kitti;            ///< over the segments of all sessions
   Index sessions = 0;
   Index alignments = 0;  ///< rigid motions that were fitted: one if all sessions lie in one frame
 };
@@ -59,6 +62,7 @@ struct RunOutcome {
 /// - `map.ply`: all scans, voxelised, map frame
 /// - `graph.g2o`: keyframes, odometry and closures with their information
 /// - `keyframes.csv`, `closures.csv`: every keyframe; every closure tried, with its verdict
+/// - `frames.csv`: every frame's status, what it rests on, and the covariance of its pose
 /// @throws IoError
 void write_results(const std::filesystem::path& folder, const RunOutcome& outcome, const MapperOptions& options);
 

@@ -1,13 +1,12 @@
 #include <algorithm>
 #include <cstdio>
-#include <numbers>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "chainslam/trajectory/interpolation.hpp"
 #include "results.hpp"
+#include "run_report_tables.hpp"
 #include "support/map_picture.hpp"
 #include "support/report.hpp"
 #include "support/report_data.hpp"
@@ -16,20 +15,10 @@ namespace chainslam::mapper {
 
 namespace {
 
-std::string metres(double value) {
-  char text[64];
-  std::snprintf(text, sizeof text, value < 10 ? "%.3f m" : "%.1f m", value);
-  return text;
-}
-
 std::string milliseconds(double seconds) {
   char text[64];
   std::snprintf(text, sizeof text, seconds < 0.1 ? "%.1f ms" : "%.0f ms", 1e3 * seconds);
   return text;
-}
-
-std::string counted(Index count, const std::string& thing) {
-  return std::to_string(count) + " " + thing + (count == 1 ? "" : "s");
 }
 
 /// The truth at the keyframes, brought into the map's frame by the alignment of the evaluation.
@@ -129,43 +118,6 @@ void add_rows(const support::RunSummary& summary, support::ReportData& data) {
   data.summary.emplace_back("peak memory", std::to_string(summary.peak_memory / 1'000'000) + " MB");
 }
 
-/// Errors of each session, of all together and between them.
-void add_error_table(const RunOutcome& outcome, support::ReportData& data) {
-  constexpr double degrees = 180 / std::numbers::pi;
-  support::ReportTable table{.title = "Errors against the truth, RMS",
-                             .heads = {"", "Odometry alone", "rotation", "Optimised", "rotation"}};
-  const auto pair = [](const ErrorStatistics& translation, const ErrorStatistics& rotation) {
-    char text[64];
-    std::snprintf(text, sizeof text, "%.2f°", degrees * rotation.rmse);
-    return std::vector<std::string>{metres(translation.rmse), text};
-  };
-  const auto add = [&](const std::string& name, const auto& odometry, const auto& optimised) {
-    std::vector<std::string> row{name};
-    for (const std::vector<std::string>& cells : {odometry, optimised})
-      row.insert(row.end(), cells.begin(), cells.end());
-    table.rows.push_back(std::move(row));
-  };
-  const std::vector<std::string> none{"–", "–"};
-  const bool several = outcome.sessions.size() > 1;
-  for (std::size_t i = 0; several && i < outcome.sessions.size(); ++i) {
-    const auto &odometry = outcome.sessions[i].odometry_errors, &optimised = outcome.sessions[i].optimised_errors;
-    if (!odometry && !optimised) continue;
-    add(outcome.mapping.sessions[i].name + ", aligned alone",
-        odometry ? pair(odometry->ape.translation, odometry->ape.rotation) : none,
-        optimised ? pair(optimised->ape.translation, optimised->ape.rotation) : none);
-  }
-  if (const auto& odometry = outcome.odometry_errors, &optimised = outcome.optimised_errors; odometry || optimised) {
-    const Index alignments = optimised ? optimised->alignments : 0;
-    add(several ? "all; the optimised under " + counted(alignments, "alignment")
-                : "aligned by the rigid motion that fits best",
-        odometry ? pair(odometry->translation, odometry->rotation) : none,
-        optimised ? pair(optimised->translation, optimised->rotation) : none);
-  }
-  if (const auto& between = outcome.inter_session_errors)
-    add("between sessions, at one place", none, pair(between->translation, between->rotation));
-  if (!table.rows.empty()) data.tables.push_back(std::move(table));
-}
-
 }  // namespace
 
 void write_run_report(const std::filesystem::path& folder, const RunOutcome& outcome, double map_voxel) {
@@ -173,14 +125,18 @@ void write_run_report(const std::filesystem::path& folder, const RunOutcome& out
   support::ReportData data = support::report_data(*outcome.mapping.map, map_voxel);
   data.title = summary.dataset;
   data.subtitle = subtitle(summary);
+  const support::Verdict verdict = support::verdict_of(summary);
+  data.verdict = "Verdict: " + verdict.headline;
+  data.failed = verdict.failed;
   complete_sessions(outcome, data);
   add_figures(outcome, data);
   add_warnings(summary, data);
   add_rows(summary, data);
-  add_error_table(outcome, data);
+  add_tables(outcome, data);
   data.stages = summary.stages;
   data.plots = support::error_plots(data.sessions);
   data.plots.insert(data.plots.begin(), support::speed_plot(data.sessions));
+  data.plots.push_back(support::match_plot(*outcome.mapping.map));
   data.plots.push_back(support::back_end_plot(outcome.mapping.figures.keyframe_seconds));
   std::erase_if(data.plots, [](const support::ReportPlot& plot) { return plot.series.empty(); });
   support::write_report(folder / "report.html", data);

@@ -29,10 +29,19 @@ void add_ape(const std::string& name, const ErrorStatistics& translation, const 
   errors[name + ".ape.poses"] = translation.count;
 }
 
+/// Nothing where the path is too short for them.
+void add_kitti(const std::string& name, const KittiErrors& kitti, std::map<std::string, double>& errors) {
+  if (kitti.status != EvaluationStatus::evaluated) return;
+  errors[name + ".kitti.translation_percent"] = 100 * kitti.translation;
+  errors[name + ".kitti.rotation_deg_per_100m"] = 100 * degrees * kitti.rotation;
+  errors[name + ".kitti.segments"] = to_index(kitti.segments.size());
+}
+
 void add_joint(const std::string& name, const std::optional<JointErrors>& joint,
                std::map<std::string, double>& errors) {
   if (!joint) return;
   add_ape(name, joint->translation, joint->rotation, errors);
+  add_kitti(name, joint->kitti, errors);
   errors[name + ".ape.sessions"] = joint->sessions;
   errors[name + ".ape.alignments"] = joint->alignments;
 }
@@ -54,23 +63,42 @@ void add_loaded(const SlamMap& map, const Session& session, support::SessionSumm
   }
 }
 
+/// Samples of the IMU by what became of them; empty if there were none.
+std::map<std::string, std::int64_t> imu_counts(const ImuCheckCounts& imu) {
+  if (imu.received == 0) return {};
+  return {{"samples", imu.received},
+          {"rejected.not_finite", imu.not_finite},
+          {"rejected.absurd", imu.absurd},
+          {"rejected.spikes", imu.spikes},
+          {"rejected.repeated", imu.repeated},
+          {"rejected.out_of_order", imu.out_of_order},
+          {"rejected.wrong_times", imu.wrong_times},
+          {"rejected.second_imu", imu.second_imu},
+          {"stuck.gyroscope", imu.stuck_gyro},
+          {"stuck.accelerometer", imu.stuck_accel},
+          {"converted.from_g", imu.from_g},
+          {"converted.from_degrees", imu.from_degrees}};
+}
+
 /// What the run says of a session that it read.
 void add_run(const SessionRun& run, const SessionOutcome& outcome, support::SessionSummary& summary) {
-  const auto count = [&](FrameStatus status) {
-    return to_index(std::ranges::count(run.health, status, &FrameHealth::status));
-  };
   summary.loaded = false;
   summary.scans = run.scans;
-  summary.frames = to_index(run.health.size());
-  summary.lost_frames = count(FrameStatus::lost);
-  summary.degenerate_frames = count(FrameStatus::degenerate);
+  summary.frames = summary.health.frames;
+  summary.lost_frames = summary.health.lost;
+  summary.degenerate_frames = summary.health.degenerate;
   if (run.odometry.has_times())
     summary.data_seconds = to_seconds(run.odometry.times.back() - run.odometry.times.front());
   summary.path_length = path_length(outcome.trajectory);
-  if (const auto& errors = outcome.odometry_errors)
-    add_ape("odometry", errors->ape.translation, errors->ape.rotation, summary.errors);
-  if (const auto& errors = outcome.optimised_errors)
-    add_ape("optimised", errors->ape.translation, errors->ape.rotation, summary.errors);
+  const auto add_errors = [&](const char* name, const std::optional<TrajectoryErrors>& errors) {
+    if (!errors) return;
+    add_ape(name, errors->ape.translation, errors->ape.rotation, summary.errors);
+    add_kitti(name, errors->kitti, summary.errors);
+  };
+  add_errors("odometry", outcome.odometry_errors);
+  add_errors("optimised", outcome.optimised_errors);
+  summary.imu = imu_counts(run.imu);
+  summary.calibration = run.calibration;
   summary.notes = run.notes;
 }
 
@@ -78,6 +106,7 @@ void add_sessions(const RunOutcome& outcome, support::RunSummary& summary) {
   const SlamMap& map = *outcome.mapping.map;
   for (const Session& session : map.sessions) {
     summary.sessions.push_back(summary_of(session));
+    summary.sessions.back().health = support::health_of(support::frames_of(map, session.id));
     const auto run = std::ranges::find(outcome.mapping.sessions, session.id, &SessionRun::id);
     if (run == outcome.mapping.sessions.end()) {
       add_loaded(map, session, summary.sessions.back());
@@ -161,6 +190,17 @@ void judge(const Goals& goals, const RunOutcome& outcome, support::RunSummary& s
   at_least("min_closures", goals.min_closures, summary.direct_closures);
   at_least("min_chained_closures", goals.min_chained_closures, summary.chained_closures);
   at_most("max_inter_session_error", goals.max_inter_session_error, between);
+  double lost_share = 0, restarts = 0;
+  for (const support::SessionSummary& session : summary.sessions) {
+    if (session.loaded) continue;
+    lost_share = std::max(lost_share, session.lost_share());
+    restarts = std::max(restarts, static_cast<double>(session.health.restarts));
+  }
+  if (goals.max_lost_share < 1)
+    summary.goals.push_back({"max_lost_share", goals.max_lost_share, lost_share, lost_share <= goals.max_lost_share});
+  if (goals.max_map_restarts >= 0)
+    summary.goals.push_back({"max_map_restarts", static_cast<double>(goals.max_map_restarts), restarts,
+                             restarts <= goals.max_map_restarts});
   if (!goals.merged) return;
   const auto frames = std::ranges::count_if(outcome.mapping.map->sessions,
                                             [](const Session& session) { return session.frame == session.id; });

@@ -2,12 +2,16 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 
 #include "chainslam/core/thread_pool.hpp"
 #include "exit_code.hpp"
 #include "output_folder.hpp"
+#include "recorded_simulation.hpp"
+#include "simulator/recorded_files.hpp"
 #include "support/configuration.hpp"
 #include "support/interrupt.hpp"
 #include "support/progress.hpp"
@@ -26,9 +30,58 @@ namespace {
 
 struct Interrupted {};
 
+/// Makes a folder with a progress line; @returns nothing if interrupted, and then nothing is kept.
+template <class Make>
+std::optional<simulator::SimulationReport> make_with_progress(const OutputFolder& folder, const Make& make) {
+  const support::Interrupt interrupt;
+  support::Progress progress;
+  try {
+    const simulator::SimulationReport report = make([&](Index done, Index total) {
+      if (interrupt.requested()) throw Interrupted();
+      support::ProgressState state;
+      state.stage = "simulating";
+      state.done = done;
+      state.total = total;
+      progress.update(state);
+    });
+    progress.finish();
+    return report;
+  } catch (const Interrupted&) {
+    progress.finish();
+    std::fprintf(stderr, "interrupted: nothing was kept, and what stood at %s still does\n", folder.target().c_str());
+    return std::nullopt;
+  }
+}
+
+int simulate_recorded(const SimulateArguments& arguments) {
+  const RecordedSimulation simulation = make_recorded_simulation(arguments);
+  OutputFolder folder(arguments.out, arguments.overwrite);
+  const ThreadPool pool(to_index(arguments.threads));
+  const auto report = make_with_progress(folder, [&](const simulator::SimulationProgress& progress) {
+    return simulator::write_recorded_drive(
+        *simulation.drive, simulation.texts, folder.path(), arguments.scans,
+        [&](Index count, Index grain, const std::function<void(Index, Index)>& body) {
+          pool.for_chunks(count, grain, body);
+        },
+        progress);
+  });
+  if (!report) return exit_interrupted;
+  folder.commit();
+  std::printf("%s\n%s%d scans%s, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n", simulation.texts.source.c_str(),
+              simulation.agreement.c_str(), report->scans, arguments.scans ? "" : " (not written)",
+              1e-6 * static_cast<double>(report->points), report->duration, report->length,
+              1e-6 * static_cast<double>(report->bytes), folder.target().c_str());
+  return exit_good;
+}
+
 }  // namespace
 
 int run(const SimulateArguments& arguments) {
+  if (arguments.preset.empty() == arguments.trajectory.empty())
+    throw support::ConfigError("simulate", "a preset or a trajectory is needed",
+                               arguments.preset.empty() ? "neither" : "both",
+                               "name a preset (" + known_presets() + ") or give --trajectory FILE");
+  if (!arguments.trajectory.empty()) return simulate_recorded(arguments);
   auto preset = simulator::preset(arguments.preset, *simulator::preset_size(arguments.size));
   if (!preset)
     throw support::ConfigError("simulate", "there is no such preset", arguments.preset,
@@ -40,25 +93,12 @@ int run(const SimulateArguments& arguments) {
     preset->sessions.resize(*arguments.sessions);
   }
   OutputFolder folder(arguments.out, arguments.overwrite);
-  const support::Interrupt interrupt;
-  support::Progress progress;
-  simulator::SimulationReport report;
-  try {
-    report = simulator::simulate(*preset, arguments.seed, folder.path(), ThreadPool(to_index(arguments.threads)),
-                                 [&](Index done, Index total) {
-                                   if (interrupt.requested()) throw Interrupted();
-                                   support::ProgressState state;
-                                   state.stage = "simulating";
-                                   state.done = done;
-                                   state.total = total;
-                                   progress.update(state);
-                                 });
-  } catch (const Interrupted&) {
-    progress.finish();
-    std::fprintf(stderr, "interrupted: nothing was kept, and what stood at %s still does\n", folder.target().c_str());
-    return exit_interrupted;
-  }
-  progress.finish();
+  const auto made = make_with_progress(folder, [&](const simulator::SimulationProgress& progress) {
+    return simulator::simulate(*preset, arguments.seed, folder.path(), ThreadPool(to_index(arguments.threads)),
+                               progress);
+  });
+  if (!made) return exit_interrupted;
+  const simulator::SimulationReport& report = *made;
   folder.commit();
   std::printf("%s, seed %llu: %zu session%s, %d scans, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n",
               preset->name.c_str(), static_cast<unsigned long long>(arguments.seed), preset->sessions.size(),

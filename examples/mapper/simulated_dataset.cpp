@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "recorded_simulation.hpp"
 #include "simulator/town_drive.hpp"
 #include "support/configuration.hpp"
 
@@ -30,6 +31,7 @@ class SimulatedDataset final : public datasets::Dataset {
     info_.sensors = {{lidar, SensorKind::lidar, static_cast<std::size_t>(drive_.scan_count()), "simulated"},
                      {"inertial unit", SensorKind::imu, drive_.imu().size(), "simulated"},
                      {"GNSS receiver", SensorKind::gnss, std::nullopt, "simulated"}};
+    info_.source = "simulated";
     info_.notes = {"simulated while it is read: " + preset.summary};
   }
 
@@ -61,9 +63,12 @@ std::optional<std::uint64_t> number(std::string_view text) {
 std::unique_ptr<datasets::Dataset> open_simulation(std::string_view name) {
   if (!name.starts_with(prefix)) return nullptr;
   const auto refuse = [&](const char* what) -> std::unique_ptr<datasets::Dataset> {
-    throw support::ConfigError("map", what, std::string(name),
-                               "write simulate:PRESET/SIZE/SESSION[/SEED], such as simulate:nclt-like/medium/1");
+    throw support::ConfigError(
+        "map", what, std::string(name),
+        "write simulate:PRESET/SIZE/SESSION[/SEED], such as simulate:nclt-like/medium/1, or simulate:FOLDER "
+        "with what simulate --trajectory has written");
   };
+  if (auto recorded = open_recorded_simulation(name.substr(prefix.size()))) return recorded;
   const std::vector<std::string_view> parts = parts_of(name.substr(prefix.size()));
   if (parts.size() < 3 || parts.size() > 4) return refuse("that names no simulated session");
   const auto size = simulator::preset_size(parts[1]);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "chainslam/evaluation/alignment.hpp"
+#include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/evaluation/rpe.hpp"
 #include "map_export.hpp"
 #include "trajectory_file.hpp"
@@ -28,8 +29,21 @@ struct MapArguments {
 };
 
 struct SimulateArguments {
-  std::string preset = "town";
+  std::string preset{};  ///< or a trajectory
   std::filesystem::path out;
+  /// @name Scans along a recorded trajectory.
+  /// @{
+  std::filesystem::path trajectory, times, imu;
+  std::optional<double> rate{};              ///< of the trajectory's rows, Hz
+  std::string frame{};                       ///< whose poses they are: body, lidar or camera
+  std::string body_lidar{}, camera_lidar{};  ///< files, or "kitti"
+  double imu_offset = 0.0;                   ///< added to the IMU's times, seconds
+  std::vector<std::string> skips{};          ///< "FROM:TO", or files
+  std::string lidar = "HDL-64E";
+  int columns = 1024;          ///< firings per revolution, about
+  double lidar_height = 1.73;  ///< above the road, metres
+  bool scans = true;           ///< whether they are written
+  /// @}
   std::string size = "medium";
   std::optional<std::size_t> sessions;
   std::uint64_t seed = 1;
@@ -41,6 +55,7 @@ struct InspectArguments {
   std::filesystem::path path, config;
   std::vector<std::string> overrides;
   bool closures = false;
+  double imu_seconds = 60;  ///< of data in which IMU and scans are compared; 0: none
 };
 
 struct CheckArguments {
@@ -68,6 +83,7 @@ struct EvalArguments {
   std::optional<double> max_difference;  ///< seconds
   std::string delta = "1frame";
   PairChoice pairs = PairChoice::consecutive;
+  int kitti_step = KittiOptions{}.step;
   std::filesystem::path json;
   std::optional<double> max_ape;  ///< metres, of the rmse
   std::optional<double> max_rpe;  ///< metres, of the rmse

@@ -256,6 +256,7 @@ void Configuration::add(std::string name, Target target, KeyInfo info) {
                    return std::ranges::all_of(values, [&](double v) { return in_range(v / key.info.factor); });
                  },
                  [&](const Choice& choice) { return choice.get() < choice.names.size(); },
+                 [](const Numbers& numbers) { return numbers.problem(numbers.get()).empty(); },
                  [&](const auto* value) {
                    if constexpr (std::is_arithmetic_v<std::remove_cvref_t<decltype(*value)>>)
                      return in_range(static_cast<double>(*value) / key.info.factor);
@@ -350,10 +351,15 @@ void Configuration::check(const Key& key, const Value& value, const std::string&
                       in_quotes(*text) + (guess ? "; did you mean " + in_quotes(*guess) + "?" : ""),
                       "write " + type_name(key));
   }
-  if (const auto* vector = std::get_if<std::span<double>>(&key.target)) {
-    const auto* numbers = std::get_if<std::vector<double>>(&value);
-    if (numbers == nullptr || numbers->size() != vector->size()) throw wrong_type();
-    for (const double number : *numbers) require_range(number);
+  if (const auto* numbers = std::get_if<Numbers>(&key.target)) {
+    const auto* given = std::get_if<std::vector<double>>(&value);
+    if (given == nullptr) throw wrong_type();
+    if (const std::string problem = numbers->problem(*given); !problem.empty())
+      throw ConfigError(place, "'" + key.name + "' is " + problem, shown(value), "write " + type_name(key));
+  } else if (const auto* vector = std::get_if<std::span<double>>(&key.target)) {
+    const auto* parts = std::get_if<std::vector<double>>(&value);
+    if (parts == nullptr || parts->size() != vector->size()) throw wrong_type();
+    for (const double number : *parts) require_range(number);
   } else if (is_text_like(key.target)) {
     if (!std::holds_alternative<std::string>(value)) throw wrong_type();
   } else if (std::holds_alternative<bool*>(key.target)) {
@@ -391,6 +397,7 @@ void Configuration::assign(Key& key, const Value& value) {
                    const auto name = std::ranges::find(choice.names, std::get<std::string>(value));
                    choice.set(static_cast<std::size_t>(name - choice.names.begin()));
                  },
+                 [&](Numbers& numbers) { numbers.set(std::get<std::vector<double>>(value)); },
                  [&](auto* integer) {
                    *integer = static_cast<std::remove_pointer_t<decltype(integer)>>(std::get<std::int64_t>(value));
                  }},
@@ -412,6 +419,7 @@ std::string Configuration::type_name(const Key& key) {
                                  for (const std::string& name : choice.names) names.push_back(in_quotes(name));
                                  return (names.size() > 1 ? "one of " : "") + join(names, ", ");
                                },
+                               [](const Numbers& numbers) { return numbers.form; },
                                [](const auto*) { return std::string("an integer"); }},
                     key.target);
 }
@@ -440,6 +448,7 @@ std::string Configuration::value_text(const Key& key) {
                    for (const double value : values) words.push_back(as_toml_float(exact_text(value, factor)));
                    return "[" + join(words, ", ") + "]";
                  },
+                 [](const Numbers& numbers) { return shown(numbers.get()); },
                  [](const Choice& choice) {
                    const std::size_t i = choice.get();
                    return i < choice.names.size() ? in_quotes(choice.names[i]) : std::string("(none of its choices)");

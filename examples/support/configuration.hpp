@@ -59,8 +59,15 @@ class Configuration {
     std::function<std::size_t()> get;
     std::function<void(std::size_t)> set;
   };
+  /// A member that numbers make up, of which there may be none or several counts, such as a pose.
+  struct Numbers {
+    std::string form;  ///< what to write, in words
+    std::function<std::vector<double>()> get;
+    std::function<std::string(const std::vector<double>&)> problem;  ///< what they are instead; empty if they will do
+    std::function<void(const std::vector<double>&)> set;
+  };
   using Target = std::variant<bool*, std::int32_t*, std::int64_t*, std::uint64_t*, float*, double*, Duration*,
-                              std::string*, std::filesystem::path*, std::span<double>, Choice>;
+                              std::string*, std::filesystem::path*, std::span<double>, Choice, Numbers>;
   using Value = std::variant<bool, std::int64_t, double, std::string, std::vector<double>>;
 
   /// Binds a key to a number, text, path, `Duration` (seconds in the file) or, by a span, to the numbers of a vector.

@@ -85,6 +85,9 @@ std::string color_rules() {
 
 std::string header(const ReportData& data) {
   std::string html = "<header><p class=\"kicker\">Mapping report</p><h1>" + escape_html(data.title) + "</h1>";
+  if (!data.verdict.empty())
+    html +=
+        "<p class=\"verdict" + std::string(data.failed ? " failed" : "") + "\">" + escape_html(data.verdict) + "</p>";
   if (!data.subtitle.empty()) html += "<p>" + escape_html(data.subtitle) + "</p>";
   html += "</header>\n";
   if (!data.figures.empty()) {
@@ -186,6 +189,10 @@ bool has_odometry(const ReportData& data) {
 
 bool has_truth(const ReportData& data) {
   return std::ranges::any_of(data.sessions, [](const ReportSession& session) { return !session.truth.empty(); });
+}
+
+bool has_lost(const ReportData& data) {
+  return std::ranges::any_of(data.sessions, [](const ReportSession& session) { return !session.lost.empty(); });
 }
 
 std::string report_html(const ReportData& data, const ReportOptions& options) {

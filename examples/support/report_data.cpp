@@ -5,16 +5,39 @@
 #include <cstddef>
 #include <map>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/graph/connected_components.hpp"
+#include "chainslam/slam/corrected_trajectory.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
+#include "support/frame_health.hpp"
 
 namespace chainslam::support {
 namespace {
 
 std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+
+/// The path of odometry, corrected at the keyframes, from the last frame before scans were lost to the first after.
+void add_lost_stretches(const SlamMap& map, const Session& session, ReportSession& result) {
+  const auto frames = frames_of(map, session.id);
+  Trajectory odometry;
+  for (const FrameRecord& frame : frames) {
+    odometry.times.push_back(frame.time);
+    odometry.poses.push_back(frame.T_odom_body);
+  }
+  const Trajectory corrected = corrected_trajectory(
+      odometry, std::span(map.keyframes).subspan(at(session.first_keyframe), at(session.keyframes)));
+  for (const FrameInterval& interval : health_of(frames).intervals) {
+    if (interval.concern != FrameConcern::lost) continue;
+    std::vector<Eigen::Vector3d>& stretch = result.lost.emplace_back();
+    for (Index i = std::max<Index>(interval.first - 1, 0);
+         i <= std::min(interval.last + 1, to_index(frames.size()) - 1); ++i)
+      stretch.emplace_back(corrected.poses[at(i)].translation() + result.offset);
+  }
+}
 
 ReportSession session_of(const Session& session, const SlamMap& map, const Eigen::Vector3d& offset) {
   ReportSession result{.name = session.name, .frame = std::max<Index>(session.frame.value, 0), .offset = offset};
@@ -27,6 +50,7 @@ ReportSession session_of(const Session& session, const SlamMap& map, const Eigen
     result.optimised.emplace_back(keyframe.T_map_body.translation() + offset);
     result.odometry.emplace_back((T_map_odom * keyframe.T_odom_body).translation() + offset);
   }
+  add_lost_stretches(map, session, result);
   return result;
 }
 
@@ -204,6 +228,21 @@ ReportPlot speed_plot(const std::vector<ReportSession>& sessions) {
       if (!(duration > 0.0)) continue;
       series.x.push_back(0.5 * (session.times[i] + session.times[i - 1]));
       series.y.push_back((session.optimised[i] - session.optimised[i - 1]).norm() / duration);
+    }
+    if (!series.x.empty()) plot.series.push_back(std::move(series));
+  }
+  return plot;
+}
+
+ReportPlot match_plot(const SlamMap& map) {
+  ReportPlot plot{.title = "Matched points of a scan", .x_label = "time in session (s)", .y_label = "share (%)"};
+  for (const Session& session : map.sessions) {
+    ReportSeries series{.name = session.name, .color = session.id.value};
+    const auto frames = frames_of(map, session.id);
+    for (const FrameRecord& frame : frames) {
+      if (frame.health.points == 0 || frame.health.iterations == 0) continue;  // recorded, or the first
+      series.x.push_back(to_seconds(frame.time - frames.front().time));
+      series.y.push_back(100.0 * frame.health.matches / frame.health.points);
     }
     if (!series.x.empty()) plot.series.push_back(std::move(series));
   }

@@ -27,8 +27,9 @@ struct ReportSession {
   std::vector<Eigen::Vector3d> optimised{};  ///< one per keyframe
   std::vector<Eigen::Vector3d> odometry{};   ///< as the front end gave it, laid on the map; empty or one per keyframe
   std::vector<Eigen::Vector3d> truth{};      ///< empty or one per keyframe
-  bool loaded = false;                       ///< from a map that was saved before
-  Index frame = 0;                           ///< number of the session in whose frame it lies
+  std::vector<std::vector<Eigen::Vector3d>> lost{};  ///< stretches over which scans were lost, frame by frame
+  bool loaded = false;                               ///< from a map that was saved before
+  Index frame = 0;                                   ///< number of the session in whose frame it lies
   /// Where its frame is drawn: frames that no merge joined lie side by side.
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
 };
@@ -82,6 +83,8 @@ struct ReportTable {
 struct ReportData {
   std::string title{};     ///< what was mapped
   std::string subtitle{};  ///< a sentence below it
+  std::string verdict{};   ///< the first line: whether the map is what was asked for
+  bool failed = false;     ///< it is not
   std::vector<ReportFigure> figures{};
   std::vector<std::pair<std::string, std::string>> summary{};  ///< rows of a table: what, and how much
   std::vector<ReportTable> tables{};
@@ -113,6 +116,9 @@ struct ReportData {
 
 /// Speed between keyframes over time, a line for each session that states times.
 [[nodiscard]] ReportPlot speed_plot(const std::vector<ReportSession>& sessions);
+
+/// Share of each scan's points with a match in the local map over time, a line for each session that has frames.
+[[nodiscard]] ReportPlot match_plot(const SlamMap& map);
 
 /// Distance from the truth over time, of each session that has truth and times. One session: optimised and odometry
 /// alone. Several: the optimised ones together, then one plot for each as if it were the only one.

@@ -19,6 +19,7 @@ namespace chainslam::support {
 [[nodiscard]] Index count_kind(const ReportData& data, ClosureKind kind);
 [[nodiscard]] bool has_odometry(const ReportData& data);
 [[nodiscard]] bool has_truth(const ReportData& data);
+[[nodiscard]] bool has_lost(const ReportData& data);
 
 /// The sections of the page that show the map from above: as it is, with components and a legend that switches layers
 /// on and off, and before and after the closures.

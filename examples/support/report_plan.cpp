@@ -44,6 +44,19 @@ class PlanDrawing {
     return html;
   }
 
+  /// Where scans were lost, with a ring where each stretch begins.
+  [[nodiscard]] std::string lost() const {
+    std::string html;
+    for (const ReportSession& session : data_.sessions)
+      for (const std::vector<Eigen::Vector3d>& stretch : session.lost) {
+        html += path("lost", stretch);
+        if (!stretch.empty() && is_finite(stretch.front()))
+          html += "<circle class=\"lost\" r=\"6\" cx=\"" + x(stretch.front().x()) + "\" cy=\"" +
+                  y(stretch.front().y()) + "\"/>";
+      }
+    return html;
+  }
+
   [[nodiscard]] std::string closures(ClosureKind kind) const {
     std::string lines;
     for (const ReportClosure& closure : data_.closures) {
@@ -164,6 +177,7 @@ std::string plan_section(const ReportData& data) {
   add_closures(ClosureKind::chained);
   add_closures(ClosureKind::direct);
   layers += PlanDrawing::layer("optimised", drawing.paths(&ReportSession::optimised));
+  layers += PlanDrawing::layer("lost", drawing.lost());
   add_closures(ClosureKind::merge);  // few, short, and what all else hangs on
 
   std::string legend;
@@ -173,6 +187,7 @@ std::string plan_section(const ReportData& data) {
   if (has_odometry(data))
     legend += switch_entry("odometry", "odometry", alone ? "odometry alone" : "odometry, laid by the merge", alone);
   if (has_truth(data)) legend += switch_entry("truth", "truth", "truth");
+  if (has_lost(data)) legend += switch_entry("lost", "lost", "scans lost");
   for (const ClosureKind kind : closure_kinds)
     if (count_kind(data, kind) > 0) legend += switch_entry(name_of(kind), name_of(kind), "closures, " + name_of(kind));
   if (!data.components.empty()) legend += switch_entry("components", "component k0", "adjacency components", false);

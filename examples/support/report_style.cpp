@@ -28,6 +28,8 @@ header p { margin: 6px 0 0; color: var(--quiet); font-size: 16px; max-width: 75c
 .figure dt { color: var(--quiet); font-size: 13px; }
 .figure dd { margin: 2px 0 0; font-size: 25px; font-weight: 620; font-variant-numeric: tabular-nums; letter-spacing: -0.01em; }
 .figure dd.note { font-size: 13px; font-weight: 400; color: var(--quiet); letter-spacing: 0; }
+.verdict { font-weight: 600; }
+.verdict.failed { padding: 12px 18px; background: var(--warning-panel); color: var(--warning); border-radius: 10px; font-size: 17px; }
 .warnings { margin: 20px 0 0; padding: 12px 18px 12px 34px; background: var(--warning-panel); color: var(--warning); border-radius: 10px; }
 section { margin-top: 44px; }
 h2 { margin: 0 0 4px; font-size: 20px; font-weight: 620; }
@@ -69,6 +71,9 @@ input[type=range] { width: 90px; }
 .above .off { display: none; }
 .above .odometry { stroke-dasharray: 5 4; stroke-width: 1.2; opacity: 0.75; }
 .above .truth { stroke: var(--ink); stroke-width: 1; opacity: 0.8; }
+.above .path.lost { stroke: #d00000; stroke-width: 5; }
+.above circle.lost { fill: none; stroke: #d00000; stroke-width: 2; vector-effect: non-scaling-stroke; }
+.swatch.lost { border-top: 5px solid #d00000; }
 .above .component { fill: none; stroke: var(--c); stroke-width: 13; stroke-linecap: round; stroke-linejoin: round; vector-effect: non-scaling-stroke; opacity: 0.75; }
 .above .number { font-weight: 650; paint-order: stroke; stroke: var(--panel); stroke-width: 4px; }
 .above .closures { fill: none; stroke: var(--c); stroke-width: 1.3; vector-effect: non-scaling-stroke; opacity: 0.85; }

@@ -1,12 +1,16 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "support/frame_health.hpp"
+#include "support/imu_calibration.hpp"
 #include "support/statistics.hpp"
 
 namespace chainslam::support {
@@ -33,7 +37,18 @@ struct SessionSummary {
   double path_length = 0.0;   ///< metres
   /// "optimised.ape.translation.rmse", ... under an alignment of its own; each dot is a level
   std::map<std::string, double> errors{};
+  /// "samples", "rejected.spikes", ...: samples of the IMU by what became of them; each dot is a level
+  std::map<std::string, std::int64_t> imu{};
+  std::optional<ImuCalibration> calibration{};  ///< if the session's IMU was compared with its scans
   std::vector<std::string> notes{};
+  SessionHealth health{};  ///< of its frames, also of those that a saved map has
+
+  /// Scans that odometry did not register: lost, or without a frame.
+  [[nodiscard]] Index unregistered_scans() const { return std::max(scans, frames) - frames + lost_frames; }
+  /// Of all scans; 0 to 1.
+  [[nodiscard]] double lost_share() const {
+    return scans > 0 ? static_cast<double>(unregistered_scans()) / std::max(scans, frames) : 0.0;
+  }
 };
 
 /// The components of the adjacency graph, whose edges are the accepted closures. Keyframes without one are none.
@@ -83,9 +98,24 @@ struct RunSummary {
   std::vector<std::string> notes{};
 };
 
-/// The summary as JSON text: `scans`, `keyframes`, `sessions[]`, `closures.direct`, `closures.chained`,
-/// `closures.merge`, `refusals.<reason>`, `refusals_by_kind.<kind>.<reason>`, `components`, `back_end`,
-/// `stages.<name>.p50_ms`, `peak_memory_bytes`, `errors...` and so on. A figure that is not finite is null.
+/// Whether a run came to what was asked for, in words for its first line and its last.
+struct Verdict {
+  bool failed = false;                   ///< a goal was missed
+  std::string headline{};                ///< "failed: 82 of 228 scans lost (36 %) ..."
+  std::vector<std::string> sentences{};  ///< one for each session of the run that lost scans or restarted its local map
+};
+
+/// How a session lost its scans: "drive: 82 of 228 scans lost (36 %) from 12.3 s on, 7 restarts of the local map: the
+/// map is not to be trusted there"; of a few scans, "the poses there are predicted". Empty if it lost none.
+[[nodiscard]] std::string health_sentence(const SessionSummary& session);
+
+[[nodiscard]] Verdict verdict_of(const RunSummary& summary);
+
+/// The summary as JSON text: `verdict`, `sessions[].health.intervals[]`, `scans`, `keyframes`, `sessions[]`,
+/// `closures.direct`, `closures.chained`, `closures.merge`, `refusals.<reason>`, `refusals_by_kind.<kind>.<reason>`,
+/// `components`, `back_end`, `sessions[].imu.rejected.<kind>`, `sessions[].imu.time_offset` and so on as the settings
+/// take them, `sessions[].health.imu_use`, `stages.<name>.p50_ms`, `peak_memory_bytes`, `errors...`
+/// and so on. A figure that is not finite is null.
 [[nodiscard]] std::string summary_json(const RunSummary& summary);
 
 /// Writes `summary_json` to a file that appears whole or not at all. @throws IoError

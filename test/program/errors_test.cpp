@@ -92,8 +92,9 @@ TEST_SUITE("program/errors") {
     const ProgramResult first = run_program(scratch.path(), command);
     CAPTURE(first.errors);
     REQUIRE(first.exit_code == 0);
-    for (const char* name : {"trajectory.tum", "trajectory.kitti.txt", "odometry.tum", "map.ply", "graph.g2o",
-                             "summary.json", "report.html", "config.toml", "keyframes.csv", "closures.csv"})
+    for (const char* name :
+         {"trajectory.tum", "trajectory.kitti.txt", "odometry.tum", "map.ply", "graph.g2o", "summary.json",
+          "report.html", "config.toml", "keyframes.csv", "closures.csv", "frames.csv"})
       CHECK_MESSAGE(fs::exists(out / name), name);
     CHECK(summary_of(out)["scans"] == 8);
 
@@ -154,6 +155,57 @@ TEST_SUITE("program/errors") {
     check_error(run_program(scratch.path(), command), 2, "line 1");
     CHECK(run_program(scratch.path(), "config --print").exit_code == 0);
     CHECK(contains(run_program(scratch.path(), "config --explain odometry.voxel_size").output, "voxel"));
+  }
+
+  TEST_CASE("an extrinsic that is no pose is 2 and names the line; what is set reaches the data set") {
+    const ScratchFolder scratch("extrinsic");
+    write_text(scratch.path() / "site.toml", "[dataset]\nT_body_lidar = [0, 0, 1]\n");
+    const std::string config = "--config " + quoted(scratch.path() / "site.toml");
+    write_scans(scratch.path() / "data", 1);
+    const std::string data = quoted(scratch.path() / "data");
+    check_error(run_program(scratch.path(), "inspect " + data + " " + config), 2, "site.toml, line 2");
+    check_error(run_program(scratch.path(), "inspect " + data + " --set dataset.T_body_lidar=[0,0,0,0,0,1,1]"), 2,
+                "quaternion qx qy qz qw of length 1.4");
+    write_text(scratch.path() / "site.toml", "[dataset]\nT_body_lidar = [0.5, 0, 1, 0, 0, 90]\n");
+    const ProgramResult inspected = run_program(scratch.path(), "inspect " + data + " " + config);
+    CHECK(inspected.exit_code == 0);
+    CHECK(contains(inspected.output, "0.5 0 1 m, turned by 90 deg"));
+    CHECK(contains(inspected.output, "as set by dataset.T_body_lidar; that of the release's calibration is not used"));
+    const ProgramResult printed = run_program(scratch.path(), "config --print " + config);
+    write_text(scratch.path() / "again.toml", printed.output);
+    CHECK(run_program(scratch.path(), "config --print --config " + quoted(scratch.path() / "again.toml")).output ==
+          printed.output);
+  }
+
+  TEST_CASE("an absurd row of the IMU changes nothing, and is told") {
+    const ScratchFolder scratch("absurd_row");
+    const auto run = [&](const std::string& name, int absurd, const std::string& settings) {
+      const fs::path data = scratch.path() / name;
+      write_scans(data, 12);
+      std::string rows;
+      for (int i = 0; i < 200; ++i) {
+        const std::string noise = std::to_string(1e-4 * (i % 7)), gravity = std::to_string(-9.8 + 1e-3 * (i % 5));
+        rows += std::to_string(999'999'500'000'000 + i * 10'000) + ",0,0,0," + noise + "," + noise + "," + gravity +
+                "," + (i == absurd ? "1e30" : noise) + "," + noise + ",0\n";
+      }
+      write_text(data / "ms25.csv", rows);
+      const std::string out = quoted(scratch.path() / (name + "_map"));
+      const ProgramResult result = run_program(scratch.path(), "map " + quoted(data) + " --out " + out + settings);
+      CAPTURE(result.errors);
+      CHECK(result.exit_code == 0);
+      CHECK(contains(result.errors, "1 IMU samples rejected: beyond what any IMU measures") ==
+            (absurd >= 0 && settings.empty()));
+      CHECK(contains(run_program(scratch.path(), "inspect " + quoted(data)).output, "! 1 IMU samples rejected") ==
+            (absurd >= 0));
+      return summary_of(scratch.path() / (name + "_map"))["sessions"][0];
+    };
+    CHECK(run("good", -1, "")["imu"]["rejected"]["absurd"] == 0);
+    const auto spoilt = run("spoilt", 80, "");
+    CHECK(spoilt["imu"]["rejected"]["absurd"] == 1);
+    CHECK(spoilt["imu"]["samples"] == 200);
+    CHECK(spoilt["frames"]["lost"] == 0);
+    CHECK(spoilt["path_length_m"].get<double>() < 0.05);  // it stands
+    CHECK(!run("unused", 80, " --set imu.use=none").contains("imu"));
   }
 
   TEST_CASE("what config --print writes is a configuration that is read back") {

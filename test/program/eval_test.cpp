@@ -51,6 +51,17 @@ TEST_SUITE("program/eval") {
     CHECK(std::abs(aligned["rpe"]["translation"]["rmse"].get<double>() - 0.226261) < 1e-6);
     CHECK(aligned["ape"]["count"] == 4541);
     CHECK(aligned["ape"]["rotation_deg"]["rmse"].get<double>() < 1.0);
+    const auto& kitti = aligned["kitti"];  // ORB-SLAM2's published 0.70 % and 0.25 deg/100 m
+    CHECK(std::abs(kitti["translation_percent"].get<double>() - 0.6997) < 1e-4);
+    CHECK(std::abs(kitti["rotation_deg_per_100m"].get<double>() - 0.2533) < 1e-4);
+    CHECK(std::abs(kitti["rotation_deg_per_m"].get<double>() - 0.002533) < 1e-6);
+    CHECK(kitti["segments"] == 3283);
+    CHECK(kitti["lengths"].size() == 8);
+    CHECK(kitti["lengths"][7]["length"] == 800);
+    CHECK(std::abs(kitti["lengths"][7]["translation_percent"].get<double>() - 0.41586) < 1e-4);
+    const auto dense = evaluate(scratch, pair + " --kitti-step 1");
+    CHECK(dense["kitti"]["segments"].get<int>() > 9 * 3283);
+    CHECK(std::abs(dense["kitti"]["translation_percent"].get<double>() - 0.6997) < 0.01);
     CHECK(std::abs(ape(evaluate(scratch, pair + " --align none"), "rmse") - 7.790289) < 1e-6);
   }
 
@@ -110,6 +121,10 @@ TEST_SUITE("program/eval") {
     CHECK(contains(result.output, "matched    15 by time"));
     CHECK(contains(result.output, "25 of the reference left over: 25 before the estimate"));
     CHECK(contains(result.output, "25 of the estimate left over: 25 after the reference"));
+    CHECK(contains(result.output, "KITTI: no path is longer than 100 m"));
+    const auto found = evaluate(scratch, quoted(reference) + " " + quoted(late));
+    CHECK(found["kitti"]["status"] == "path_too_short");
+    CHECK(found["kitti"]["segments"] == 0);
   }
 
   TEST_CASE("a limit that is exceeded ends with 5, a wrong word with 2, an output that cannot be written with 4") {
@@ -125,6 +140,7 @@ TEST_SUITE("program/eval") {
     CHECK(run_program(scratch.path(), pair + " --delta 1000m --max-rpe 1").exit_code == 5);
     CHECK(run_program(scratch.path(), pair + " --align rigid").exit_code == 2);
     CHECK(run_program(scratch.path(), pair + " --delta 3cm").exit_code == 2);
+    CHECK(run_program(scratch.path(), pair + " --kitti-step 0").exit_code == 2);
     CHECK(run_program(scratch.path(), "eval " + quoted(low)).exit_code == 2);
     CHECK(run_program(scratch.path(), pair + " --json /proc/eval.json").exit_code == 4);
   }

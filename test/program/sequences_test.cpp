@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <sstream>
+#include <utility>
 #include <vector>
 
 #include "chainslam/io/kitti.hpp"
@@ -60,6 +61,20 @@ TEST_SUITE("program/sequences") {
     figures_of_run("town", summary);
     CHECK(odometry >= 1.0);
     CHECK(odometry >= 3.0 * optimised);
+    for (const auto& [which, file] :
+         {std::pair("odometry", "odometry.tum"), std::pair("optimised", "trajectory.tum")}) {
+      const nlohmann::json& of_run = summary["errors"][which]["kitti"];
+      const fs::path json = scratch.path() / "eval.json";
+      const std::string pair = quoted(town / "truth.tum") + " " + quoted(first / file);
+      REQUIRE(
+          run_program(scratch.path(), "eval " + pair + " --associate interpolate --json " + quoted(json)).exit_code ==
+          0);
+      const nlohmann::json of_files = nlohmann::json::parse(read_text(json))["kitti"];
+      CHECK(of_run["segments"] == of_files["segments"]);
+      for (const char* figure : {"translation_percent", "rotation_deg_per_100m"})
+        CHECK(of_run[figure].get<double>() == doctest::Approx(of_files[figure].get<double>()).epsilon(3e-3));
+    }
+    CHECK(contains(read_text(first / "report.html"), "Relative errors over 100 to 800 m"));
 
     const fs::path second = map(scratch, town, "second", options + " --threads 1");
     for (const auto& entry : fs::directory_iterator(first)) {
@@ -79,6 +94,7 @@ TEST_SUITE("program/sequences") {
     figure("kitti00_first101: APE", rmse(summary, "optimised"), "m");
     figures_of_run("kitti00_first101", summary);
     CHECK(rmse(summary, "optimised") <= 0.5);
+    CHECK_FALSE(summary["errors"]["optimised"].contains("kitti"));  // 84 m: too short for any segment
 
     // NCLT's own axes are the wrong ones for these scans; taken all the same, the program says that they look wrong.
     const fs::path flipped = scratch.path() / "flipped";

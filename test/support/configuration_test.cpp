@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <numbers>
+#include <vector>
 
 #include "support/property.hpp"
 
@@ -29,6 +30,7 @@ struct Options {
   std::string name = "town";
   std::filesystem::path dataset = "data set";
   std::array<double, 3> lever_arm{0.1, 0.0, -0.2};
+  std::vector<double> pair{};
 };
 
 Configuration bound_to(Options& options) {
@@ -45,6 +47,13 @@ Configuration bound_to(Options& options) {
   configuration.add("icp.max_iterations", options.max_iterations, {.min = 1, .max = 1000});
   configuration.add("random.seed", options.seed, {});
   configuration.add("sensor.lever_arm", std::span<double>(options.lever_arm), {.unit = "m", .min = -10, .max = 10});
+  configuration.add("sensor.pair",
+                    Configuration::Target(Configuration::Numbers{
+                        .form = "two numbers in brackets, or []",
+                        .get = [&options] { return options.pair; },
+                        .problem = [](const std::vector<double>& v) { return v.size() % 2 == 0 ? "" : "no pair"; },
+                        .set = [&options](const std::vector<double>& v) { options.pair = v; }}),
+                    {});
   configuration.add("preset", options.preset, {{"best", Preset::best}, {"paper", Preset::paper}},
                     {.help = "Where all other keys start from.", .then = [&options] {
                        if (options.preset == Preset::paper) options.voxel_size = 0.4;
@@ -82,6 +91,16 @@ std::string complaint_of_override(std::string_view assignment) {
 }
 
 TEST_SUITE("support/configuration") {
+  TEST_CASE("numbers that their member refuses are named with their line and what to write") {
+    const std::string error = complaint("[sensor]\npair = [1, 2, 3]\n");
+    CHECK(error.find("site.toml, line 2, column 8: 'sensor.pair' is no pair") == 0);
+    CHECK(error.find("found: [1, 2, 3]") != std::string::npos);
+    CHECK(error.find("do: write two numbers in brackets, or []") != std::string::npos);
+    CHECK(complaint("[sensor]\npair = 1\n").find("wrong type") != std::string::npos);
+    CHECK(complaint_of_override("sensor.pair=[1]").find("no pair") != std::string::npos);
+    CHECK(complaint_of_override("sensor.pair=[]").empty());
+  }
+
   TEST_CASE("values of every type reach their members") {
     Options options;
     Configuration configuration = bound_to(options);
@@ -102,6 +121,7 @@ max_iterations = 7
 seed = 9_000_000_000
 [sensor]
 lever_arm = [1, 2.5, -3]
+pair = [4, 5]
 )",
                             "site.toml");
     CHECK(options.voxel_size == 0.5);  // nothing changes before apply
@@ -117,6 +137,7 @@ lever_arm = [1, 2.5, -3]
     CHECK(options.max_iterations == 7);
     CHECK(options.seed == 9'000'000'000U);
     CHECK(options.lever_arm == std::array{1.0, 2.5, -3.0});
+    CHECK(options.pair == std::vector{4.0, 5.0});
   }
 
   TEST_CASE("overrides win over the file, and a preset is set before all other keys, wherever it stands") {

@@ -255,6 +255,23 @@ TEST_SUITE("support/report") {
     CHECK(closures.size() == (3 * 3 * sizeof(std::int32_t) + 2) / 3 * 4);
   }
 
+  TEST_CASE("the verdict stands before all figures, and stretches where scans were lost are in the plan") {
+    const Folder folder;
+    ReportData data = square_town();
+    CHECK(count(report_html(data, {.three_js = folder.three_js()}), "\"verdict") == 0);
+    data.verdict = "failed: missed <max_lost_share>";
+    data.failed = true;
+    data.sessions[0].lost = {{{0, 0, 0}, {1, 0, 0}, {2, 1, 0}}, {{5, 5, 0}, {6, 5, 0}}};
+    const std::string html = report_html(data, {.three_js = folder.three_js()});
+    const auto verdict = html.find("<p class=\"verdict failed\">failed: missed &lt;max_lost_share&gt;");
+    REQUIRE(verdict != std::string::npos);
+    CHECK(verdict < html.find("<dl class=\"figures\">"));
+    CHECK(verdict < html.find("two &quot;drives&quot;"));
+    CHECK(count(html, "class=\"path lost\"") == 2);
+    CHECK(count(html, "<circle class=\"lost\"") == 2);
+    CHECK(count(html, "data-switch=\"lost\"") == 1);
+  }
+
   TEST_CASE("names cannot become markup") {
     const Folder folder;
     const std::string html = report_html(square_town(), {.three_js = folder.three_js()});
@@ -412,6 +429,34 @@ SlamMap three_sessions() {
 }
 
 TEST_SUITE("support/report_data") {
+  TEST_CASE(
+      "where scans were lost the path of odometry, corrected at the keyframes, is drawn; their matches are plotted") {
+    SlamMap map = three_sessions();
+    for (int i = 0; i <= 12; ++i) {  // session b, four frames between two keyframes; odometry is 1 m in 11 too long
+      FrameRecord frame;
+      frame.session = SessionId{1};
+      frame.time = Timestamp::from_seconds(4 + 0.25 * i);
+      frame.T_odom_body = at(2.75 * i);
+      frame.health = {.points = 200, .matches = 150, .iterations = 3};
+      if (i == 6 || i == 7) frame.health = {.status = FrameStatus::lost, .points = 200, .matches = 10, .iterations = 3};
+      map.frames.push_back(frame);
+    }
+    const ReportData data = report_data(map, 0.5);
+    CHECK(data.sessions[0].lost.empty());
+    REQUIRE(data.sessions[1].lost.size() == 1);
+    const auto& stretch = data.sessions[1].lost[0];
+    REQUIRE(stretch.size() == 4);  // with a frame before and after
+    for (std::size_t i = 0; i < 4; ++i) {
+      CHECK(stretch[i].x() == doctest::Approx(2.5 * static_cast<double>(i + 5)));
+      CHECK(stretch[i].y() == doctest::Approx(2));
+    }
+    const ReportPlot plot = match_plot(map);
+    REQUIRE(plot.series.size() == 1);
+    CHECK(plot.series[0].name == "b");
+    CHECK(plot.series[0].y[5] == doctest::Approx(75));
+    CHECK(plot.series[0].y[6] == doctest::Approx(5));
+  }
+
   TEST_CASE("odometry lies where its merge put it, and drifts from there") {
     const SlamMap map = three_sessions();
     const SE3d T_map_odom = odometry_placement(map, map.sessions[1]);

@@ -1,0 +1,176 @@
+#include "recorded_simulation.hpp"
+
+#include <array>
+#include <cstdio>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "chainslam/core/error.hpp"
+#include "chainslam/io/tum.hpp"
+#include "datasets/files.hpp"
+#include "recorded_input.hpp"
+#include "simulator/recorded_drive.hpp"
+#include "support/configuration.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The options that a drive can be made again from.
+struct DriveChoice {
+  std::string lidar;
+  int columns;
+  double lidar_height;
+  std::uint64_t seed;
+  bool recorded_imu;
+  SE3d T_body_lidar;
+};
+
+std::string text_of(const DriveChoice& choice) {
+  const SE3d& T = choice.T_body_lidar;
+  const auto& q = T.rotation().quaternion();
+  const std::array<double, 7> pose{
+      T.translation().x(), T.translation().y(), T.translation().z(), q.x(), q.y(), q.z(), q.w()};
+  return nlohmann::json{
+             {"lidar", choice.lidar}, {"columns", choice.columns},           {"lidar_height", choice.lidar_height},
+             {"seed", choice.seed},   {"recorded_imu", choice.recorded_imu}, {"T_body_lidar", pose}}
+             .dump(2) +
+         "\n";
+}
+
+/// @throws IoError if it is not what `text_of` writes.
+DriveChoice read_choice(const fs::path& path) {
+  try {
+    std::ifstream file(path);
+    const nlohmann::json json = nlohmann::json::parse(file);
+    const auto pose = json.at("T_body_lidar").get<std::array<double, 7>>();
+    const Eigen::Quaterniond q(pose[6], pose[3], pose[4], pose[5]);
+    return {.lidar = json.at("lidar"),
+            .columns = json.at("columns"),
+            .lidar_height = json.at("lidar_height"),
+            .seed = json.at("seed"),
+            .recorded_imu = json.at("recorded_imu"),
+            .T_body_lidar = SE3d(SO3d::from_quaternion(q.normalized()), {pose[0], pose[1], pose[2]})};
+  } catch (const nlohmann::json::exception& error) {
+    throw_input_error(path.string(), "", error.what(), "simulate the drive again");
+  }
+}
+
+simulator::RecordedDriveOptions options_of(const DriveChoice& choice) {
+  simulator::RecordedDriveOptions options;
+  const auto kind = simulator::lidar_kind(choice.lidar);
+  if (!kind)
+    throw support::ConfigError("--lidar", "there is no such LiDAR", choice.lidar,
+                               "take one of: " + simulator::lidar_names());
+  const Index in_packet = simulator::lidar_model(*kind).firings_per_packet;
+  options.lidar.kind = *kind;
+  options.lidar.firings_per_revolution = std::max(Index{1}, (choice.columns + in_packet / 2) / in_packet) * in_packet;
+  options.lidar.T_body_lidar = choice.T_body_lidar;
+  options.lidar_height = choice.lidar_height;
+  options.seed = choice.seed;
+  return options;
+}
+
+std::string source_of(const SimulateArguments& arguments, const RecordedInput& input) {
+  const auto kind = simulator::lidar_kind(arguments.lidar);
+  const std::string lidar(kind ? simulator::lidar_model(*kind).name : arguments.lidar);
+  return "simulated scans (" + lidar + ") on the recorded trajectory " + arguments.trajectory.filename().string() +
+         ", " + (input.imu.empty() ? "simulated IMU data" : "real IMU data from " + arguments.imu.filename().string());
+}
+
+/// What the IMU's rows and the spline say of each other.
+std::string agreement_of(const simulator::RecordedDrive& drive, const RecordedInput& input) {
+  const simulator::ImuAgreement fit = simulator::compare(drive.motion(), drive.imu(), drive.epoch());
+  char line[400];
+  std::snprintf(
+      line, sizeof(line),
+      "%sIMU against the trajectory: stamped %.0f ms late, rates within %.4f of %.4f rad/s, specific forces "
+      "within %.2f of %.2f m/s^2 (rms); %zu rows kept, %zu left out\n",
+      fit.gyro_rms > 0.5 * fit.gyro_signal ? "warning: the IMU does not seem to belong to the trajectory\n" : "",
+      1e3 * fit.lag, fit.gyro_rms, fit.gyro_signal, fit.accel_rms, fit.accel_signal, input.imu.size(),
+      input.imu_dropped);
+  return line;
+}
+
+/// What of the path has no road of its own; empty if all has.
+std::string ground_warning(const simulator::RecordedDrive& drive) {
+  constexpr double limit = 0.8;  // metres: half of what the trajectory may be off itself where it comes back
+  const double length = drive.off_ground(limit);
+  if (length == 0.0) return "";
+  char line[200];
+  std::snprintf(line, sizeof(line),
+                "warning: %.0f m of the path lie more than %.1f m off the ground: bridges, or heights that drift, are "
+                "not modelled\n",
+                length, limit);
+  return line;
+}
+
+class RecordedDataset final : public datasets::Dataset {
+ public:
+  RecordedDataset(const fs::path& folder, std::unique_ptr<simulator::RecordedDrive> drive, std::string source)
+      : drive_(std::move(drive)) {
+    info_.path = folder;
+    info_.name = datasets::folder_name(folder);
+    info_.start = drive_->epoch();
+    info_.end = drive_->end();
+    info_.T_body_lidar = drive_->options().lidar.T_body_lidar;
+    info_.source = std::move(source);
+    info_.sensors = {{std::string(drive_->lidar().model().name), SensorKind::lidar,
+                      static_cast<std::size_t>(drive_->scan_count()), "simulated"},
+                     {"IMU", SensorKind::imu, drive_->imu().size(), ""}};
+    info_.notes = {info_.source};
+  }
+
+  [[nodiscard]] std::optional<Packet> next() override { return drive_->next(); }
+  [[nodiscard]] std::optional<Trajectory> truth() const override { return drive_->truth_at_scan_ends(); }
+
+ private:
+  std::unique_ptr<simulator::RecordedDrive> drive_;
+};
+
+}  // namespace
+
+RecordedSimulation make_recorded_simulation(const SimulateArguments& arguments) {
+  RecordedInput input = read_recorded_input(arguments);
+  const DriveChoice choice{.lidar = arguments.lidar,
+                           .columns = arguments.columns,
+                           .lidar_height = arguments.lidar_height,
+                           .seed = arguments.seed,
+                           .recorded_imu = !input.imu.empty(),
+                           .T_body_lidar = input.T_body_lidar};
+  RecordedSimulation simulation;
+  simulation.drive = std::make_unique<simulator::RecordedDrive>(input.trajectory, input.imu, options_of(choice));
+  if (!input.imu.empty()) simulation.agreement = agreement_of(*simulation.drive, input);
+  simulation.agreement += ground_warning(*simulation.drive);
+  simulation.texts = {.source = source_of(arguments, input),
+                      .options = text_of(choice),
+                      .imu_rows = std::move(input.imu_rows),
+                      .trajectory = std::move(input.trajectory)};
+  return simulation;
+}
+
+std::unique_ptr<datasets::Dataset> open_recorded_simulation(const fs::path& folder) {
+  const fs::path choices = folder / "simulation/options.json";
+  if (!fs::is_regular_file(choices)) return nullptr;
+  const DriveChoice choice = read_choice(choices);
+  RecordedInput input{.trajectory = read_tum(folder / "simulation/trajectory.tum"),
+                      .T_body_lidar = choice.T_body_lidar,
+                      .imu = {},
+                      .imu_rows = {}};
+  if (choice.recorded_imu) {
+    SimulateArguments arguments;
+    arguments.imu = folder / "imu.csv";
+    read_recorded_imu(arguments, {}, {}, input);
+  }
+  InputFile source(folder / "simulation/source.txt");
+  auto drive = std::make_unique<simulator::RecordedDrive>(input.trajectory, std::move(input.imu), options_of(choice));
+  return std::make_unique<RecordedDataset>(folder, std::move(drive),
+                                           std::string(source.read_line().value_or("simulated")));
+}
+
+}  // namespace chainslam::mapper
