@@ -220,6 +220,7 @@ if [ "$mode" = full ]; then
     run_step "readers withstand what is made up" "$root/test/fuzz/run.sh" "$build/fuzz/test/fuzz" "$build/gcc/test" 10
   fi
   run_step "every bench runs" "$root/bench/run.sh" --smoke
+  run_step "the table of odometries is written" "$root/bench/odometry_table.sh" --only nuscenes_scene
   run_step "the example runs from end to end" "$root/examples/run.sh"
 fi
 
