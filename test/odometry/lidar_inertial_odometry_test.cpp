@@ -399,7 +399,8 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     options.T_body_lidar = trip.T_body_lidar * placed(0, 0, 0, 0.0, 0.02, -0.02);
     options.motion.lidar_rotation = 0.03;
     options.motion.lidar_position = 0.02;
-    options.monitor.max_pose_nis = 100;  // until it is known, the mounting makes scans contradict the IMU
+    // Until it is known, a mounting so far off makes the scans contradict the IMU: it is believed all the same.
+    options.monitor.max_pose_nis = std::numeric_limits<double>::infinity();
     Lio odometry(options);
     static_cast<void>(follow_trip(trip, packets, odometry));
     const double left = T_body_lidar(odometry.state()).rotation().local(trip.T_body_lidar.rotation()).norm();
