@@ -59,6 +59,7 @@ struct Start {
   std::string name;
   SE3d (*pose)(double);
   World world = street();
+  double max_error = 0.25;  ///< metres
 };
 
 /// Follows a start with the settings that users get, and checks every pose from the first one on.
@@ -76,7 +77,7 @@ void check_followed(const Start& start, double imu_rate) {
   CHECK(run.finite);
   CHECK(run.frames.size() == 30);
   CHECK(odometry.counts().lost_scans == 0);
-  CHECK(run.max_error < 0.5);
+  CHECK(run.max_error < start.max_error);
   CHECK(run.max_angle < 0.01);
 }
 
@@ -96,7 +97,8 @@ TEST_SUITE("odometry started in motion, simulated") {
   TEST_CASE("while speeding up, braking, turning and on a slope" * doctest::skip(quick())) {
     check_followed({"10 m/s and 3 m/s^2", speeding_up}, 100);
     check_followed({"25 m/s and -3 m/s^2", braking}, 100);
-    check_followed({"8 m/s and up to 0.5 rad/s", weaving}, 100);
+    // The second pose is 0.45 m off along the street, whose walls hardly show that direction.
+    check_followed({"8 m/s and up to 0.5 rad/s", weaving, street(), 0.5}, 100);
     check_followed({"15 m/s uphill, 12 %", uphill, turned(street(), slope())}, 100);
   }
 }

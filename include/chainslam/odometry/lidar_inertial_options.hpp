@@ -43,8 +43,8 @@ struct LidarInertialOdometryOptions {
   ImuUse imu_use = ImuUse::all;  ///< at most: all, the gyroscope, or none of the IMU's measurements
   ImuMonitorOptions monitor{};
   InertialMotionOptions motion{};
-  ScanToMap<Kernel> scan_to_map{
-      .min_signal = 1.5, .correlated_residuals = 10};  ///< less than by itself: the prediction is weighed against it
+  /// A weaker signal counts than by itself: the prediction is weighed against it. Correlation set on KITTI 00.
+  ScanToMap<Kernel> scan_to_map{.min_signal = 1.5, .correlated_residuals = 10};
   ScanMeasurementOptions scan{};
   /// More than `scan_to_map.max_coarse_iterations`, so that some are left for the fine ones. A good prediction takes 3
   /// to 5 in all, a bad one dozens.
@@ -85,8 +85,7 @@ struct InertialHealth {
   Index degenerate_directions = 0;     ///< of six, that the scan did not see and that were not updated
   Vector6d signal = Vector6d::Zero();  ///< ascending: information of these directions over that of pure noise
   double measured_share = 0;           ///< of the way to this frame, by the inertial unit
-  double pose_nis =
-      0;  ///< normalized innovation squared of the pose against the prediction, per direction seen: about 1
+  double pose_nis = 0;  ///< normalized innovation squared of the pose, per direction that the scan sees: about 1
   ImuUse imu_use = ImuUse::all;  ///< what of the IMU's measurements the frame believes
 };
 

@@ -29,6 +29,7 @@ class SelfCalibrating {
 
   explicit SelfCalibrating(Options options = {}, ImuAlignmentOptions alignment = {})
       : T_body_lidar_(options.T_body_lidar),
+        imu_check_(options.imu_check),
         odometry_(std::move(options)),
         alignment_(with(alignment, T_body_lidar_)) {}
 
