@@ -41,7 +41,7 @@ template <Cloud Points>
     const auto& n = CloudTraits<Points>::normal(cloud, i);
     return {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])};
   } else {
-    return Eigen::Vector3d::Zero();
+    return Eigen::Vector3d(0, 0, 0);
   }
 }
 

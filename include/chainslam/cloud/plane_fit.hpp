@@ -28,15 +28,15 @@ struct PlaneFit {
 
   [[nodiscard]] bool good() const { return status == PlaneStatus::good; }
   /// Signed distance of a point, metres.
-  [[nodiscard]] double distance(const Eigen::Vector3d& p) const { return normal.dot(p - centroid); }
+  [[nodiscard]] double distance(const Eigen::Vector3d& p) const { return normal.dot(difference(p, centroid)); }
   /// (l1 - l0) / l2 in [0, 1]: 1 for a round disc, 0 for a line or a ball (Weinmann et al. 2015).
   [[nodiscard]] double planarity() const {
     return eigenvalues[2] > 0 ? (eigenvalues[1] - eigenvalues[0]) / eigenvalues[2] : 0.0;
   }
   /// l0 / (l0 + l1 + l2) in [0, 1/3], the surface variation (Pauly et al. 2002).
   [[nodiscard]] double curvature() const {
-    const double sum = eigenvalues[0] + eigenvalues[1] + eigenvalues[2];
-    return sum > 0 ? eigenvalues[0] / sum : 0.0;
+    const double all = eigenvalues[0] + eigenvalues[1] + eigenvalues[2];
+    return all > 0 ? eigenvalues[0] / all : 0.0;
   }
 };
 
@@ -71,10 +71,10 @@ template <Cloud Points>
   const double inverse_count = 1.0 / static_cast<double>(count);
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   for (std::size_t i = 0; i < count; ++i) mean += position(points, i);
-  mean *= inverse_count;
+  mean = scaled(inverse_count, mean);
   double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
   for (std::size_t i = 0; i < count; ++i) {
-    const Eigen::Vector3d d = position(points, i) - mean;
+    const Eigen::Vector3d d = difference(position(points, i), mean);
     xx += d[0] * d[0];
     xy += d[0] * d[1];
     xz += d[0] * d[2];

@@ -5,6 +5,7 @@
 
 #include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam {
@@ -19,9 +20,8 @@ template <class Scalar = float, Cloud Points>
     column.reserve(indices.size());
     for (const Index i : indices) column.push_back(value(static_cast<std::size_t>(i)));
   };
-  fill(chosen.positions, [&](std::size_t i) { return position(cloud, i).template cast<Scalar>().eval(); });
-  if (carries_normals(cloud))
-    fill(chosen.normals, [&](std::size_t i) { return normal(cloud, i).template cast<Scalar>().eval(); });
+  fill(chosen.positions, [&](std::size_t i) { return converted<Scalar>(position(cloud, i)); });
+  if (carries_normals(cloud)) fill(chosen.normals, [&](std::size_t i) { return converted<Scalar>(normal(cloud, i)); });
   if (carries_times(cloud)) fill(chosen.time_offsets, [&](std::size_t i) { return time_offset(cloud, i); });
   if (carries_intensities(cloud)) fill(chosen.intensities, [&](std::size_t i) { return intensity(cloud, i); });
   return chosen;

@@ -41,6 +41,14 @@ namespace detail {
   return less;
 }
 
+/// The sum of the squares of all entries.
+[[nodiscard]] inline double squared_norm(const Eigen::Matrix3d& matrix) {
+  const double* m = matrix.data();
+  const double even = (m[0] * m[0] + m[2] * m[2]) + (m[4] * m[4] + m[6] * m[6]);
+  const double odd = (m[1] * m[1] + m[3] * m[3]) + (m[5] * m[5] + m[7] * m[7]);
+  return (even + odd) + m[8] * m[8];
+}
+
 /// The null direction of a symmetric matrix of rank two: the longest cross product of two of its rows.
 [[nodiscard]] inline Eigen::Vector3d null_direction(const Eigen::Matrix3d& m) {
   const Eigen::Vector3d r0 = block_of<3, 1>(m, 0, 0), r1 = block_of<3, 1>(m, 0, 1), r2 = block_of<3, 1>(m, 0, 2);
@@ -52,7 +60,7 @@ namespace detail {
     longest = other;
     most = squared;
   }
-  return (1.0 / std::sqrt(most)) * longest;
+  return scaled(1.0 / std::sqrt(most), longest);
 }
 
 /// A unit vector across v.
@@ -71,7 +79,7 @@ namespace detail {
   SymmetricEigen3 result;
   result.values = values;
   set_block(result.vectors, 0, 0, first);
-  set_block(result.vectors, 0, 1, Eigen::Vector3d(side * second));
+  set_block(result.vectors, 0, 1, scaled(side, second));
   set_block(result.vectors, 0, 2, third);
   return result;
 }
@@ -88,16 +96,19 @@ namespace detail {
   double scale = 0;
   for (int column = 0; column < 3; ++column)
     for (int row = column; row < 3; ++row) scale = std::max(scale, std::abs(matrix(row, column)));
-  if (!(scale > 4 * std::numeric_limits<double>::min())) return {Eigen::Vector3d::Zero(), Eigen::Matrix3d::Identity()};
+  if (!(scale > 4 * std::numeric_limits<double>::min())) return {zeros<Eigen::Vector3d>(), identity<Eigen::Matrix3d>()};
 
   const double inverse_scale = 1.0 / scale;
-  const Eigen::Matrix3d scaled =
+  const Eigen::Matrix3d relative =
       symmetric_matrix(matrix(0, 0) * inverse_scale, matrix(1, 0) * inverse_scale, matrix(2, 0) * inverse_scale,
                        matrix(1, 1) * inverse_scale, matrix(2, 1) * inverse_scale, matrix(2, 2) * inverse_scale);
-  const double mean = (scaled(0, 0) + scaled(1, 1) + scaled(2, 2)) / 3.0;
-  const Eigen::Matrix3d shifted = detail::less_on_diagonal(scaled, mean);
-  const double p = std::sqrt(shifted.squaredNorm() / 6.0);
-  if (!(p > 1e-16)) return {Eigen::Vector3d::Constant(mean * scale), Eigen::Matrix3d::Identity()};
+  const double mean = (relative(0, 0) + relative(1, 1) + relative(2, 2)) / 3.0;
+  const Eigen::Matrix3d shifted = detail::less_on_diagonal(relative, mean);
+  const double p = std::sqrt(detail::squared_norm(shifted) / 6.0);
+  if (!(p > 1e-16)) {
+    const double value = mean * scale;
+    return {Eigen::Vector3d(value, value, value), identity<Eigen::Matrix3d>()};
+  }
 
   const double isolated = detail::isolated_eigenvalue(shifted, p);
   const Eigen::Vector3d v = detail::null_direction(detail::less_on_diagonal(shifted, isolated));
@@ -105,20 +116,22 @@ namespace detail {
   const Eigen::Vector3d w = v.cross(u);
 
   // The 2x2 matrix [a c; c b] of the map in the basis (u, w), made diagonal by one Jacobi rotation of tangent t.
-  const Eigen::Vector3d scaled_u = product(scaled, u), scaled_w = product(scaled, w), scaled_v = product(scaled, v);
+  const Eigen::Vector3d scaled_u = product(relative, u), scaled_w = product(relative, w),
+                        scaled_v = product(relative, v);
   const double a = u.dot(scaled_u), b = w.dot(scaled_w), c = u.dot(scaled_w);
-  const double difference = b - a, root = std::sqrt(difference * difference + 4.0 * c * c);
-  const double t = root > 0 ? 2.0 * c / (difference + (difference >= 0 ? root : -root)) : 0.0;
+  const double apart = b - a, root = std::sqrt(apart * apart + 4.0 * c * c);
+  const double t = root > 0 ? 2.0 * c / (apart + (apart >= 0 ? root : -root)) : 0.0;
   const double cosine = 1.0 / std::sqrt(1.0 + t * t), sine = t * cosine;
-  Eigen::Vector3d minor = cosine * u - sine * w, major = sine * u + cosine * w;
+  Eigen::Vector3d minor = difference(scaled(cosine, u), scaled(sine, w));
+  Eigen::Vector3d major = sum(scaled(sine, u), scaled(cosine, w));
   double low = a - t * c, high = b + t * c;
   if (low > high) {
     std::swap(low, high);
-    minor.swap(major);
+    std::swap(minor, major);
   }
   const double alone = v.dot(scaled_v);
-  return isolated < 0 ? detail::right_handed(scale * Eigen::Vector3d(alone, low, high), v, minor, major)
-                      : detail::right_handed(scale * Eigen::Vector3d(low, high, alone), minor, major, v);
+  return isolated < 0 ? detail::right_handed(scaled(scale, Eigen::Vector3d(alone, low, high)), v, minor, major)
+                      : detail::right_handed(scaled(scale, Eigen::Vector3d(low, high, alone)), minor, major, v);
 }
 
 }  // namespace chainslam

@@ -18,6 +18,7 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/select.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 
 namespace chainslam {
 
@@ -194,7 +195,7 @@ template <class Scalar, Cloud Points>
                                                                     std::span<const Index> voxel_of_point,
                                                                     const MeanTable& table) {
   constexpr double cancelled = 1e-3;
-  const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
+  const auto zero = zeros<Eigen::Vector3d>();
   const auto means = voxel_means(voxel_of_point, table, zero, [&](std::size_t i) { return normal(cloud, i); });
   std::vector<Eigen::Matrix<Scalar, 3, 1>> normals;
   normals.reserve(means.size());
@@ -202,7 +203,8 @@ template <class Scalar, Cloud Points>
     const bool usable = means[voxel].norm() > cancelled;
     const Eigen::Vector3d mean =
         usable ? means[voxel] : normal(cloud, static_cast<std::size_t>(table.voxels.first_points()[voxel]));
-    normals.push_back(mean.normalized().template cast<Scalar>());
+    const double length = mean.norm();
+    normals.push_back(converted<Scalar>(length > 0 ? Eigen::Vector3d(mean / length) : mean));
   }
   return normals;
 }

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "chainslam/core/small_matrix.hpp"
+
 namespace chainslam {
 
 /// Eigenvalues, ascending, and orthonormal eigenvectors (columns) of a symmetric matrix.
@@ -24,7 +26,7 @@ template <class Scalar, int N>
   static_assert(N > 0, "jacobi_eigen: the size must be known at compile time");
   constexpr int max_sweeps = 30;  // converges quadratically: 6 to 8 are enough up to N = 10
   Eigen::Matrix<Scalar, N, N> a = matrix;
-  Eigen::Matrix<Scalar, N, N> v = Eigen::Matrix<Scalar, N, N>::Identity();
+  Eigen::Matrix<Scalar, N, N> v = identity<Eigen::Matrix<Scalar, N, N>>();
   for (int sweep = 0, rotations = 1; sweep < max_sweeps && rotations > 0; ++sweep) {
     rotations = 0;
     for (int p = 0; p < N - 1; ++p) {

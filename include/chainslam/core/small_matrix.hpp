@@ -1,12 +1,78 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <type_traits>
 
 namespace chainslam {
 
-// Products, transposes and blocks of small matrices of fixed size: one function for each shape, where Eigen's
+// Sums, products, transposes and blocks of small matrices of fixed size: one function for each shape, where Eigen's
 // expressions make dozens of types, which take a hundred times as long to compile. Column by column; sums run in order
 // of the inner index, whatever the instruction set.
+
+/// A matrix of the given type, all zeros.
+template <class Matrix>
+[[nodiscard]] Matrix zeros() {
+  Matrix A;
+  for (int i = 0; i < Matrix::SizeAtCompileTime; ++i) A.data()[i] = typename Matrix::Scalar(0);
+  return A;
+}
+
+/// The identity of the given square type.
+template <class Matrix>
+[[nodiscard]] Matrix identity() {
+  Matrix I = zeros<Matrix>();
+  for (int i = 0; i < Matrix::RowsAtCompileTime; ++i)
+    I.data()[i * (Matrix::RowsAtCompileTime + 1)] = typename Matrix::Scalar(1);
+  return I;
+}
+
+/// A with numbers of another type.
+template <class To, class Scalar, int Rows, int Columns>
+[[nodiscard]] Eigen::Matrix<To, Rows, Columns> converted(const Eigen::Matrix<Scalar, Rows, Columns>& A) {
+  Eigen::Matrix<To, Rows, Columns> B;
+#pragma GCC unroll 6
+  for (int i = 0; i < Rows * Columns; ++i) B.data()[i] = static_cast<To>(A.data()[i]);
+  return B;
+}
+
+/// A + B
+template <class Scalar, int Rows, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> sum(const Eigen::Matrix<Scalar, Rows, Columns>& A,
+                                                       const Eigen::Matrix<Scalar, Rows, Columns>& B) {
+  Eigen::Matrix<Scalar, Rows, Columns> C;
+#pragma GCC unroll 6
+  for (int i = 0; i < Rows * Columns; ++i) C.data()[i] = A.data()[i] + B.data()[i];
+  return C;
+}
+
+/// A - B
+template <class Scalar, int Rows, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> difference(const Eigen::Matrix<Scalar, Rows, Columns>& A,
+                                                              const Eigen::Matrix<Scalar, Rows, Columns>& B) {
+  Eigen::Matrix<Scalar, Rows, Columns> C;
+#pragma GCC unroll 6
+  for (int i = 0; i < Rows * Columns; ++i) C.data()[i] = A.data()[i] - B.data()[i];
+  return C;
+}
+
+/// -A
+template <class Scalar, int Rows, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> negative(const Eigen::Matrix<Scalar, Rows, Columns>& A) {
+  Eigen::Matrix<Scalar, Rows, Columns> B;
+#pragma GCC unroll 6
+  for (int i = 0; i < Rows * Columns; ++i) B.data()[i] = -A.data()[i];
+  return B;
+}
+
+/// factor A
+template <class Scalar, int Rows, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> scaled(const std::type_identity_t<Scalar>& factor,
+                                                          const Eigen::Matrix<Scalar, Rows, Columns>& A) {
+  Eigen::Matrix<Scalar, Rows, Columns> B;
+#pragma GCC unroll 6
+  for (int i = 0; i < Rows * Columns; ++i) B.data()[i] = factor * A.data()[i];
+  return B;
+}
 
 /// A B
 template <class Scalar, int Rows, int Inner, int Columns>

@@ -76,7 +76,7 @@ template <class Scalar, int N>
 template <class Scalar, int N>
 [[nodiscard]] Eigen::Matrix<Scalar, N, N> square_root(const Eigen::Matrix<Scalar, N, N>& P) {
   constexpr Scalar rounding = N * std::numeric_limits<Scalar>::epsilon();
-  Eigen::Matrix<Scalar, N, N> L = Eigen::Matrix<Scalar, N, N>::Zero();
+  Eigen::Matrix<Scalar, N, N> L = zeros<Eigen::Matrix<Scalar, N, N>>();
   Scalar left[N];  // share of the variance
   for (int i = 0; i < N; ++i) left[i] = P(i, i) <= 0 ? Scalar(0) : Scalar(1);
   for (int k = 0; k < N; ++k) {
@@ -100,7 +100,7 @@ template <class Scalar, int N>
 /// L with L L^T = A, lower triangular, for a positive definite A.
 template <class Scalar, int N>
 [[nodiscard]] Eigen::Matrix<Scalar, N, N> cholesky(const Eigen::Matrix<Scalar, N, N>& A) {
-  Eigen::Matrix<Scalar, N, N> L = Eigen::Matrix<Scalar, N, N>::Zero();
+  Eigen::Matrix<Scalar, N, N> L = zeros<Eigen::Matrix<Scalar, N, N>>();
   for (int k = 0; k < N; ++k) {
     const Eigen::Matrix<Scalar, N, 1> known = weighted_columns(L, k, L.data() + k, N);
     const Scalar scale = 1 / std::sqrt(A(k, k) - known[k]);

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <concepts>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/concepts.hpp"
 
@@ -27,8 +28,8 @@ template <Manifold State>
 struct Linearization {
   using Tangent = typename State::Tangent;
   using Matrix = Eigen::Matrix<typename State::Scalar, State::dof, State::dof>;
-  Matrix information = Matrix::Zero();       ///< H^T R^-1 H
-  Tangent gradient = Tangent::Zero();        ///< -H^T R^-1 r
+  Matrix information = zeros<Matrix>();      ///< H^T R^-1 H
+  Tangent gradient = zeros<Tangent>();       ///< -H^T R^-1 r
   typename State::Scalar squared_error = 0;  ///< r^T R^-1 r
   Index residuals = 0;                       ///< 0: the measurement says nothing
   bool settled = true;                       ///< these residuals are final: a small step now ends the iteration

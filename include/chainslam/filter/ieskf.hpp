@@ -36,8 +36,8 @@ struct FilterReport {
   /// measurement are as good as they say (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
   double nis = 0;
   Index nis_residuals = 0;
-  double prior_error = 0;                                       ///< what the correction costs by the prior: d^T P^-1 d
-  typename State::Tangent correction = State::Tangent::Zero();  ///< from the prediction to the estimate
+  double prior_error = 0;  ///< what the correction costs by the prior: d^T P^-1 d
+  typename State::Tangent correction = zeros<typename State::Tangent>();  ///< from the prediction to the estimate
 
   [[nodiscard]] bool accepted() const {
     return status == FilterStatus::converged || status == FilterStatus::iteration_limit;
@@ -82,7 +82,7 @@ class Ieskf {
   void predict(const Input& input, double dt) {
     const Transition<State> step = process.predict(state_, input, dt);
     state_ = step.state;
-    covariance_ = symmetric(Matrix(congruent(step.F, covariance_) + step.Q));
+    covariance_ = symmetric(sum(congruent(step.F, covariance_), step.Q));
   }
 
   /// Takes a measurement. Whatever the outcome, state and covariance stay finite.
@@ -110,7 +110,7 @@ class Ieskf {
   }
 
   State state_{};
-  Matrix covariance_ = Matrix::Identity();
+  Matrix covariance_ = identity<Matrix>();
 };
 
 template <Manifold State, class Process>
@@ -134,20 +134,20 @@ FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, cons
     const Matrix S = times_transposed(C, C);
     // FAST-LIO2, eq. 18, with K H = S H^T R^-1 H and K r = -S gradient.
     const Tangent back = times(J_inverse, moved);
-    const Tangent pull = z.gradient + times(z.information, back);
-    const Tangent step = times(S, pull) - back;
+    const Tangent pull = sum(z.gradient, times(z.information, back));
+    const Tangent step = difference(times(S, pull), back);
     if (!is_finite(step) || !is_finite(S)) {
       report.status = FilterStatus::not_finite;
       return report;
     }
     if (report.iterations == 0) {
-      const Tangent both = z.gradient + pull;
+      const Tangent both = sum(z.gradient, pull);
       const double at_prediction = z.squared_error + transposed_product(back, both)(0, 0);
       report.nis = at_prediction - transposed_product(pull, times(S, pull))(0, 0);
       report.nis_residuals = z.residuals;
     }
     // After the step prior and measurement balance: P^-1 d = gradient - information step.
-    const Tangent whole = back + step, balance = z.gradient - times(z.information, step);
+    const Tangent whole = sum(back, step), balance = difference(z.gradient, times(z.information, step));
     report.prior_error = transposed_product(whole, balance)(0, 0);
     // The posterior lives where the step ends: IKFoM's reset, which later filters dropped.
     const Matrix reset = retract_jacobian(x, step);

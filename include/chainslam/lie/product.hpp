@@ -120,7 +120,7 @@ class Product {
   }
   template <class Value>
   [[nodiscard]] static Jacobian block_diagonal(Value&& value) {
-    Jacobian matrix = Jacobian::Zero();
+    Jacobian matrix = zeros<Jacobian>();
     for_each_part(
         [&]<std::size_t I>() { set_block(matrix, offset<I>(), offset<I>(), value.template operator()<I>()); });
     return matrix;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/concepts.hpp"
 
 namespace chainslam {
@@ -17,38 +18,50 @@ class Rn {
   using Tangent = Eigen::Matrix<Scalar, N, 1>;
   using Jacobian = Eigen::Matrix<Scalar, N, N>;
 
-  Rn() : value_(Tangent::Zero()) {}
-  explicit Rn(const Tangent& value) : value_(value) {}
+  Rn() {
+    for (Scalar& coordinate : value_) coordinate = Scalar(0);
+  }
+  explicit Rn(const Tangent& value) {
+    for (int i = 0; i < N; ++i) value_[i] = value.data()[i];
+  }
 
   [[nodiscard]] static Rn identity() { return Rn(); }
   [[nodiscard]] static Rn exp(const Tangent& v) { return Rn(v); }
-  [[nodiscard]] Tangent log() const { return value_; }
-  [[nodiscard]] Rn inverse() const { return Rn(-value_); }
-  [[nodiscard]] Rn operator*(const Rn& other) const { return Rn(value_ + other.value_); }
+  [[nodiscard]] Tangent log() const { return value(); }
+  [[nodiscard]] Rn inverse() const { return Rn(negative(value())); }
+  [[nodiscard]] Rn operator*(const Rn& other) const { return Rn(sum(value(), other.value())); }
   Rn& operator*=(const Rn& other) { return *this = *this * other; }
 
   /// value() + v
-  [[nodiscard]] Rn retract(const Tangent& v) const { return Rn(value_ + v); }
+  [[nodiscard]] Rn retract(const Tangent& v) const { return Rn(sum(value(), v)); }
   /// other.value() - value()
-  [[nodiscard]] Tangent local(const Rn& other) const { return other.value_ - value_; }
+  [[nodiscard]] Tangent local(const Rn& other) const { return difference(other.value(), value()); }
 
-  [[nodiscard]] Tangent value() const { return value_; }
+  [[nodiscard]] Tangent value() const {
+    Tangent value;
+    for (int i = 0; i < N; ++i) value.data()[i] = value_[i];
+    return value;
+  }
 
-  [[nodiscard]] Jacobian adjoint() const { return Jacobian::Identity(); }
-  [[nodiscard]] static Jacobian left_jacobian(const Tangent&) { return Jacobian::Identity(); }
-  [[nodiscard]] static Jacobian left_jacobian_inverse(const Tangent&) { return Jacobian::Identity(); }
-  [[nodiscard]] static Jacobian right_jacobian(const Tangent&) { return Jacobian::Identity(); }
-  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent&) { return Jacobian::Identity(); }
+  [[nodiscard]] Jacobian adjoint() const { return chainslam::identity<Jacobian>(); }
+  [[nodiscard]] static Jacobian left_jacobian(const Tangent&) { return chainslam::identity<Jacobian>(); }
+  [[nodiscard]] static Jacobian left_jacobian_inverse(const Tangent&) { return chainslam::identity<Jacobian>(); }
+  [[nodiscard]] static Jacobian right_jacobian(const Tangent&) { return chainslam::identity<Jacobian>(); }
+  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent&) { return chainslam::identity<Jacobian>(); }
 
   template <class Other>
   [[nodiscard]] Rn<Other, N> cast() const {
     return Rn<Other, N>(value().template cast<Other>());
   }
 
-  friend bool operator==(const Rn& a, const Rn& b) { return a.value_ == b.value_; }
+  friend bool operator==(const Rn& a, const Rn& b) {
+    for (int i = 0; i < N; ++i)
+      if (!(a.value_[i] == b.value_[i])) return false;
+    return true;
+  }
 
  private:
-  Eigen::Matrix<Scalar, N, 1, Eigen::DontAlign> value_;
+  Scalar value_[N];  // copies without Eigen's assignments, and without its alignment
 };
 
 using R1d = Rn<double, 1>;

@@ -61,11 +61,12 @@ class S2 {
     const Tangent sine = transposed_product(basis(), other.direction_);
     const Scalar cosine = direction_.dot(other.direction_);
     const Scalar squared = sine.squaredNorm();
-    if (cosine > detail::constant<Scalar>(0)) return scaled(detail::atan_over_argument<Scalar>(squared, cosine), sine);
+    if (cosine > detail::constant<Scalar>(0))
+      return chainslam::scaled(detail::atan_over_argument<Scalar>(squared, cosine), sine);
     if (!(squared > detail::constant<Scalar>(0)))
       return Tangent(detail::constant<Scalar>(std::numbers::pi_v<long double>), detail::constant<Scalar>(0));
     const Scalar length = sqrt(squared);
-    return scaled(atan2(length, cosine) / length, sine);
+    return chainslam::scaled(atan2(length, cosine) / length, sine);
   }
 
   /// d retract(d).local(retract(d + e)) / d e at e = 0: see `lie/retract_jacobian.hpp`.
@@ -97,10 +98,6 @@ class S2 {
 
  private:
   explicit S2(const Vector3& unit) : direction_(unit) {}
-
-  [[nodiscard]] static Tangent scaled(const Scalar& factor, const Tangent& d) {
-    return Tangent(factor * d[0], factor * d[1]);
-  }
 
   Vector3 direction_;
 };

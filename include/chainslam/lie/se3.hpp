@@ -21,7 +21,7 @@ class SE3 {
   using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;
   using Matrix4 = Eigen::Matrix<Scalar, 4, 4>;
 
-  SE3() : translation_(Vector3::Zero()) {}
+  SE3() : translation_(zeros<Vector3>()) {}
   SE3(const SO3<Scalar>& rotation, const Vector3& translation) : rotation_(rotation), translation_(translation) {}
 
   [[nodiscard]] static SE3 identity() { return SE3(); }
@@ -51,11 +51,11 @@ class SE3 {
   [[nodiscard]] SE3 inverse() const {
     const SO3<Scalar> inverse_rotation = rotation_.inverse();
     const Vector3 back = inverse_rotation * translation_;
-    return SE3(inverse_rotation, -back);
+    return SE3(inverse_rotation, negative(back));
   }
 
   [[nodiscard]] SE3 operator*(const SE3& other) const {
-    return SE3(rotation_ * other.rotation_, rotation_ * other.translation_ + translation_);
+    return SE3(rotation_ * other.rotation_, sum(rotation_ * other.translation_, translation_));
   }
   SE3& operator*=(const SE3& other) { return *this = *this * other; }
 
@@ -73,7 +73,7 @@ class SE3 {
   [[nodiscard]] const Vector3& translation() const { return translation_; }
 
   [[nodiscard]] Matrix4 matrix() const {
-    Matrix4 T = Matrix4::Identity();
+    Matrix4 T = chainslam::identity<Matrix4>();
     set_block(T, 0, 0, rotation_.matrix());
     set_block(T, 0, 3, translation_);
     return T;
@@ -92,12 +92,14 @@ class SE3 {
   /// Singular where the rotation is 2 pi.
   [[nodiscard]] static Jacobian left_jacobian_inverse(const Tangent& xi) {
     const Matrix3 inverse = SO3<Scalar>::left_jacobian_inverse(angular(xi));
-    return blocks(inverse, -product(product(inverse, coupling(xi)), inverse));
+    return blocks(inverse, negative(product(product(inverse, coupling(xi)), inverse)));
   }
   /// exp(xi + d) = exp(xi) * exp(right_jacobian(xi) d) to first order.
-  [[nodiscard]] static Jacobian right_jacobian(const Tangent& xi) { return left_jacobian(-xi); }
+  [[nodiscard]] static Jacobian right_jacobian(const Tangent& xi) { return left_jacobian(negative(xi)); }
   /// Singular where the rotation is 2 pi.
-  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent& xi) { return left_jacobian_inverse(-xi); }
+  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent& xi) {
+    return left_jacobian_inverse(negative(xi));
+  }
 
   /// Brings the rotation back to unit length.
   void normalize() { rotation_.normalize(); }
@@ -116,7 +118,7 @@ class SE3 {
     Jacobian matrix;
     set_block(matrix, 0, 0, diagonal);
     set_block(matrix, 0, 3, upper);
-    set_block(matrix, 3, 0, Matrix3(Matrix3::Zero()));
+    set_block(matrix, 3, 0, zeros<Matrix3>());
     set_block(matrix, 3, 3, diagonal);
     return matrix;
   }
@@ -145,9 +147,8 @@ class SE3 {
   /// v + b w x v + c w x (w x v)
   [[nodiscard]] static Vector3 axial_product(const Vector3& v, const Scalar& b, const Scalar& c, const Vector3& w) {
     const Vector3 w_v = w.cross(v);
-    const Vector3 first = b * w_v, second = c * w.cross(w_v);
-    const Vector3 sum = v + first;
-    return sum + second;
+    const Vector3 first = scaled(b, w_v), second = scaled(c, Vector3(w.cross(w_v)));
+    return sum(sum(v, first), second);
   }
 
   SO3<Scalar> rotation_;

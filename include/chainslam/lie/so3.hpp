@@ -6,6 +6,7 @@
 #include <limits>
 #include <type_traits>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/lie/detail/rotation_series.hpp"
 
@@ -27,7 +28,12 @@ class SO3 {
   using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;
   using Quaternion = Eigen::Quaternion<Scalar, Eigen::DontAlign>;
 
-  SO3() : quaternion_(Quaternion::Identity()) {}
+  SO3() : quaternion_(Scalar(1), Scalar(0), Scalar(0), Scalar(0)) {}
+  SO3(const SO3&) = default;
+  SO3& operator=(const SO3& other) {  // number by number, which compiles faster than Eigen's assignment
+    for (int i = 0; i < 4; ++i) quaternion_.coeffs().data()[i] = other.quaternion_.coeffs().data()[i];
+    return *this;
+  }
 
   [[nodiscard]] static SO3 identity() { return SO3(); }
 
@@ -125,14 +131,15 @@ class SO3 {
                                         detail::inverse_jacobian_coefficient<Scalar>(w.squaredNorm()), w);
   }
   /// exp(w + d) = exp(w) * exp(right_jacobian(w) d) to first order.
-  [[nodiscard]] static Jacobian right_jacobian(const Tangent& w) { return left_jacobian(-w); }
+  [[nodiscard]] static Jacobian right_jacobian(const Tangent& w) { return left_jacobian(negative(w)); }
   /// Singular at |w| = 2 pi.
-  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent& w) { return left_jacobian_inverse(-w); }
+  [[nodiscard]] static Jacobian right_jacobian_inverse(const Tangent& w) { return left_jacobian_inverse(negative(w)); }
 
   /// Brings the quaternion back to unit length.
   void normalize() {
     using std::abs, std::sqrt;
-    const Scalar squared = quaternion_.squaredNorm();
+    const auto& q = quaternion_;
+    const Scalar squared = (q.x() * q.x() + q.z() * q.z()) + (q.y() * q.y() + q.w() * q.w());
     const Scalar rounding = detail::constant<Scalar>(8 * static_cast<long double>(epsilon()));
     if (!(abs(squared - detail::constant<Scalar>(1)) > rounding)) return;
     const Scalar length = sqrt(squared);
@@ -201,7 +208,7 @@ SO3<Scalar> SO3<Scalar>::from_matrix(const Matrix3& R) {
     q[last] = R(last, pivot) + R(pivot, last);
     q[3] = R(last, next) - R(next, last);
   }
-  return from_quaternion(Quaternion(q));
+  return from_quaternion(Quaternion(q[3], q[0], q[1], q[2]));
 }
 
 static_assert(LieGroup<SO3d>);

@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -36,7 +37,7 @@ struct FrameHealth {
 struct Frame {
   Timestamp time;  ///< the pose holds at this time
   SE3d T_odom_body;
-  Matrix6d covariance = Matrix6d::Identity();  ///< of T_odom_body, tangent [translation; rotation]
+  Matrix6d covariance = identity<Matrix6d>();  ///< of T_odom_body, tangent [translation; rotation]
   PointCloud<float> cloud;                     ///< motion-corrected to `time`, body frame
   FrameHealth health;
   std::optional<GnssFix> gnss{};  ///< at `time`, if it came with a recorded frame

@@ -41,7 +41,7 @@ struct SweepMotion {
   /// Constant twist (per second, body frame, [translation; rotation]) through the whole sweep.
   [[nodiscard]] static SweepMotion constant_twist(double duration, const Vector6d& twist) {
     return sample(duration, block_of<3, 1>(twist, 3, 0).norm() * duration,
-                  [&](double t) { return SE3d::exp((t - duration) * twist); });
+                  [&](double t) { return SE3d::exp(scaled(t - duration, twist)); });
   }
 };
 
@@ -74,16 +74,15 @@ template <Executor E = Serial>
   corrected.positions.resize(sweep.size());
   executor.for_chunks(to_index(sweep.size()), grain, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
-      const Eigen::Vector3d p = sweep.positions[i].cast<double>();
+      const Eigen::Vector3d p = converted<double>(sweep.positions[i]);
       const double wanted = timed ? sweep.time_offsets[i] * knots_per_second : last;
       const double place = wanted > 0 ? std::min(wanted, last) : 0.0;  // NaN counts as the sweep's begin
       const auto k = std::min(static_cast<std::size_t>(place), knots.size() - 2);
       const double share = place - static_cast<double>(k);
-      const Eigen::Vector3d before = product(knots[k].R, p) + knots[k].t;
-      const Eigen::Vector3d after = product(knots[k + 1].R, p) + knots[k + 1].t;
-      const Eigen::Vector3d way = after - before;
-      const Eigen::Vector3d moved = before + Eigen::Vector3d(share * way);
-      corrected.positions[i] = moved.cast<float>();
+      const Eigen::Vector3d before = sum(product(knots[k].R, p), knots[k].t);
+      const Eigen::Vector3d after = sum(product(knots[k + 1].R, p), knots[k + 1].t);
+      const Eigen::Vector3d moved = sum(before, scaled(share, difference(after, before)));
+      corrected.positions[i] = converted<float>(moved);
     }
   });
   return corrected;

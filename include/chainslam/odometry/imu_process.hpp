@@ -65,26 +65,26 @@ inline void ImuProcess::lean(const InertialState& x, double dt, Transition<Inert
   const Eigen::Vector3d velocity = x.get<Part::velocity>().value();
   const double bent = dt * x.get<Part::bend>().value()[0];
   const Eigen::Vector3d across = before.cross(velocity);
-  const Eigen::Vector3d w = bent * across;
+  const Eigen::Vector3d w = scaled(bent, across);
   const SO3d turn = SO3d::exp(w);
   const S2d after = turn * x.get<Part::up>();
   const Eigen::Vector3d change = after.direction() - before;
   step.state.get<Part::up>() = after;
-  step.state.get<Part::creep>() = R2d(x.get<Part::creep>().value() + block_of<2, 1>(change, 0, 0));
+  step.state.get<Part::creep>() = R2d(sum(x.get<Part::creep>().value(), block_of<2, 1>(change, 0, 0)));
 
   // d up' / d (w, up, velocity)
   const Eigen::Matrix3d R = turn.matrix();
-  const Eigen::Matrix3d by_turn = -product(product(R, SO3d::hat(before)), SO3d::right_jacobian(w));
-  const Eigen::Matrix3d by_way = bent * by_turn;
-  const Eigen::Matrix3d by_direction = R - product(by_way, SO3d::hat(velocity));
+  const Eigen::Matrix3d by_turn = negative(product(product(R, SO3d::hat(before)), SO3d::right_jacobian(w)));
+  const Eigen::Matrix3d by_way = scaled(bent, by_turn);
+  const Eigen::Matrix3d by_direction = difference(R, product(by_way, SO3d::hat(velocity)));
   const Eigen::Matrix<double, 3, 2> by_up = product(by_direction, basis);
   const Eigen::Matrix3d by_velocity = product(by_way, SO3d::hat(before));
-  const Eigen::Vector3d by_bend = dt * product(by_turn, across);
+  const Eigen::Vector3d by_bend = scaled(dt, product(by_turn, across));
   const Eigen::Matrix<double, 2, 3> to_tangent = transposed(after.basis());
   set_block(step.F, up, up, product(to_tangent, by_up));
   set_block(step.F, up, v, product(to_tangent, by_velocity));
   set_block(step.F, up, bend, product(to_tangent, by_bend));
-  set_block(step.F, creep, up, block_of<2, 2>(Eigen::Matrix<double, 3, 2>(by_up - basis), 0, 0));
+  set_block(step.F, creep, up, block_of<2, 2>(difference(by_up, basis), 0, 0));
   set_block(step.F, creep, v, block_of<2, 3>(by_velocity, 0, 0));
   set_block(step.F, creep, bend, block_of<2, 1>(by_bend, 0, 0));
 }
@@ -105,33 +105,33 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   const Eigen::Matrix3d R_force = (R_odom_body * to_force).matrix();
   const Eigen::Vector3d weight = gravity * x.get<Part::up>().direction();
   Eigen::Vector3d acceleration = product(R_force, force) - weight;
-  if (!input.force_measured) acceleration.setZero();
+  if (!input.force_measured) acceleration = zeros<Eigen::Vector3d>();
   const Eigen::Vector3d velocity = x.get<Part::velocity>().value();
   const Eigen::Vector3d gained = dt * acceleration;
   const Eigen::Vector3d mean_velocity = velocity + Eigen::Vector3d(0.5 * gained);
 
-  Transition<InertialState> step{x, Transition<InertialState>::Matrix::Identity(),
-                                 Transition<InertialState>::Matrix::Zero()};
+  using Matrix = Transition<InertialState>::Matrix;
+  Transition<InertialState> step{x, identity<Matrix>(), zeros<Matrix>()};
   step.state.get<Part::rotation>() = R_odom_body * turned;
   step.state.get<Part::velocity>() = R3d(velocity + gained);
   step.state.get<Part::position>() = R3d(x.get<Part::position>().value() + Eigen::Vector3d(dt * mean_velocity));
 
   // d acceleration / d (rotation, up), and d (position, rotation, velocity) / d (rate, force)
-  const Eigen::Matrix3d by_rotation = -product(R_odom_body.matrix(), SO3d::hat(to_force * force));
+  const Eigen::Matrix3d by_rotation = negative(product(R_odom_body.matrix(), SO3d::hat(to_force * force)));
   const Eigen::Matrix3d by_half_turn = product(product(R_force, SO3d::hat(force)), SO3d::right_jacobian(half_turn));
-  const Eigen::Matrix3d by_gyro_bias = (midpoint ? 0.5 * dt : 0.0) * by_half_turn;
-  const Eigen::Matrix<double, 3, 2> by_up = -gravity * x.get<Part::up>().basis();
-  Eigen::Matrix<double, 9, 3> by_gyro = Eigen::Matrix<double, 9, 3>::Zero(), by_accel = by_gyro;
+  const Eigen::Matrix3d by_gyro_bias = scaled(midpoint ? 0.5 * dt : 0.0, by_half_turn);
+  const Eigen::Matrix<double, 3, 2> by_up = scaled(-gravity, x.get<Part::up>().basis());
+  auto by_gyro = zeros<Eigen::Matrix<double, 9, 3>>(), by_accel = by_gyro;
   const auto set_rows = [&](int row, double factor) {
-    set_block(by_accel, row, 0, Eigen::Matrix3d(-factor * R_force));
+    set_block(by_accel, row, 0, scaled(-factor, R_force));
     if (!input.force_measured) return;
-    set_block(by_gyro, row, 0, Eigen::Matrix3d(factor * by_gyro_bias));
-    set_block(step.F, row, R, Eigen::Matrix3d(factor * by_rotation));
-    set_block(step.F, row, up, Eigen::Matrix<double, 3, 2>(factor * by_up));
+    set_block(by_gyro, row, 0, scaled(factor, by_gyro_bias));
+    set_block(step.F, row, R, scaled(factor, by_rotation));
+    set_block(step.F, row, up, scaled(factor, by_up));
   };
   set_rows(p, 0.5 * dt * dt);
   set_rows(v, dt);
-  set_block(by_gyro, R, 0, Eigen::Matrix3d(-dt * SO3d::right_jacobian(turn)));
+  set_block(by_gyro, R, 0, scaled(-dt, SO3d::right_jacobian(turn)));
   if (input.rate_measured) set_block(step.F, 0, bg, by_gyro);
   if (input.force_measured) set_block(step.F, 0, ba, by_accel);
   for (int i = 0; i < 3; ++i) step.F(p + i, v + i) = dt;
@@ -153,7 +153,7 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   }
   const double walk = dt * squared(up_walk);
   const Eigen::Matrix2d by_walk = block_of<2, 2>(step.state.get<Part::up>().basis(), 0, 0);
-  const Eigen::Matrix2d with_up = walk * by_walk;
+  const Eigen::Matrix2d with_up = scaled(walk, by_walk);
   for (int i = 0; i < 2; ++i) step.Q(up + i, up + i) = walk;
   set_block(step.Q, creep, up, with_up);
   set_block(step.Q, up, creep, transposed(with_up));

@@ -163,7 +163,7 @@ class InertialMotion {
 
   /// The same during the sweep before the way's begin, had the body moved on evenly, but faster by `velocity_change`.
   [[nodiscard]] SweepMotion motion_before(double duration, const Eigen::Vector3d& velocity_change) const {
-    Vector6d twist = Vector6d::Zero();
+    Vector6d twist = zeros<Vector6d>();
     if (!way_.empty()) {
       const Knot& knot = way_.front();
       const Eigen::Vector3d velocity = knot.velocity + velocity_change;
@@ -197,7 +197,7 @@ class InertialMotion {
     Eigen::Vector3d rate;                    ///< body
 
     [[nodiscard]] SE3d pose(double dt) const {
-      const Eigen::Vector3d mean_velocity = velocity + Eigen::Vector3d(0.5 * dt * acceleration);
+      const Eigen::Vector3d mean_velocity = velocity + scaled(0.5 * dt, acceleration);
       const Eigen::Vector3d way = dt * mean_velocity;
       return SE3d(T_odom_body.rotation() * SO3d::exp(dt * rate), T_odom_body.translation() + way);
     }
@@ -260,7 +260,7 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   x.get<Inertial::lidar_rotation>() = T_body_lidar_.rotation();
   // The pose is the frame's own definition. What is not known of gravity is its direction in that frame.
   const auto squared = [](double value) { return value * value; };
-  InertialState::Jacobian covariance = InertialState::Jacobian::Zero();
+  InertialState::Jacobian covariance = zeros<InertialState::Jacobian>();
   const auto set = [&]<Inertial::Part Part>(double deviation) {
     constexpr int size = InertialState::Part<Part>::dof;
     for (int i = 0; i < size; ++i)
@@ -348,19 +348,19 @@ inline void InertialMotion::doubt_mounting() {
   // The LiDAR's pose stays: with J_b and J_m its derivatives by body and mounting, the body moves by -J_b^-1 J_m. Of
   // J_b = Ad diag(R^T, I) the inverse is diag(R, I) Ad^-1.
   const Matrix6d to_body = T_body_lidar(x).adjoint();
-  Matrix6d body = -product(to_body, pose_tangent(x.get<Inertial::lidar_rotation>()));
+  Matrix6d body = negative(product(to_body, pose_tangent(x.get<Inertial::lidar_rotation>())));
   const Eigen::Matrix3d R = x.get<Inertial::rotation>().matrix();
   set_block(body, 0, 0, product(R, block_of<3, 6>(body, 0, 0)));
   const Eigen::Matrix3d by_turn = product(SO3d::hat(x.get<Inertial::up>().direction()), R);
-  const Eigen::Matrix<double, 2, 3> up_by_turn = -transposed_product(x.get<Inertial::up>().basis(), by_turn);
-  Eigen::Matrix<double, InertialState::dof, 6> spread = Eigen::Matrix<double, InertialState::dof, 6>::Zero();
+  const Eigen::Matrix<double, 2, 3> up_by_turn = negative(transposed_product(x.get<Inertial::up>().basis(), by_turn));
+  auto spread = zeros<Eigen::Matrix<double, InertialState::dof, 6>>();
   set_block(spread, 0, 0, body);
   set_block(spread, up, 0, product(up_by_turn, block_of<3, 6>(body, 3, 0)));
   for (int i = 0; i < 6; ++i) spread(mounting + i, i) = 1;
   for (int j = 0; j < 6; ++j)
     for (int i = 0; i < InertialState::dof; ++i)
       spread(i, j) *= j < 3 ? options_.lidar_position : options_.lidar_rotation;
-  filter_.reset(x, filter_.covariance() + product_transposed(spread, spread));
+  filter_.reset(x, sum(filter_.covariance(), product_transposed(spread, spread)));
 }
 
 inline void InertialMotion::hold_mounting() {
@@ -386,14 +386,14 @@ inline bool InertialMotion::bound_mounting(double max_position, double max_rotat
 
 inline SweepMotion InertialMotion::sweep_motion(Timestamp begin, const Vector6d& correction) const {
   const double duration = to_seconds(time_ - begin);
-  if (way_.empty() || !(duration > 0)) return SweepMotion::constant_twist(std::max(duration, 0.0), Vector6d::Zero());
+  if (way_.empty() || !(duration > 0)) return SweepMotion::constant_twist(std::max(duration, 0.0), zeros<Vector6d>());
   const double length = interval();
   const SE3d T_end_odom = (way_at(time_) * SE3d::exp(correction)).inverse();
   const double angle = way_at(begin).rotation().local(way_at(time_).rotation()).norm();
   return SweepMotion::sample(duration, angle, [&](double offset) {
     const Timestamp t = begin + seconds(offset);
     const double share = length > 0 ? 1 - to_seconds(time_ - t) / length : 1.0;
-    return T_end_odom * way_at(t) * SE3d::exp(share * correction);
+    return T_end_odom * way_at(t) * SE3d::exp(scaled(share, correction));
   });
 }
 

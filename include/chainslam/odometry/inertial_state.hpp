@@ -46,15 +46,14 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
 
 /// d T / d (position, rotation), with T's tangent as everywhere, [translation in its own axes; rotation].
 [[nodiscard]] inline Matrix6d pose_tangent(const SO3d& R) {
-  Matrix6d tangent = Matrix6d::Identity();
+  Matrix6d tangent = identity<Matrix6d>();
   set_block(tangent, 0, 0, R.inverse().matrix());
   return tangent;
 }
 
 /// d (T_odom_body * T_body_lidar) / d x, 6 x 26.
 [[nodiscard]] inline Eigen::Matrix<double, 6, InertialState::dof> lidar_pose_jacobian(const InertialState& x) {
-  Eigen::Matrix<double, 6, InertialState::dof> jacobian;
-  jacobian.setZero();
+  auto jacobian = zeros<Eigen::Matrix<double, 6, InertialState::dof>>();
   const Matrix6d to_lidar = T_body_lidar(x).inverse().adjoint();
   set_block(jacobian, 0, 0, product(to_lidar, pose_tangent(x.get<Inertial::rotation>())));
   set_block(jacobian, 0, InertialState::dof - 6, pose_tangent(x.get<Inertial::lidar_rotation>()));
@@ -65,7 +64,7 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
 [[nodiscard]] inline Vector6d lidar_pose_variances(const InertialState& x, const InertialState::Jacobian& covariance) {
   const Eigen::Matrix<double, 6, InertialState::dof> by_state = lidar_pose_jacobian(x);
   const Eigen::Matrix<double, 6, InertialState::dof> weighted = product(by_state, covariance);
-  Vector6d variances = Vector6d::Zero();
+  Vector6d variances = zeros<Vector6d>();
   for (int j = 0; j < InertialState::dof; ++j)
     for (int i = 0; i < 6; ++i) variances[i] += weighted(i, j) * by_state(i, j);
   return variances;

@@ -180,7 +180,7 @@ template <Executor E>
 std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, const E& executor) {
   Attempt first;
   first.clouds = this->straightened(
-      sweep, SweepMotion::constant_twist(to_seconds(sweep.end - sweep.begin), Vector6d::Zero()), executor);
+      sweep, SweepMotion::constant_twist(to_seconds(sweep.end - sweep.begin), zeros<Vector6d>()), executor);
   if (to_index(first.clouds.points.size()) < options_.min_points) {
     ++counts_.empty_scans;
     return std::nullopt;

@@ -3,6 +3,7 @@
 #include <limits>
 
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/filter/ieskf.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -82,9 +83,9 @@ struct InertialHealth {
   FilterStatus update = FilterStatus::no_information;
   double nis = 0;  ///< normalized innovation squared per residual, correlation taken off: about 1 if noise is what it
                    ///< is said to be
-  Index degenerate_directions = 0;     ///< of six, that the scan did not see and that were not updated
-  Vector6d signal = Vector6d::Zero();  ///< ascending: information of these directions over that of pure noise
-  double measured_share = 0;           ///< of the way to this frame, by the inertial unit
+  Index degenerate_directions = 0;      ///< of six, that the scan did not see and that were not updated
+  Vector6d signal = zeros<Vector6d>();  ///< ascending: information of these directions over that of pure noise
+  double measured_share = 0;            ///< of the way to this frame, by the inertial unit
   double pose_nis = 0;  ///< normalized innovation squared of the pose, per direction that the scan sees: about 1
   ImuUse imu_use = ImuUse::all;  ///< what of the IMU's measurements the frame believes
 };

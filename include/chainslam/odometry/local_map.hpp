@@ -8,6 +8,7 @@
 
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/transform.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/voxel_map.hpp"
@@ -47,7 +48,7 @@ class LocalMap {
   void extend(const PointCloud<float>& scan, const SE3d& T_odom_body) {
     points_.insert(transformed(scan, T_odom_body));
     const Eigen::Vector3d& center = T_odom_body.translation();
-    if ((center - center_).norm() >= 0.1 * options_.radius) {
+    if (difference(center, center_).norm() >= 0.1 * options_.radius) {
       cut(center, options_.radius);
       center_ = center;
     }
@@ -66,9 +67,9 @@ class LocalMap {
   Index cut(const Eigen::Vector3d& center, double radius) {
     using Box = SearchBox<Map>;
     using Vector = SearchVector<Map>;
-    const Eigen::Vector3d half = Eigen::Vector3d::Constant(radius);
-    return points_.erase_outside(Box(Vector((center - half).template cast<typename Map::Scalar>()),
-                                     Vector((center + half).template cast<typename Map::Scalar>())));
+    const Eigen::Vector3d half(radius, radius, radius);
+    return points_.erase_outside(Box(Vector(converted<typename Map::Scalar>(difference(center, half))),
+                                     Vector(converted<typename Map::Scalar>(sum(center, half)))));
   }
 
   LocalMapOptions options_;

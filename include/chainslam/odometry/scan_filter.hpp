@@ -8,6 +8,7 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/select.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam {
@@ -40,7 +41,7 @@ struct ScanFilter {
     kept.reserve(sweep.size());
     Index usable = 0;
     for (std::size_t i = 0; i < sweep.size(); ++i) {
-      const Eigen::Vector3d p = sweep.positions[i].cast<double>();
+      const Eigen::Vector3d p = converted<double>(sweep.positions[i]);
       const double squared_range = p.squaredNorm();
       if (!is_finite(squared_range) || (timed && !is_finite(sweep.time_offsets[i])))
         ++counts.not_finite;

@@ -73,7 +73,7 @@ class ScanMeasurement {
   [[nodiscard]] Eigen::Matrix<double, 6, InertialState::dof> pose_jacobian(const InertialState& x) const {
     Eigen::Matrix<double, 6, InertialState::dof> jacobian =
         product(T_body_lidar(prior_.state).adjoint(), lidar_pose_jacobian(x));
-    const Eigen::Matrix3d by_velocity = -age() * pose(x).rotation().inverse().matrix();
+    const Eigen::Matrix3d by_velocity = scaled(-age(), pose(x).rotation().inverse().matrix());
     set_block(jacobian, 0, inertial_offset<Inertial::velocity>, by_velocity);
     return jacobian;
   }
@@ -152,9 +152,9 @@ Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(co
   own_pose_ = T.retract(to_own_pose);
   excess_ = -transposed_product(to_own_pose, sum.gradient)(0, 0) / prior_.variance;
   const Eigen::Matrix<double, 6, InertialState::dof> J = pose_jacobian(x);
-  const Eigen::Matrix<double, InertialState::dof, 6> J_transposed = (1 / prior_.variance) * transposed(J);
+  const Eigen::Matrix<double, InertialState::dof, 6> J_transposed = scaled(1 / prior_.variance, transposed(J));
   answer.information = product(J_transposed, product(information.seen_hessian(), J));
-  answer.gradient = -product(J_transposed, information.seen_gradient(sum.gradient));
+  answer.gradient = negative(product(J_transposed, information.seen_gradient(sum.gradient)));
   answer.squared_error = sum.squared_residuals / prior_.variance;
   answer.residuals = sum.matches;
   const bool fresh = looked_up || fine_matchings_ == rule_.max_matchings || moved_to(T) <= options_.fresh_distance;

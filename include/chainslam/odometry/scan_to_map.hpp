@@ -29,8 +29,8 @@ enum class ScanMatchStatus {
 struct ScanMatch {
   SE3d T_map_body{};
   ScanMatchStatus status = ScanMatchStatus::too_few_matches;
-  Matrix6d covariance = Matrix6d::Identity();  ///< of T_map_body, tangent [translation; rotation]
-  Vector6d signal = Vector6d::Zero();          ///< ascending, of six directions: information over that of pure noise
+  Matrix6d covariance = identity<Matrix6d>();  ///< of T_map_body, tangent [translation; rotation]
+  Vector6d signal = zeros<Vector6d>();         ///< ascending, of six directions: information over that of pure noise
   Index degenerate_directions = 0;             ///< of six, in which the scan says nothing and the guess was kept
   Index matches = 0;                           ///< points with a plane within the gate
   Index iterations = 0;

@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <utility>
 
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/sensor/detail/interleaved_imu.hpp"
 #include "chainslam/sensor/detail/stuck_axes.hpp"
@@ -92,7 +94,7 @@ class ImuCheck {
  private:
   using Distances = std::array<double, 2>;  ///< of rate and force
   static Distances distance(const ImuSample& a, const ImuSample& b) {
-    return {(a.gyro - b.gyro).norm(), (a.accel - b.accel).norm()};
+    return {difference(a.gyro, b.gyro).norm(), difference(a.accel, b.accel).norm()};
   }
 
   static bool same_numbers(const ImuSample& a, const ImuSample& b) { return a.gyro == b.gyro && a.accel == b.accel; }
@@ -101,7 +103,9 @@ class ImuCheck {
   std::optional<ImuSample> in_range(const ImuSample& raw) {
     constexpr double no_unit = 1e4;  // more is absurd in any
     const auto within = [](const ImuSample& sample, double gyro, double accel) {
-      return sample.gyro.cwiseAbs().maxCoeff() <= gyro && sample.accel.cwiseAbs().maxCoeff() <= accel;
+      for (int i = 0; i < 3; ++i)
+        if (std::abs(sample.gyro[i]) > gyro || std::abs(sample.accel[i]) > accel) return false;
+      return true;
     };
     if (!options_.units && within(raw, no_unit, no_unit)) watch_.add(raw);
     const ImuSample sample = units().converted(raw);
@@ -180,8 +184,8 @@ class ImuCheck {
   }
 
   static Distances from_neighbours(const ImuSample& before, const ImuSample& sample, const ImuSample& after) {
-    return {(sample.gyro - 0.5 * (before.gyro + after.gyro)).norm(),
-            (sample.accel - 0.5 * (before.accel + after.accel)).norm()};
+    return {difference(sample.gyro, scaled(0.5, sum(before.gyro, after.gyro))).norm(),
+            difference(sample.accel, scaled(0.5, sum(before.accel, after.accel))).norm()};
   }
 
   /// Whether a row equal to the last adds nothing: its numbers were not measured anew. Sensors of constant numbers

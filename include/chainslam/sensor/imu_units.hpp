@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sensor/imu_sample.hpp"
 
@@ -39,8 +40,8 @@ struct ImuUnits {
   }
   /// A sample in these units as one in m/s^2 and rad/s.
   [[nodiscard]] ImuSample converted(ImuSample sample) const {
-    sample.accel *= accel_scale();
-    sample.gyro *= gyro_scale();
+    sample.accel = scaled(accel_scale(), sample.accel);
+    sample.gyro = scaled(gyro_scale(), sample.gyro);
     return sample;
   }
 };
@@ -82,7 +83,8 @@ inline std::vector<ImuStretch> imu_stretches(std::span<const ImuSample> samples,
   for (const ImuSample& sample : samples) {
     const double time = to_seconds(sample.time - samples.front().time);
     if (count > 0 && time - begin >= length) {
-      stretches.push_back({sum.accel / count, sum.gyro / count, sum.time / count});
+      stretches.push_back(
+          {sum.accel / static_cast<double>(count), sum.gyro / static_cast<double>(count), sum.time / count});
       sum = {};
       count = 0;
     }
@@ -109,15 +111,19 @@ struct GravityTurn {
 inline GravityTurn gravity_turn(std::span<const ImuStretch> stretches) {
   GravityTurn turn;
   Eigen::Vector3d bias = Eigen::Vector3d::Zero();
-  for (const ImuStretch& stretch : stretches) bias += stretch.gyro / static_cast<double>(stretches.size());
+  for (const ImuStretch& stretch : stretches)
+    bias += Eigen::Vector3d(stretch.gyro / static_cast<double>(stretches.size()));
   double measured = 0, predicted = 0, actual = 0;
   for (std::size_t i = 2; i < stretches.size(); ++i) {
     const ImuStretch &before = stretches[i - 2], &here = stretches[i - 1], &after = stretches[i];
     const double step = after.time - before.time;
     if (step <= 0 || step > 2) continue;  // a gap
     if (before.accel.norm() <= 0 || here.accel.norm() <= 0 || after.accel.norm() <= 0) continue;
-    const Eigen::Vector3d change = (after.accel.normalized() - before.accel.normalized()) / step;
-    const Eigen::Vector3d model = here.accel.normalized().cross(here.gyro - bias);
+    const auto direction = [](const ImuStretch& stretch) {
+      return Eigen::Vector3d(stretch.accel / stretch.accel.norm());
+    };
+    const Eigen::Vector3d change = difference(direction(after), direction(before)) / step;
+    const Eigen::Vector3d model = direction(here).cross(difference(here.gyro, bias));
     measured += change.dot(model);
     predicted += model.squaredNorm();
     actual += change.squaredNorm();

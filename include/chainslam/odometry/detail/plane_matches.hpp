@@ -31,11 +31,11 @@ namespace chainslam::detail {
 
 /// The plane a point was matched with: {p : normal . (p - anchor) = 0}; no match if the normal is zero.
 struct MatchedPlane {
-  Eigen::Vector3f normal = Eigen::Vector3f::Zero();
-  Eigen::Vector3f anchor = Eigen::Vector3f::Zero();
-  Eigen::Vector3f long_side = Eigen::Vector3f::Zero();  ///< unit, in the plane
-  float long_tilt = 0;                                  ///< variance of the normal towards the long side, rad^2
-  float short_tilt = 0;                                 ///< and across it
+  Eigen::Vector3f normal = zeros<Eigen::Vector3f>();
+  Eigen::Vector3f anchor = zeros<Eigen::Vector3f>();
+  Eigen::Vector3f long_side = zeros<Eigen::Vector3f>();  ///< unit, in the plane
+  float long_tilt = 0;                                   ///< variance of the normal towards the long side, rad^2
+  float short_tilt = 0;                                  ///< and across it
 };
 
 /// What makes neighbours a plane.
@@ -81,7 +81,7 @@ template <std::size_t Count>
   const Eigen::Vector3d across = plane.normal.cross(plane.tangent);
   const double n = static_cast<double>(Count);
   for (const Eigen::Vector3d& point : points) {
-    const Eigen::Vector3d d = point - plane.centroid;
+    const Eigen::Vector3d d = difference(point, plane.centroid);
     const double u = plane.tangent.dot(d), v = across.dot(d);
     const double leverage = (1 + u * u / plane.eigenvalues[2] + v * v / plane.eigenvalues[1]) / n;
     if (std::abs(plane.distance(point)) > rule.max_deviation || leverage > max_leverage) return {};
@@ -89,7 +89,7 @@ template <std::size_t Count>
   // Three of n numbers go into the plane, n - 3 tell the noise s^2; a side with variance l tilts by s^2 / (n l).
   const double noise = std::max(plane.eigenvalues[0] / static_cast<double>(Count - 3),
                                 rule.least_noise * rule.least_noise / static_cast<double>(Count));
-  return {plane.normal.cast<float>(), plane.centroid.cast<float>(), plane.tangent.cast<float>(),
+  return {converted<float>(plane.normal), converted<float>(plane.centroid), converted<float>(plane.tangent),
           static_cast<float>(noise / plane.eigenvalues[2]), static_cast<float>(noise / plane.eigenvalues[1])};
 }
 
@@ -110,8 +110,8 @@ template <std::size_t Count>
   const double offset = (l[0] * l[1] * l[2] + m.dot(adjugate_m)) / length;
   for (const Eigen::Vector3d& point : points)
     if (std::abs(normal.dot(point) + offset) > rule.max_deviation) return {};
-  const Eigen::Vector3d anchor = -offset * normal;
-  return {.normal = normal.cast<float>(), .anchor = anchor.cast<float>()};
+  const Eigen::Vector3d anchor = scaled(-offset, normal);
+  return {.normal = converted<float>(normal), .anchor = converted<float>(anchor)};
 }
 
 /// The plane through the nearest neighbours of `p`, or none if they are too few, too far or no plane.
@@ -123,14 +123,13 @@ template <std::size_t Neighbors, NearestNeighborSearch Map>
                                        const MatchedPlane& former) {
   using Scalar = typename Map::Scalar;
   const auto before = neighbors;
-  if (!find_neighbors(map, p.cast<Scalar>().eval(), static_cast<Scalar>(rule.max_neighbor_distance), neighbors))
-    return {};
+  if (!find_neighbors(map, converted<Scalar>(p), static_cast<Scalar>(rule.max_neighbor_distance), neighbors)) return {};
   if (before.any &&
       std::ranges::equal(before.found, neighbors.found, {}, &Neighbor<Scalar>::index, &Neighbor<Scalar>::index))
     return former;
   std::array<Eigen::Vector3d, Neighbors> points;
   for (std::size_t i = 0; i < Neighbors; ++i)
-    points[i] = map.position(neighbors.found[i].index).template cast<double>();
+    points[i] = converted<double>(SearchVector<Map>(map.position(neighbors.found[i].index)));
   const PlaneFit fit = fit_plane(std::span<const Eigen::Vector3d>(points));
   return rule.form == PlaneForm::centred ? centred_plane(fit, points, rule) : intercept_plane(fit, points, rule);
 }
@@ -148,18 +147,19 @@ void match_planes(const Scan& scan, const Map& map, const SE3d& T_map_body, cons
   neighbors.resize(planes.size());
   executor.for_chunks(to_index(planes.size()), scan_grain, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      planes[i] = match_plane<Neighbors>(map, product(R, position(scan, i)) + t, rule, neighbors[i], planes[i]);
+      planes[i] =
+          match_plane<Neighbors>(map, chainslam::sum(product(R, position(scan, i)), t), rule, neighbors[i], planes[i]);
   });
 }
 
 /// Sums over matches for one Gauss-Newton step on the pose; tangent [translation; rotation].
 struct PlaneEquations {
-  Matrix6d hessian = Matrix6d::Zero();   ///< sum w J J^T
-  Vector6d gradient = Vector6d::Zero();  ///< sum w J r
-  double weight = 0;                     ///< sum w
-  double squared_residuals = 0;          ///< sum w r^2, m^2
-  double squared_ranges = 0;             ///< sum w |p|^2, m^2
-  Matrix6d noise = Matrix6d::Zero();     ///< the part of the Hessian to be expected from the normals' noise alone
+  Matrix6d hessian = zeros<Matrix6d>();   ///< sum w J J^T
+  Vector6d gradient = zeros<Vector6d>();  ///< sum w J r
+  double weight = 0;                      ///< sum w
+  double squared_residuals = 0;           ///< sum w r^2, m^2
+  double squared_ranges = 0;              ///< sum w |p|^2, m^2
+  Matrix6d noise = zeros<Matrix6d>();     ///< the part of the Hessian to be expected from the normals' noise alone
   Index matches = 0;
 
   /// Adds the products of one match: its row of J with weight w to the Hessian, what its normal's noise adds to that
@@ -212,12 +212,12 @@ template <Cloud Scan, Executor E, class Gate, class Weight>
   const auto chunk = [&](Index begin, Index end) {
     PlaneEquations sum;
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
-      const Eigen::Vector3d n = planes[i].normal.cast<double>();
+      const Eigen::Vector3d n = converted<double>(planes[i].normal);
       if (n.squaredNorm() == 0) continue;
       const Eigen::Vector3d p = position(scan, i);
-      const Eigen::Vector3d anchor = planes[i].anchor.cast<double>();
-      const Eigen::Vector3d moved = product(R, p) + t;
-      const double residual = n.dot(Eigen::Vector3d(moved - anchor));
+      const Eigen::Vector3d anchor = converted<double>(planes[i].anchor);
+      const Eigen::Vector3d moved = chainslam::sum(product(R, p), t);
+      const double residual = n.dot(difference(moved, anchor));
       const double squared_range = p.squaredNorm();
       if (std::abs(residual) > gate(std::sqrt(squared_range))) continue;
       const double w = weight(residual * residual);
@@ -229,7 +229,7 @@ template <Cloud Scan, Executor E, class Gate, class Weight>
         return row;
       };
       const Vector6d row = row_along(n);
-      const Eigen::Vector3d side = planes[i].long_side.cast<double>();
+      const Eigen::Vector3d side = converted<double>(planes[i].long_side);
       const Vector6d along = row_along(side);
       const Vector6d across = row_along(n.cross(side));
       sum.add_products(row, w, along, w * static_cast<double>(planes[i].long_tilt), across,

@@ -8,7 +8,7 @@ namespace chainslam::detail {
 
 /// Covariance of the first pose, which is the origin by definition: m^2 and rad^2.
 [[nodiscard]] inline Matrix6d anchored_covariance() {
-  Matrix6d covariance = Matrix6d::Zero();
+  Matrix6d covariance = zeros<Matrix6d>();
   for (int i = 0; i < 6; ++i) covariance(i, i) = 1e-12;
   return covariance;
 }
@@ -57,7 +57,7 @@ class PoseDoubt {
   double since_match_ = 0;  ///< seconds
   bool restarted_ = false;
   SE3d T_odom_restart_;
-  Matrix6d restart_covariance_ = Matrix6d::Zero();
+  Matrix6d restart_covariance_ = zeros<Matrix6d>();
 };
 
 }  // namespace chainslam::detail

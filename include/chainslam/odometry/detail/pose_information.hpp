@@ -36,7 +36,7 @@ struct PoseInformation {
     const Matrix6d whitened = symmetric(solved_right(transposed(half), L));
     const JacobiEigen<double, 6> eigen = jacobi_eigen(whitened);
     signal = eigen.values;
-    const Matrix6d to_white = solved_right(Matrix6d(Matrix6d::Identity()), L);
+    const Matrix6d to_white = solved_right(identity<Matrix6d>(), L);
     directions = product(to_white, eigen.vectors);
     coordinates = transposed_product(eigen.vectors, transposed(L));
     while (degenerate < 6 && !(signal[degenerate] > min_signal)) ++degenerate;

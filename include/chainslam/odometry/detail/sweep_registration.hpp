@@ -159,9 +159,9 @@ template <class Map, class Kernel>
 template <Executor E>
 auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const E& executor) const -> Attempt {
   const double error = expected_error();
-  Attempt found = attempt(sweep, Vector6d::Zero(), error, state(), executor);
+  Attempt found = attempt(sweep, zeros<Vector6d>(), error, state(), executor);
   if (!believable(found) && error < options_.max_error)
-    found = attempt(sweep, Vector6d::Zero(), options_.max_error, state(), executor);
+    found = attempt(sweep, zeros<Vector6d>(), options_.max_error, state(), executor);
   return found;
 }
 
@@ -192,7 +192,7 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
   };
   offer(attempt(sweep, executor));
   // At a speed that is not known, the body may stand: a wide gate alone might find another place.
-  if (!motion_.knew_velocity()) offer(attempt(sweep, Vector6d::Zero(), options_.min_error, state(), executor));
+  if (!motion_.knew_velocity()) offer(attempt(sweep, zeros<Vector6d>(), options_.min_error, state(), executor));
   for (const ImuUse use : {ImuUse::gyroscope, ImuUse::rough_gyroscope, ImuUse::none}) {
     if (choice.best && !poor(*choice.best)) break;
     if (use <= motion_.use() || (use != ImuUse::none && motion_.measured_share() == 0)) continue;
@@ -202,14 +202,14 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
   if (choice.best && poor(*choice.best) && motion_.use() == ImuUse::none)
     for (const double share : {0.0, 0.5}) {  // of the predicted way: bodies stop faster than they start
       const Vector6d back = (share - 1) * motion_.way_begin().local(T_odom_body(state()));
-      offer(attempt(sweep, Vector6d::Zero(), options_.max_error, motion_.moved(back), executor));
+      offer(attempt(sweep, zeros<Vector6d>(), options_.max_error, motion_.moved(back), executor));
     }
   if (choice.best) {
     if (choice.use != motion_.use()) motion_.predict_again(choice.use);
     return *std::move(choice.best);
   }
   motion_.doubt_motion();
-  Attempt doubted = attempt(sweep, Vector6d::Zero(), options_.max_error, state(), executor);
+  Attempt doubted = attempt(sweep, zeros<Vector6d>(), options_.max_error, state(), executor);
   if (!believable(doubted))
     motion_.restore(before);  // it may be the scan that is at fault: the IMU carries the motion on
   return doubted;

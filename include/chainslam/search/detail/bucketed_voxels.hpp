@@ -12,6 +12,7 @@
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/regions.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"
@@ -98,8 +99,8 @@ class BucketedVoxels {
   };
 
   [[nodiscard]] Eigen::Vector3d in_blocks(const Vector& p) const {
-    Eigen::Vector3d scaled = Eigen::Vector3d::Zero();
-    scaled.head<Dim>() = p.template cast<double>() * inverse_block_size_;
+    Eigen::Vector3d scaled = zeros<Eigen::Vector3d>();
+    for (int i = 0; i < Dim; ++i) scaled[i] = static_cast<double>(p[i]) * inverse_block_size_;
     return scaled;
   }
   [[nodiscard]] Eigen::AlignedBox<double, Dim> box(const Block& block) const {

@@ -4,10 +4,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <cstdlib>
 
 #include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"
 
 namespace chainslam::detail {
@@ -30,9 +32,13 @@ namespace chainslam::detail {
 template <int Dim>
 [[nodiscard]] Eigen::AlignedBox<double, Dim> cell_box(const Cell& cell, double size) {
   const Eigen::Vector3d low(cell.x, cell.y, cell.z);
-  const Eigen::Vector3d slack = low.unaryExpr([](double v) { return rounding_slack(v); });
-  return {((low - slack) * size).template head<Dim>(),
-          ((low + Eigen::Vector3d::Ones() + slack) * size).template head<Dim>()};
+  Eigen::AlignedBox<double, Dim> box;
+  for (int i = 0; i < Dim; ++i) {
+    const double slack = rounding_slack(low[i]);
+    box.min()[i] = (low[i] - slack) * size;
+    box.max()[i] = (low[i] + 1 + slack) * size;
+  }
+  return box;
 }
 
 /// Calls `visit(cell)` for the cells that a box touches and those beside them, for rounding. Does nothing and returns
@@ -40,12 +46,16 @@ template <int Dim>
 template <int Dim, class Visit>
 bool for_each_cell_near(const Eigen::AlignedBox<double, Dim>& box, double size, std::size_t at_most, Visit&& visit) {
   if (box.isEmpty()) return true;
-  Eigen::Vector3d low = Eigen::Vector3d::Zero(), high = low;
-  low.head<Dim>() = box.min() / size;
-  high.head<Dim>() = box.max() / size;
+  Eigen::Vector3d low = zeros<Eigen::Vector3d>(), high = low;
   constexpr double farthest = 1 << 28;
-  const bool near = low.cwiseAbs().maxCoeff() < farthest && high.cwiseAbs().maxCoeff() < farthest;
-  if (!near || (high - low + Eigen::Vector3d::Constant(4)).prod() > static_cast<double>(at_most)) return false;
+  double cells = Dim == 3 ? 1 : 4;
+  for (int i = 0; i < Dim; ++i) {
+    low[i] = box.min()[i] / size;
+    high[i] = box.max()[i] / size;
+    if (!(std::abs(low[i]) < farthest && std::abs(high[i]) < farthest)) return false;
+    cells *= high[i] - low[i] + 4;
+  }
+  if (cells > static_cast<double>(at_most)) return false;
   const Cell first = *cell_of(low), last = *cell_of(high);
   constexpr int flat = Dim == 3 ? 1 : 0;
   for (std::int32_t z = first.z - flat; z <= last.z + flat; ++z)

@@ -94,8 +94,13 @@ class VoxelBlock {
   /// The block's box, grown by what rounding may have moved its points.
   [[nodiscard]] Eigen::AlignedBox3d box(double block_size) const {
     const Eigen::Vector3d low(cell_.x, cell_.y, cell_.z);
-    const Eigen::Vector3d slack = low.unaryExpr([](double v) { return rounding_slack(v); });
-    return {(low - slack) * block_size, (low + Eigen::Vector3d::Ones() + slack) * block_size};
+    Eigen::AlignedBox3d box;
+    for (int i = 0; i < 3; ++i) {
+      const double slack = rounding_slack(low[i]);
+      box.min()[i] = (low[i] - slack) * block_size;
+      box.max()[i] = (low[i] + 1 + slack) * block_size;
+    }
+    return box;
   }
 
  private:

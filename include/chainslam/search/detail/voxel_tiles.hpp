@@ -11,6 +11,7 @@
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/search/detail/passes.hpp"
 #include "chainslam/search/detail/tile_gaps.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"
@@ -154,8 +155,8 @@ class VoxelTiles {
 
   [[nodiscard]] const Tile& tile(Index t) const { return store_.tile(static_cast<std::size_t>(t)); }
   [[nodiscard]] Eigen::Vector3d in_voxels(const Vector& p) const {
-    Eigen::Vector3d scaled = Eigen::Vector3d::Zero();
-    scaled.head<Dim>() = p.template cast<double>() * inverse_voxel_;
+    Eigen::Vector3d scaled = zeros<Eigen::Vector3d>();
+    for (int i = 0; i < Dim; ++i) scaled[i] = static_cast<double>(p[i]) * inverse_voxel_;
     return scaled;
   }
 
