@@ -28,7 +28,7 @@ struct PlaneFit {
 
   [[nodiscard]] bool good() const { return status == PlaneStatus::good; }
   /// Signed distance of a point, metres.
-  [[nodiscard]] double distance(const Eigen::Vector3d& p) const { return normal.dot(difference(p, centroid)); }
+  [[nodiscard]] double distance(const Eigen::Vector3d& p) const { return normal.dot(difference_of(p, centroid)); }
   /// (l1 - l0) / l2 in [0, 1]: 1 for a round disc, 0 for a line or a ball (Weinmann et al. 2015).
   [[nodiscard]] double planarity() const {
     return eigenvalues[2] > 0 ? (eigenvalues[1] - eigenvalues[0]) / eigenvalues[2] : 0.0;
@@ -74,7 +74,7 @@ template <Cloud Points>
   mean = scaled(inverse_count, mean);
   double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
   for (std::size_t i = 0; i < count; ++i) {
-    const Eigen::Vector3d d = difference(position(points, i), mean);
+    const Eigen::Vector3d d = difference_of(position(points, i), mean);
     xx += d[0] * d[0];
     xy += d[0] * d[1];
     xz += d[0] * d[2];

@@ -122,8 +122,8 @@ namespace detail {
   const double apart = b - a, root = std::sqrt(apart * apart + 4.0 * c * c);
   const double t = root > 0 ? 2.0 * c / (apart + (apart >= 0 ? root : -root)) : 0.0;
   const double cosine = 1.0 / std::sqrt(1.0 + t * t), sine = t * cosine;
-  Eigen::Vector3d minor = difference(scaled(cosine, u), scaled(sine, w));
-  Eigen::Vector3d major = sum(scaled(sine, u), scaled(cosine, w));
+  Eigen::Vector3d minor = difference_of(scaled(cosine, u), scaled(sine, w));
+  Eigen::Vector3d major = sum_of(scaled(sine, u), scaled(cosine, w));
   double low = a - t * c, high = b + t * c;
   if (low > high) {
     std::swap(low, high);

@@ -23,7 +23,7 @@ template <Cloud Points>
     column.resize(count);
     for (std::size_t i = 0; i < count; ++i) column[i] = value(i);
   };
-  fill(result.positions, [&](std::size_t i) { return rounded(sum(product(R_a_b, position(cloud, i)), p_a_b)); });
+  fill(result.positions, [&](std::size_t i) { return rounded(sum_of(product(R_a_b, position(cloud, i)), p_a_b)); });
   if (carries_normals(cloud))
     fill(result.normals, [&](std::size_t i) { return rounded(product(R_a_b, normal(cloud, i))); });
   if (carries_times(cloud)) fill(result.time_offsets, [&](std::size_t i) { return time_offset(cloud, i); });

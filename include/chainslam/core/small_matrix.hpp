@@ -37,8 +37,8 @@ template <class To, class Scalar, int Rows, int Columns>
 
 /// A + B
 template <class Scalar, int Rows, int Columns>
-[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> sum(const Eigen::Matrix<Scalar, Rows, Columns>& A,
-                                                       const Eigen::Matrix<Scalar, Rows, Columns>& B) {
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> sum_of(const Eigen::Matrix<Scalar, Rows, Columns>& A,
+                                                          const Eigen::Matrix<Scalar, Rows, Columns>& B) {
   Eigen::Matrix<Scalar, Rows, Columns> C;
 #pragma GCC unroll 6
   for (int i = 0; i < Rows * Columns; ++i) C.data()[i] = A.data()[i] + B.data()[i];
@@ -47,8 +47,8 @@ template <class Scalar, int Rows, int Columns>
 
 /// A - B
 template <class Scalar, int Rows, int Columns>
-[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> difference(const Eigen::Matrix<Scalar, Rows, Columns>& A,
-                                                              const Eigen::Matrix<Scalar, Rows, Columns>& B) {
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> difference_of(const Eigen::Matrix<Scalar, Rows, Columns>& A,
+                                                                 const Eigen::Matrix<Scalar, Rows, Columns>& B) {
   Eigen::Matrix<Scalar, Rows, Columns> C;
 #pragma GCC unroll 6
   for (int i = 0; i < Rows * Columns; ++i) C.data()[i] = A.data()[i] - B.data()[i];

@@ -80,7 +80,8 @@ inline void append_kitti_segments(const MatchedTrajectories& session, Index numb
   for (std::size_t k = 0; k < kitti_lengths.size(); ++k) errors.lengths[k].length = kitti_lengths[k];
   for (const KittiSegment& segment : errors.segments) {
     KittiLengthErrors& of_length =
-        *std::ranges::find(errors.lengths, segment.length, [](const KittiLengthErrors& each) { return each.length; });
+        *std::find_if(errors.lengths.begin(), errors.lengths.end(),
+                      [&](const KittiLengthErrors& each) { return each.length == segment.length; });
     ++of_length.segments;
     of_length.translation += segment.translation;
     of_length.rotation += segment.rotation;

@@ -120,7 +120,8 @@ class BatchOptimization {
     double growth = 2.0;
     equations_.diagonal(diagonal_);
     while (std::isfinite(cost)) {
-      std::ranges::transform(diagonal_, damping_.begin(), [&](double entry) { return lambda * entry; });
+      std::transform(diagonal_.begin(), diagonal_.end(), damping_.begin(),
+                     [&](double entry) { return lambda * entry; });
       if (!solve(damping_, report)) return report;
       const double predicted = downhill() + damped_square();
       equations_.retract(step_, values_, candidate_);

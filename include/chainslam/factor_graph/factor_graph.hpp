@@ -102,7 +102,7 @@ class FactorGraph {
   /// Calls visit(factor) for each factor, to change it in place; its keys stay.
   template <class Visit>
   void change_factors(Visit&& visit) {
-    std::apply([&](auto&... pools) { (std::ranges::for_each(pools, visit), ...); }, factors_);
+    std::apply([&](auto&... pools) { (std::for_each(pools.begin(), pools.end(), visit), ...); }, factors_);
   }
 
   /// Calls visit(pool) with each type's `const std::vector<F>&`, in a fixed order.

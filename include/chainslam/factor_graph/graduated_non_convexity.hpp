@@ -106,7 +106,7 @@ GncReport optimise(FactorGraph<Group>& graph, const GraduatedNonConvexity& metho
     if (!report.last.ok()) return report;
     std::vector<double> squares;
     for (const std::size_t k : suspects) squares.push_back(betweens[k].residual(weighted.values()).squaredNorm());
-    const double largest = squares.empty() ? 0.0 : std::ranges::max(squares);
+    const double largest = squares.empty() ? 0.0 : *std::max_element(squares.begin(), squares.end());
     report.decided = true;
     if (!mu && largest <= threshold) break;  // all agree at once
     mu = mu ? method.growth * *mu : threshold / (2.0 * largest - threshold);

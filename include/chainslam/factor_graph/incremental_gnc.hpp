@@ -125,10 +125,10 @@ class IncrementalGnc {
 
   /// Whether a suspect that was measured has not the weight that its residual asks for.
   [[nodiscard]] bool contradicted() {
-    std::ranges::sort(watched_);
+    std::sort(watched_.begin(), watched_.end());
     watched_.erase(std::unique(watched_.begin(), watched_.end()), watched_.end());
     std::erase_if(watched_, [&](Index number) { return !smoother_.contains(entry(number).id); });
-    const bool found = std::ranges::any_of(watched_, [&](Index number) {
+    const bool found = std::any_of(watched_.begin(), watched_.end(), [&](Index number) {
       return weight(entry(number).id) != (entry(number).squared <= options_.threshold ? 1.0 : 0.0);
     });
     if (!found) watched_.clear();

@@ -35,8 +35,9 @@ class NoiseModel {
   [[nodiscard]] static NoiseModel from_covariance(const Matrix& covariance) {
     require_symmetric(covariance, "covariance");
     // Scaled to unit diagonal, so that 1e-12 rad^2 beside 1e4 m^2 is not taken for singular.
-    if (!(covariance.diagonal().minCoeff() > 0.0)) refuse("covariance", "is not positive definite");
-    Matrix scale = Matrix::Zero(), correlation;
+    for (int i = 0; i < Dof; ++i)
+      if (!(covariance(i, i) > 0.0)) refuse("covariance", "is not positive definite");
+    Matrix scale = zeros<Matrix>(), correlation;
     for (int i = 0; i < Dof; ++i) scale(i, i) = 1.0 / std::sqrt(covariance(i, i));
     for (int j = 0; j < Dof; ++j)
       for (int i = 0; i < Dof; ++i) correlation(i, j) = scale(i, i) * covariance(i, j) * scale(j, j);
@@ -62,7 +63,7 @@ class NoiseModel {
     for (const double sigma : sigmas) {
       if (!(sigma > 0.0)) refuse("sigmas", "must be positive; a residual that must be zero is a Constrained factor's");
     }
-    Matrix root = Matrix::Zero();
+    Matrix root = zeros<Matrix>();
     for (int k = 0; k < Dof; ++k) root(k, k) = 1.0 / sigmas[k];
     return NoiseModel(root, "sigmas");
   }
@@ -84,31 +85,46 @@ class NoiseModel {
       refuse(name, "is not finite");
   }
 
+  /// Of the sizes of all entries.
+  [[nodiscard]] static double largest(const Matrix& matrix) {
+    double size = 0;
+    for (int k = 0; k < Dof * Dof; ++k) size = std::max(size, std::abs(matrix.data()[k]));
+    return size;
+  }
+
   static void require_symmetric(const Matrix& matrix, const char* name) {
     require_finite(matrix, name);
-    const double scale = matrix.cwiseAbs().maxCoeff();
-    // Files state six digits and more.
-    if ((matrix - matrix.transpose()).cwiseAbs().maxCoeff() > 1e-6 * scale) refuse(name, "is not symmetric");
+    constexpr double digits = 1e-6;  // files state six and more
+    if (largest(difference_of(matrix, transposed(matrix))) > digits * largest(matrix)) refuse(name, "is not symmetric");
   }
 
   /// Cholesky with pivots from the diagonal, largest first, which stops where only rounding is left (Higham 2002,
   /// section 10.3). Works on unit diagonal, so that no unit makes another's information look like rounding.
   [[nodiscard]] static Matrix semi_definite_root(const Matrix& information) {
     constexpr double rounding = 1e-12;
-    if (information.diagonal().minCoeff() < 0.0) refuse("information", "has a negative diagonal");
-    const Vector scale = information.diagonal().cwiseSqrt();
-    const Vector inverse = scale.unaryExpr([](double s) { return s > 0.0 ? 1.0 / s : 1.0; });
-    Matrix rest = inverse.asDiagonal() * information * inverse.asDiagonal();
-    Matrix root = Matrix::Zero();
-    for (int k = 0; k < Dof; ++k) {
-      Eigen::Index pivot = 0;
-      const double largest = rest.diagonal().maxCoeff(&pivot);
-      if (!(largest > rounding)) break;
-      root.row(k) = rest.row(pivot) / std::sqrt(largest);
-      rest -= root.row(k).transpose() * root.row(k);
+    Vector scale, inverse;
+    for (int i = 0; i < Dof; ++i) {
+      if (information(i, i) < 0.0) refuse("information", "has a negative diagonal");
+      scale[i] = std::sqrt(information(i, i));
+      inverse[i] = scale[i] > 0.0 ? 1.0 / scale[i] : 1.0;
     }
-    if (rest.cwiseAbs().maxCoeff() > rounding) refuse("information", "has a negative direction");
-    return root * scale.asDiagonal();
+    Matrix rest, root = zeros<Matrix>();
+    for (int j = 0; j < Dof; ++j)
+      for (int i = 0; i < Dof; ++i) rest(i, j) = inverse[i] * information(i, j) * inverse[j];
+    for (int k = 0; k < Dof; ++k) {
+      int pivot = 0;
+      for (int i = 1; i < Dof; ++i)
+        if (rest(i, i) > rest(pivot, pivot)) pivot = i;
+      if (!(rest(pivot, pivot) > rounding)) break;
+      const double divisor = std::sqrt(rest(pivot, pivot));
+      for (int j = 0; j < Dof; ++j) root(k, j) = rest(pivot, j) / divisor;
+      for (int j = 0; j < Dof; ++j)
+        for (int i = 0; i < Dof; ++i) rest(i, j) -= root(k, i) * root(k, j);
+    }
+    if (largest(rest) > rounding) refuse("information", "has a negative direction");
+    for (int j = 0; j < Dof; ++j)
+      for (int i = 0; i < Dof; ++i) root(i, j) *= scale[j];
+    return root;
   }
 
   [[noreturn]] [[gnu::cold]] [[gnu::noinline]] static void refuse(const char* name, const char* why) {

@@ -82,7 +82,7 @@ class Ieskf {
   void predict(const Input& input, double dt) {
     const Transition<State> step = process.predict(state_, input, dt);
     state_ = step.state;
-    covariance_ = symmetric(sum(congruent(step.F, covariance_), step.Q));
+    covariance_ = symmetric(sum_of(congruent(step.F, covariance_), step.Q));
   }
 
   /// Takes a measurement. Whatever the outcome, state and covariance stay finite.
@@ -134,20 +134,20 @@ FilterReport<State> Ieskf<State, Process>::update(Measurement& measurement, cons
     const Matrix S = times_transposed(C, C);
     // FAST-LIO2, eq. 18, with K H = S H^T R^-1 H and K r = -S gradient.
     const Tangent back = times(J_inverse, moved);
-    const Tangent pull = sum(z.gradient, times(z.information, back));
-    const Tangent step = difference(times(S, pull), back);
+    const Tangent pull = sum_of(z.gradient, times(z.information, back));
+    const Tangent step = difference_of(times(S, pull), back);
     if (!is_finite(step) || !is_finite(S)) {
       report.status = FilterStatus::not_finite;
       return report;
     }
     if (report.iterations == 0) {
-      const Tangent both = sum(z.gradient, pull);
+      const Tangent both = sum_of(z.gradient, pull);
       const double at_prediction = z.squared_error + transposed_product(back, both)(0, 0);
       report.nis = at_prediction - transposed_product(pull, times(S, pull))(0, 0);
       report.nis_residuals = z.residuals;
     }
     // After the step prior and measurement balance: P^-1 d = gradient - information step.
-    const Tangent whole = sum(back, step), balance = difference(z.gradient, times(z.information, step));
+    const Tangent whole = sum_of(back, step), balance = difference_of(z.gradient, times(z.information, step));
     report.prior_error = transposed_product(whole, balance)(0, 0);
     // The posterior lives where the step ends: IKFoM's reset, which later filters dropped.
     const Matrix reset = retract_jacobian(x, step);

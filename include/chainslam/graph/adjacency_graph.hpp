@@ -102,7 +102,8 @@ class AdjacencyGraph {
   /// Whether an edge joins the two; looks through the arcs of the one that has fewer.
   [[nodiscard]] bool connected(Index a, Index b) const {
     if (degree(b) < degree(a)) std::swap(a, b);
-    return std::ranges::any_of(neighbors(a), [b](const Arc& arc) { return arc.node == b; });
+    const std::span<const Arc> arcs = neighbors(a);
+    return std::any_of(arcs.begin(), arcs.end(), [b](const Arc& arc) { return arc.node == b; });
   }
 
   /// Tells the processor that a node's place in the table, or its arcs, will soon be needed.

@@ -36,7 +36,7 @@ class BfsTree {
   [[nodiscard]] std::vector<Index> path_to(Index step) const {
     std::vector<Index> path;
     for (; step != -1; step = steps_[static_cast<std::size_t>(step)].parent) path.push_back(step);
-    std::ranges::reverse(path);
+    std::reverse(path.begin(), path.end());
     return path;
   }
 

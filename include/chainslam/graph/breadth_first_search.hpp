@@ -82,7 +82,7 @@ class BfsWorkspace {
 
   void clear_marks() {
     if (static_cast<std::size_t>(reached_) >= marks_.size()) {
-      std::ranges::fill(marks_, 0);
+      std::fill(marks_.begin(), marks_.end(), 0);
     } else {
       for (const Index node : reached()) marks_[word_of(node)] = 0;
     }

@@ -53,7 +53,8 @@ class IndexRanges {
   /// The number of the range that contains the index; O(log ranges).
   [[nodiscard]] std::optional<Index> range_of(Index index) const {
     // Only the last range that begins at or before the index can hold it: those before end where it begins or earlier.
-    const auto after = std::ranges::upper_bound(ranges_, index, {}, &IndexRange::first);
+    const auto after = std::upper_bound(ranges_.begin(), ranges_.end(), index,
+                                        [](Index i, const IndexRange& range) { return i < range.first; });
     if (after == ranges_.begin() || !std::prev(after)->contains(index)) return std::nullopt;
     return static_cast<Index>(after - ranges_.begin() - 1);
   }

@@ -29,13 +29,13 @@ class Rn {
   [[nodiscard]] static Rn exp(const Tangent& v) { return Rn(v); }
   [[nodiscard]] Tangent log() const { return value(); }
   [[nodiscard]] Rn inverse() const { return Rn(negative(value())); }
-  [[nodiscard]] Rn operator*(const Rn& other) const { return Rn(sum(value(), other.value())); }
+  [[nodiscard]] Rn operator*(const Rn& other) const { return Rn(sum_of(value(), other.value())); }
   Rn& operator*=(const Rn& other) { return *this = *this * other; }
 
   /// value() + v
-  [[nodiscard]] Rn retract(const Tangent& v) const { return Rn(sum(value(), v)); }
+  [[nodiscard]] Rn retract(const Tangent& v) const { return Rn(sum_of(value(), v)); }
   /// other.value() - value()
-  [[nodiscard]] Tangent local(const Rn& other) const { return difference(other.value(), value()); }
+  [[nodiscard]] Tangent local(const Rn& other) const { return difference_of(other.value(), value()); }
 
   [[nodiscard]] Tangent value() const {
     Tangent value;

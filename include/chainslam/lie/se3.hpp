@@ -55,7 +55,7 @@ class SE3 {
   }
 
   [[nodiscard]] SE3 operator*(const SE3& other) const {
-    return SE3(rotation_ * other.rotation_, sum(rotation_ * other.translation_, translation_));
+    return SE3(rotation_ * other.rotation_, sum_of(rotation_ * other.translation_, translation_));
   }
   SE3& operator*=(const SE3& other) { return *this = *this * other; }
 
@@ -148,7 +148,7 @@ class SE3 {
   [[nodiscard]] static Vector3 axial_product(const Vector3& v, const Scalar& b, const Scalar& c, const Vector3& w) {
     const Vector3 w_v = w.cross(v);
     const Vector3 first = scaled(b, w_v), second = scaled(c, Vector3(w.cross(w_v)));
-    return sum(sum(v, first), second);
+    return sum_of(sum_of(v, first), second);
   }
 
   SO3<Scalar> rotation_;

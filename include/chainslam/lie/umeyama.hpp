@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/horn_matrix.hpp"
 #include "chainslam/lie/sim3.hpp"
 
@@ -39,7 +40,7 @@ namespace detail {
   if (source.size() < 3) return std::nullopt;
   const Eigen::Vector3d source_mean = detail::mean(source);
   const Eigen::Vector3d target_mean = detail::mean(target);
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d covariance = zeros<Eigen::Matrix3d>();
   double source_variance = 0;
   for (std::size_t i = 0; i < source.size(); ++i) {
     const Eigen::Vector3d p = source[i] - source_mean, q = target[i] - target_mean;

@@ -79,9 +79,9 @@ template <Executor E = Serial>
       const double place = wanted > 0 ? std::min(wanted, last) : 0.0;  // NaN counts as the sweep's begin
       const auto k = std::min(static_cast<std::size_t>(place), knots.size() - 2);
       const double share = place - static_cast<double>(k);
-      const Eigen::Vector3d before = sum(product(knots[k].R, p), knots[k].t);
-      const Eigen::Vector3d after = sum(product(knots[k + 1].R, p), knots[k + 1].t);
-      const Eigen::Vector3d moved = sum(before, scaled(share, difference(after, before)));
+      const Eigen::Vector3d before = sum_of(product(knots[k].R, p), knots[k].t);
+      const Eigen::Vector3d after = sum_of(product(knots[k + 1].R, p), knots[k + 1].t);
+      const Eigen::Vector3d moved = sum_of(before, scaled(share, difference_of(after, before)));
       corrected.positions[i] = converted<float>(moved);
     }
   });

@@ -113,7 +113,7 @@ inline std::vector<std::size_t> ImuAlignment::block_ends(std::size_t count) cons
 
 inline ImuAlignment::AlignmentMatrix ImuAlignment::given_information(double rotation_deviation) const {
   const auto weight = [](double deviation) { return 1 / (deviation * deviation); };
-  AlignmentMatrix information = AlignmentMatrix::Zero();
+  AlignmentMatrix information = zeros<AlignmentMatrix>();
   information(0, 0) = weight(options_.time_offset_deviation);
   for (int i = 0; i < 3; ++i) {
     information(1 + i, 1 + i) = weight(std::min(rotation_deviation, any_rotation));

@@ -33,7 +33,7 @@ struct ImuInitializer {
   [[nodiscard]] ImuStart estimate(const Samples& samples) const {
     ImuStart start;
     const auto usable = [](const ImuSample& sample) { return sample.rate_measured && sample.force_measured; };
-    start.samples = to_index(std::ranges::count_if(samples, usable));
+    start.samples = to_index(std::count_if(samples.begin(), samples.end(), usable));
     if (start.samples < min_samples) return start;
     const double n = static_cast<double>(start.samples);
     Eigen::Vector3d gyro = Eigen::Vector3d::Zero();

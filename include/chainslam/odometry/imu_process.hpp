@@ -70,13 +70,13 @@ inline void ImuProcess::lean(const InertialState& x, double dt, Transition<Inert
   const S2d after = turn * x.get<Part::up>();
   const Eigen::Vector3d change = after.direction() - before;
   step.state.get<Part::up>() = after;
-  step.state.get<Part::creep>() = R2d(sum(x.get<Part::creep>().value(), block_of<2, 1>(change, 0, 0)));
+  step.state.get<Part::creep>() = R2d(sum_of(x.get<Part::creep>().value(), block_of<2, 1>(change, 0, 0)));
 
   // d up' / d (w, up, velocity)
   const Eigen::Matrix3d R = turn.matrix();
   const Eigen::Matrix3d by_turn = negative(product(product(R, SO3d::hat(before)), SO3d::right_jacobian(w)));
   const Eigen::Matrix3d by_way = scaled(bent, by_turn);
-  const Eigen::Matrix3d by_direction = difference(R, product(by_way, SO3d::hat(velocity)));
+  const Eigen::Matrix3d by_direction = difference_of(R, product(by_way, SO3d::hat(velocity)));
   const Eigen::Matrix<double, 3, 2> by_up = product(by_direction, basis);
   const Eigen::Matrix3d by_velocity = product(by_way, SO3d::hat(before));
   const Eigen::Vector3d by_bend = scaled(dt, product(by_turn, across));
@@ -84,7 +84,7 @@ inline void ImuProcess::lean(const InertialState& x, double dt, Transition<Inert
   set_block(step.F, up, up, product(to_tangent, by_up));
   set_block(step.F, up, v, product(to_tangent, by_velocity));
   set_block(step.F, up, bend, product(to_tangent, by_bend));
-  set_block(step.F, creep, up, block_of<2, 2>(difference(by_up, basis), 0, 0));
+  set_block(step.F, creep, up, block_of<2, 2>(difference_of(by_up, basis), 0, 0));
   set_block(step.F, creep, v, block_of<2, 3>(by_velocity, 0, 0));
   set_block(step.F, creep, bend, block_of<2, 1>(by_bend, 0, 0));
 }

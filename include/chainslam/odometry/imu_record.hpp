@@ -75,7 +75,8 @@ class ImuRecord {
   /// Calls `step(const ImuStep&)` for all of [from, to] in order.
   template <class Step>
   void for_each_step(Timestamp from, Timestamp to, Step&& step) const {
-    const auto later = std::ranges::upper_bound(samples_, from, {}, &ImuSample::time);
+    const auto later = std::upper_bound(samples_.begin(), samples_.end(), from,
+                                        [](Timestamp t, const ImuSample& sample) { return t < sample.time; });
     auto next = static_cast<std::size_t>(later - samples_.begin());
     for (Timestamp t = from; t < to; ++next) {
       const Timestamp end = next < samples_.size() ? std::min(samples_[next].time, to) : to;

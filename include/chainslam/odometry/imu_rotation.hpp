@@ -56,7 +56,8 @@ class ImuRotation {
 
  private:
   [[nodiscard]] std::size_t first_after(Timestamp time) const {
-    const auto later = std::ranges::upper_bound(samples_, time, {}, &ImuSample::time);
+    const auto later = std::upper_bound(samples_.begin(), samples_.end(), time,
+                                        [](Timestamp t, const ImuSample& sample) { return t < sample.time; });
     return static_cast<std::size_t>(later - samples_.begin());
   }
 

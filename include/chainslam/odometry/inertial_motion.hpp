@@ -204,7 +204,8 @@ class InertialMotion {
   };
 
   [[nodiscard]] SE3d way_at(Timestamp time) const {
-    const auto later = std::ranges::upper_bound(way_, time, {}, &Knot::time);
+    const auto later =
+        std::upper_bound(way_.begin(), way_.end(), time, [](Timestamp t, const Knot& knot) { return t < knot.time; });
     const Knot& knot = later == way_.begin() ? way_.front() : *(later - 1);
     return knot.pose(to_seconds(time - knot.time));
   }
@@ -360,7 +361,7 @@ inline void InertialMotion::doubt_mounting() {
   for (int j = 0; j < 6; ++j)
     for (int i = 0; i < InertialState::dof; ++i)
       spread(i, j) *= j < 3 ? options_.lidar_position : options_.lidar_rotation;
-  filter_.reset(x, sum(filter_.covariance(), product_transposed(spread, spread)));
+  filter_.reset(x, sum_of(filter_.covariance(), product_transposed(spread, spread)));
 }
 
 inline void InertialMotion::hold_mounting() {

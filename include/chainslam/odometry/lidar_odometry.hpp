@@ -12,6 +12,7 @@
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
@@ -86,10 +87,10 @@ class LidarOdometry {
 
  private:
   struct Registered {
-    PointCloud<float> cloud;            ///< body frame at the scan's end
-    PointCloud<float> map_points;       ///< for the map
-    PointCloud<float> points;           ///< for registration
-    Vector6d twist = Vector6d::Zero();  ///< that corrected it
+    PointCloud<float> cloud;             ///< body frame at the scan's end
+    PointCloud<float> map_points;        ///< for the map
+    PointCloud<float> points;            ///< for registration
+    Vector6d twist = zeros<Vector6d>();  ///< that corrected it
     ScanMatch match;
   };
   struct Sweep {
@@ -178,7 +179,7 @@ bool LidarOdometry<Map, Kernel>::in_order(const LidarScan& scan) const {
 template <class Map, class Kernel>
 template <Executor E>
 std::optional<Frame> LidarOdometry<Map, Kernel>::start(Sweep sweep, const E& executor) {
-  Registered scan = corrected(sweep, Vector6d::Zero(), executor);
+  Registered scan = corrected(sweep, zeros<Vector6d>(), executor);
   if (empty(scan)) {
     ++counts_.empty_scans;
     return std::nullopt;
@@ -282,7 +283,7 @@ Frame LidarOdometry<Map, Kernel>::lose(Registered scan, const MotionPrediction& 
   doubt_.lose(prediction.since_last);
   ++counts_.lost_scans;
   Frame frame = answer(scan, FrameStatus::lost);
-  Matrix6d predicted = Matrix6d::Zero();
+  Matrix6d predicted = zeros<Matrix6d>();
   for (int i = 0; i < 3; ++i) predicted(i, i) = prediction.error * prediction.error;
   frame.covariance = doubt_.in_odom(frame.T_odom_body, predicted);
   frame.health.after_gap = prediction.since_last > options_.motion.max_gap;

@@ -48,7 +48,7 @@ class LocalMap {
   void extend(const PointCloud<float>& scan, const SE3d& T_odom_body) {
     points_.insert(transformed(scan, T_odom_body));
     const Eigen::Vector3d& center = T_odom_body.translation();
-    if (difference(center, center_).norm() >= 0.1 * options_.radius) {
+    if (difference_of(center, center_).norm() >= 0.1 * options_.radius) {
       cut(center, options_.radius);
       center_ = center;
     }
@@ -68,8 +68,8 @@ class LocalMap {
     using Box = SearchBox<Map>;
     using Vector = SearchVector<Map>;
     const Eigen::Vector3d half(radius, radius, radius);
-    return points_.erase_outside(Box(Vector(converted<typename Map::Scalar>(difference(center, half))),
-                                     Vector(converted<typename Map::Scalar>(sum(center, half)))));
+    return points_.erase_outside(Box(Vector(converted<typename Map::Scalar>(difference_of(center, half))),
+                                     Vector(converted<typename Map::Scalar>(sum_of(center, half)))));
   }
 
   LocalMapOptions options_;

@@ -22,9 +22,9 @@ struct MotionPrediction {
   Timestamp begin, end;   ///< of the sweep
   double since_last = 0;  ///< seconds from the last known pose to the sweep's end
   SE3d T_odom_body{};
-  Vector6d twist = Vector6d::Zero();  ///< per second, body frame, [translation; rotation]
-  double error = 0;                   ///< metres the pose may be off
-  bool with_gyro = false;             ///< the rotation was measured, not extrapolated
+  Vector6d twist = zeros<Vector6d>();  ///< per second, body frame, [translation; rotation]
+  double error = 0;                    ///< metres the pose may be off
+  bool with_gyro = false;              ///< the rotation was measured, not extrapolated
 };
 
 struct MotionPredictorOptions {
@@ -110,7 +110,7 @@ class MotionPredictor {
   /// the change of twist over half of the sweep. Tangent of the pose at the end.
   [[nodiscard]] Vector6d end_deviation(const MotionPrediction& prediction, const Vector6d& twist,
                                        const SE3d& T_odom_body) const {
-    if (!mean_twist_) return Vector6d::Zero();
+    if (!mean_twist_) return zeros<Vector6d>();
     const Vector6d change = mean_twist(prediction, twist, T_odom_body) - *mean_twist_;
     Vector6d deviation = 0.25 * to_seconds(prediction.end - prediction.begin) * change;
     if (prediction.with_gyro) set_block(deviation, 3, 0, Eigen::Vector3d(Eigen::Vector3d::Zero()));

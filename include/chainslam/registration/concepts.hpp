@@ -5,6 +5,7 @@
 
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/search/concepts.hpp"
@@ -41,16 +42,16 @@ struct AlignResult {
   SE3d T_target_source;
   /// Sum of w J'J: the information if the residuals had a standard deviation of 1 m. Semi-definite: directions found
   /// degenerate carry none.
-  Matrix6d hessian = Matrix6d::Zero();
+  Matrix6d hessian = zeros<Matrix6d>();
   /// Of T_target_source, for residuals that err independently of one another: the residuals' variance times hessian^-1.
   /// Never beyond the largest distance between partners, which is what directions found degenerate have.
-  Matrix6d covariance = Matrix6d::Zero();
-  Vector6d eigenvalues = Vector6d::Zero();       ///< of the hessian per inlier: mean squared cosines, ascending
-  Matrix6d eigenvectors = Matrix6d::Identity();  ///< columns: the directions that go with them
+  Matrix6d covariance = zeros<Matrix6d>();
+  Vector6d eigenvalues = zeros<Vector6d>();      ///< of the hessian per inlier: mean squared cosines, ascending
+  Matrix6d eigenvectors = identity<Matrix6d>();  ///< columns: the directions that go with them
   Index degenerate_directions = 0;               ///< how many of them, the first, were held at the guess
   /// For each axis, what is known of it when nothing is known of the others, per inlier: 1 over the diagonal of the
   /// inverse. A tenth of the degeneracy threshold, which is the least: not told at all, as along a corridor.
-  Vector6d localizability = Vector6d::Zero();
+  Vector6d localizability = zeros<Vector6d>();
   Index inliers = 0;                 ///< source points whose nearest target point is near enough, and not rejected
   double inlier_ratio = 0;           ///< inliers over finite source points
   double overlap = 0;                ///< the same, rejected ones included

@@ -9,6 +9,7 @@
 #include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/source_columns.hpp"
@@ -92,7 +93,7 @@ class GaussianVoxelMap {
  private:
   struct Voxel {
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+    Eigen::Matrix3d covariance = zeros<Eigen::Matrix3d>();
     Index count = 0;
   };
   struct Match {
@@ -124,14 +125,14 @@ class GaussianVoxelMap {
     if (is_new) voxels_.emplace_back();
     Voxel& voxel = voxels_[static_cast<std::size_t>(index)];
     const double share = 1.0 / static_cast<double>(++voxel.count);
-    voxel.mean += (p - voxel.mean) * share;
-    voxel.covariance += (covariance - voxel.covariance) * share;
+    voxel.mean = sum_of(voxel.mean, scaled(share, difference_of(p, voxel.mean)));
+    voxel.covariance = sum_of(voxel.covariance, scaled(share, difference_of(covariance, voxel.covariance)));
   }
 
   void look(const Cell& cell, const Eigen::Vector3d& query, Match& best) const {
     const Index index = table_.find(cell);
     if (index < 0) return;
-    const double squared = (at(index).mean - query).squaredNorm();
+    const double squared = difference_of(at(index).mean, query).squaredNorm();
     if (squared < best.squared_distance || (best.index < 0 && squared == best.squared_distance))
       best = {index, squared};
   }

@@ -120,7 +120,7 @@ template <RotationModel Rotation = AnyRotation>
   if (!(total > 0)) return std::nullopt;
   source_mean *= 1.0 / total;
   target_mean *= 1.0 / total;
-  Eigen::Matrix3d S = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d S = zeros<Eigen::Matrix3d>();
   for (std::size_t i = 0; i < weights.size(); ++i) {
     const Eigen::Vector3d p = source[i] - source_mean, q = target[i] - target_mean;
     S += weights[i] * product_transposed(q, p);

@@ -4,6 +4,7 @@
 #include <concepts>
 #include <optional>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam {
@@ -20,7 +21,7 @@ namespace detail {
 
 /// The least that models `AlignProblem`, to check optimizers by.
 struct AlignProblemArchetype {
-  [[nodiscard]] Vector6d solve(double /*damping*/) const { return Vector6d::Zero(); }
+  [[nodiscard]] Vector6d solve(double /*damping*/) const { return zeros<Vector6d>(); }
   [[nodiscard]] double cost() const { return 0; }
   [[nodiscard]] double cost_after(const Vector6d& /*step*/) const { return 0; }
 };

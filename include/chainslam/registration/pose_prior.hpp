@@ -12,8 +12,8 @@ namespace chainslam {
 /// What a prior adds at a pose, in the unit of the pairs' squared residuals; tangent of a right perturbation of
 /// T_target_source.
 struct PriorTerms {
-  Matrix6d hessian = Matrix6d::Zero();
-  Vector6d gradient = Vector6d::Zero();
+  Matrix6d hessian = zeros<Matrix6d>();
+  Vector6d gradient = zeros<Vector6d>();
   double cost = 0;
 };
 
@@ -32,7 +32,8 @@ static_assert(AlignPrior<NoPrior>);
 /// A pose with its information, as odometry or an IMU gives it.
 struct PosePrior {
   SE3d T_target_source{};
-  Matrix6d information = Matrix6d::Zero();  ///< 1/m^2, 1/rad^2, tangent [translation; rotation] of a right perturbation
+  Matrix6d information =
+      zeros<Matrix6d>();  ///< 1/m^2, 1/rad^2, tangent [translation; rotation] of a right perturbation
   /// How far a pair's residual errs, metres: weighs pairs against the prior. Neighbouring points err together; for
   /// every hundred that do, take ten times the sensor's noise.
   double pair_deviation = 0.1;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 
 namespace chainslam {
@@ -13,7 +14,7 @@ enum class GnssQuality { none, two_dimensional, three_dimensional, differential,
 struct GnssFix {
   Timestamp time{};
   Eigen::Vector3d position_ecef = Eigen::Vector3d::Zero();        ///< metres
-  Eigen::Matrix3d covariance_ecef = Eigen::Matrix3d::Identity();  ///< m^2
+  Eigen::Matrix3d covariance_ecef = identity<Eigen::Matrix3d>();  ///< m^2
   GnssQuality quality = GnssQuality::none;
 };
 

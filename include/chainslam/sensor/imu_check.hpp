@@ -94,7 +94,7 @@ class ImuCheck {
  private:
   using Distances = std::array<double, 2>;  ///< of rate and force
   static Distances distance(const ImuSample& a, const ImuSample& b) {
-    return {difference(a.gyro, b.gyro).norm(), difference(a.accel, b.accel).norm()};
+    return {difference_of(a.gyro, b.gyro).norm(), difference_of(a.accel, b.accel).norm()};
   }
 
   static bool same_numbers(const ImuSample& a, const ImuSample& b) { return a.gyro == b.gyro && a.accel == b.accel; }
@@ -184,8 +184,8 @@ class ImuCheck {
   }
 
   static Distances from_neighbours(const ImuSample& before, const ImuSample& sample, const ImuSample& after) {
-    return {difference(sample.gyro, scaled(0.5, sum(before.gyro, after.gyro))).norm(),
-            difference(sample.accel, scaled(0.5, sum(before.accel, after.accel))).norm()};
+    return {difference_of(sample.gyro, scaled(0.5, sum_of(before.gyro, after.gyro))).norm(),
+            difference_of(sample.accel, scaled(0.5, sum_of(before.accel, after.accel))).norm()};
   }
 
   /// Whether a row equal to the last adds nothing: its numbers were not measured anew. Sensors of constant numbers

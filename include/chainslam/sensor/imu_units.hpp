@@ -122,8 +122,8 @@ inline GravityTurn gravity_turn(std::span<const ImuStretch> stretches) {
     const auto direction = [](const ImuStretch& stretch) {
       return Eigen::Vector3d(stretch.accel / stretch.accel.norm());
     };
-    const Eigen::Vector3d change = difference(direction(after), direction(before)) / step;
-    const Eigen::Vector3d model = direction(here).cross(difference(here.gyro, bias));
+    const Eigen::Vector3d change = difference_of(direction(after), direction(before)) / step;
+    const Eigen::Vector3d model = direction(here).cross(difference_of(here.gyro, bias));
     measured += change.dot(model);
     predicted += model.squaredNorm();
     actual += change.squaredNorm();

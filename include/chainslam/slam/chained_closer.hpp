@@ -62,7 +62,8 @@ class ChainedCloser {
     collect(graph, j, loaded, found);
     // Components do not overlap: one that has a node in common with what was found was walked already.
     for (Index near = submap.begin; near < submap.end; ++near)
-      if (near != j.value && graph.degree(near) > 0 && std::ranges::find(found, KeyframeId{near}) == found.end())
+      if (near != j.value && graph.degree(near) > 0 &&
+          std::find(found.begin(), found.end(), KeyframeId{near}) == found.end())
         collect(graph, KeyframeId{near}, loaded, found);
     return found;
   }
@@ -129,7 +130,7 @@ class ChainedCloser {
     std::vector<KeyframeId> partners{j};
     std::vector<Candidate> kept;
     for (const Candidate& candidate : candidates) {
-      const bool known = std::ranges::any_of(partners, [&](KeyframeId other) {
+      const bool known = std::any_of(partners.begin(), partners.end(), [&](KeyframeId other) {
         return std::abs(candidate.id.value - other.value) < options_.min_separation &&
                keyframes[static_cast<std::size_t>(other.value)].session ==
                    keyframes[static_cast<std::size_t>(candidate.id.value)].session;
@@ -151,7 +152,7 @@ class ChainedCloser {
   /// m measurements of variance s^2, any two correlated by r, know as much as m / (1 + (m - 1) r) independent ones.
   void share_information(LoopClosure& direct, std::vector<LoopClosure>& tried) const {
     const auto accepted = [](const LoopClosure& closure) { return closure.verdict == ClosureVerdict::accepted; };
-    const auto others = static_cast<double>(std::ranges::count_if(tried, accepted));
+    const auto others = static_cast<double>(std::count_if(tried.begin(), tried.end(), accepted));
     const double scale = 1 / std::sqrt(1 + others * options_.correlation);
     direct.sqrt_information *= scale;
     for (LoopClosure& closure : tried) closure.sqrt_information *= scale;

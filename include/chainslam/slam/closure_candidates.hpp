@@ -55,7 +55,7 @@ struct ProximityCandidates {
     std::vector<KeyframeId> proposals;
     for (const PositionIndex::Found& found : near) {
       if (to_index(proposals.size()) >= max_count) break;
-      const bool known = std::ranges::any_of(proposals, [&](KeyframeId other) {
+      const bool known = std::any_of(proposals.begin(), proposals.end(), [&](KeyframeId other) {
         return std::max(found.id.value, other.value) - std::min(found.id.value, other.value) < min_separation &&
                keyframes[static_cast<std::size_t>(other.value)].session ==
                    keyframes[static_cast<std::size_t>(found.id.value)].session;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <concepts>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/registration/concepts.hpp"
@@ -35,7 +36,7 @@ struct IsotropicCovariance {
 
   [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
     const double variance = std::max(lambda * result.mean_squared_error, least);
-    Matrix6d covariance = Matrix6d::Zero();
+    Matrix6d covariance = zeros<Matrix6d>();
     for (int i = 0; i < 6; ++i) covariance(i, i) = variance;
     return covariance;
   }
@@ -60,7 +61,7 @@ struct HessianCovariance {
     Matrix6d information = result.hessian;
     for (int i = 0; i < 36; ++i) information.data()[i] /= variance;
     detail::add_squares(information, 1 / prior_translation, 1 / prior_rotation);
-    const Matrix6d root = solved_right(Matrix6d(Matrix6d::Identity()), cholesky(information));
+    const Matrix6d root = solved_right(identity<Matrix6d>(), cholesky(information));
     Matrix6d covariance = symmetric(times_transposed(root, root));
     detail::add_squares(covariance, floor_translation, floor_rotation);
     return covariance;

@@ -44,7 +44,7 @@ class GnssCandidates {
     index_earlier_sessions(map, here.session);
     for (const Found& found : near(map, here)) {
       if (to_index(proposals.size()) >= options_.max_count) break;
-      const bool known = std::ranges::any_of(proposals, [&](KeyframeId other) {
+      const bool known = std::any_of(proposals.begin(), proposals.end(), [&](KeyframeId other) {
         return std::abs(found.id.value - other.value) < options_.min_separation &&
                keyframe(map, found.id).session == keyframe(map, other).session;
       });

@@ -71,29 +71,31 @@ struct OdometryDoubt {
   /// @param frames  from the first keyframe's to the second's, both among them.
   /// @returns tangent [translation; rotation] of the second keyframe's pose.
   [[nodiscard]] Matrix6d operator()(std::span<const FrameRecord> frames) const {
-    Matrix6d doubt = Matrix6d::Zero(), pending = Matrix6d::Zero();  // since scans have been lost
+    Matrix6d doubt = zeros<Matrix6d>(), pending = zeros<Matrix6d>();  // since scans have been lost
     for (std::size_t i = 1; i < frames.size(); ++i) {
       const FrameRecord &before = frames[i - 1], &frame = frames[i];
       if (frame.health.status != FrameStatus::lost) add(pending, wrong_rematch, doubt);
       if (frame.health.status == FrameStatus::good) continue;
       const Matrix6d known =
           detail::carried(before.covariance.matrix(), frame.T_odom_body.inverse() * before.T_odom_body);
-      const Matrix6d growth = detail::carried(detail::positive_part(frame.covariance.matrix() - known),
+      const Matrix6d growth = detail::carried(detail::positive_part(difference_of(frame.covariance.matrix(), known)),
                                               frames.back().T_odom_body.inverse() * frame.T_odom_body);
-      (frame.health.status == FrameStatus::lost ? pending : doubt) += growth;
+      Matrix6d& grown = frame.health.status == FrameStatus::lost ? pending : doubt;
+      grown = sum_of(grown, growth);
       if (frame.health.map_restarted) add(pending, 1.0, doubt);
     }
     add(pending, 1.0, doubt);
     constexpr double unknown = 1e12;  // m^2 and rad^2: beyond, sums with what is known round it off
     for (int k = 0; k < 36; ++k)
-      if (!is_finite(doubt.data()[k]) || std::abs(doubt.data()[k]) > unknown) return unknown * Matrix6d::Identity();
+      if (!is_finite(doubt.data()[k]) || std::abs(doubt.data()[k]) > unknown)
+        return scaled(unknown, identity<Matrix6d>());
     return doubt;
   }
 
  private:
   static void add(Matrix6d& pending, double share, Matrix6d& doubt) {
-    doubt += share * pending;
-    pending.setZero();
+    doubt = sum_of(doubt, scaled(share, pending));
+    pending = zeros<Matrix6d>();
   }
 };
 

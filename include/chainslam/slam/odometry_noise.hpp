@@ -40,8 +40,8 @@ struct OdometryNoise {
   [[nodiscard]] Vector6d sigmas(const SE3d& T_from_to) const {
     const double way = T_from_to.translation().norm();
     Vector6d sigmas;
-    sigmas << Eigen::Vector3d::Constant(translation + translation_per_metre * way),
-        Eigen::Vector3d::Constant(rotation + rotation_per_metre * way);
+    for (int i = 0; i < 6; ++i)
+      sigmas[i] = i < 3 ? translation + translation_per_metre * way : rotation + rotation_per_metre * way;
     return sigmas;
   }
 };

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/normals.hpp"
 #include "chainslam/map/keyframe.hpp"
@@ -74,7 +75,7 @@ class SubmapCache {
     const std::vector<SE3d> now = relative_poses(keyframes, entry.center, range);
     for (std::size_t i = 0; i < now.size(); ++i) {
       const Vector6d moved = entry.T_center_keyframe[i].local(now[i]);
-      if (moved.head<3>().norm() + lever * moved.tail<3>().norm() > shift) return false;
+      if (block_of<3, 1>(moved, 0, 0).norm() + lever * block_of<3, 1>(moved, 3, 0).norm() > shift) return false;
     }
     return true;
   }

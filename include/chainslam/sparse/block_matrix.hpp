@@ -49,7 +49,7 @@ class BlockPattern {
   /// Position of block (row, column) of the lower triangle, row >= column. O(log rows in the column).
   [[nodiscard]] std::optional<Offset> find(Index row, Index column) const {
     const std::span<const Index> in_column = rows(column);
-    const auto found = std::ranges::lower_bound(in_column, row);
+    const auto found = std::lower_bound(in_column.begin(), in_column.end(), row);
     if (found == in_column.end() || *found != row) return std::nullopt;
     return begin(column) + (found - in_column.begin());
   }
@@ -119,7 +119,7 @@ class BlockMatrix {
   [[nodiscard]] const BlockPattern& pattern() const { return pattern_; }
   [[nodiscard]] Index size() const { return pattern_.size(); }
 
-  void set_zero() { std::ranges::fill(values_, 0.0); }
+  void set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
 
   /// Block at a position of the pattern.
   [[nodiscard]] Eigen::Map<Block> block(Offset position) { return Eigen::Map<Block>(data(position)); }

@@ -302,7 +302,7 @@ class BlockCholesky {
     Offset place = row - first;
     if (place >= nodes_.columns(s)) {
       const std::span<const Index> rows = nodes_.rows_of(s);
-      place = nodes_.columns(s) + (std::ranges::lower_bound(rows, row) - rows.begin());
+      place = nodes_.columns(s) + (std::lower_bound(rows.begin(), rows.end(), row) - rows.begin());
     }
     return panel_start_[s] + Offset{column - first} * BlockSize * stride(s) + place * BlockSize;
   }

@@ -89,7 +89,7 @@ inline std::vector<Index> postorder(std::span<const Index> parents, std::span<co
   const Index size = to_index(parents.size());
   std::vector<Index> heaviest_first(parents.size());
   for (Index column = 0; column < size; ++column) heaviest_first[static_cast<std::size_t>(column)] = column;
-  std::ranges::sort(heaviest_first, [&](Index a, Index b) {
+  std::sort(heaviest_first.begin(), heaviest_first.end(), [&](Index a, Index b) {
     const Index weight_a = weights[static_cast<std::size_t>(a)];
     const Index weight_b = weights[static_cast<std::size_t>(b)];
     return weight_a != weight_b ? weight_a > weight_b : a > b;

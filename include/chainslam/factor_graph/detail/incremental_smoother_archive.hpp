@@ -31,7 +31,7 @@ std::vector<std::byte> IncrementalSmoother<Group, Extra...>::save() const {
   out.put_list(look_);
   out.put_list(marginalized_);
   std::vector<Key> waiting;
-  std::ranges::copy_if(waiting_, std::back_inserter(waiting), [](Key key) { return key != -1; });
+  std::copy_if(waiting_.begin(), waiting_.end(), std::back_inserter(waiting), [](Key key) { return key != -1; });
   out.put_list(waiting);
   out.put_list(far_);
   out.put_list(off_);

@@ -23,7 +23,7 @@ void IncrementalSmoother<Group, Extra...>::marginalize(std::span<const Key> keys
       for (const auto& slot : solver_.terms().slots(terms.back())) stays.push_back(slot.variable);
     }
     const auto concerns = [&](const LinearPrior<Group>& prior) {
-      return std::ranges::find(prior.variables, key) != prior.variables.end();
+      return std::find(prior.variables.begin(), prior.variables.end(), key) != prior.variables.end();
     };
     for (const auto& prior : left) {
       if (concerns(prior)) stays.insert(stays.end(), prior.variables.begin(), prior.variables.end());

@@ -27,8 +27,9 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
   for (const Key key : keys) {
     for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next) {
       const auto slots = solver_.terms().slots(solver_.terms().slot(k).term);
-      const bool inside = std::ranges::all_of(
-          slots, [&](const auto& slot) { return moved[static_cast<std::size_t>(slot.variable)] != 0; });
+      const bool inside = std::all_of(slots.begin(), slots.end(), [&](const auto& slot) {
+        return moved[static_cast<std::size_t>(slot.variable)] != 0;
+      });
       if (inside && traits(solver_.terms().slot(k).term).left_invariant) continue;
       for (const auto& slot : slots) outside.push_back(slot.variable);
     }

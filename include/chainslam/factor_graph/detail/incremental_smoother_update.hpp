@@ -194,8 +194,8 @@ void IncrementalSmoother<Group, Extra...>::relinearize_waiting(bool exact) {
     --budget;
     relinearize_at_estimate(key);
   };
-  if (exact || impatient()) std::ranges::for_each(waiting_, relinearize);
-  std::ranges::for_each(far_, relinearize);
+  if (exact || impatient()) std::for_each(waiting_.begin(), waiting_.end(), relinearize);
+  std::for_each(far_.begin(), far_.end(), relinearize);
   std::erase_if(far_, [&](Key key) { return !waits(key); });
   solver_.for_each_due([&](Key key) {
     if (waits(key) && all_due(key)) relinearize(key);

@@ -22,15 +22,15 @@ struct AlignmentScales {
 /// Normal equations of some seconds of poses about a state, gravity eliminated.
 struct AlignmentBlock {
   AlignmentState at;  ///< where they were linearized
-  AlignmentMatrix information = AlignmentMatrix::Zero();
-  AlignmentMatrix turn_information = AlignmentMatrix::Zero();  ///< the part of it that turns give
-  AlignmentVector gradient = AlignmentVector::Zero();
+  AlignmentMatrix information = zeros<AlignmentMatrix>();
+  AlignmentMatrix turn_information = zeros<AlignmentMatrix>();  ///< the part of it that turns give
+  AlignmentVector gradient = zeros<AlignmentVector>();
   Eigen::Vector3d up_force = Eigen::Vector3d::Zero();  ///< specific force at rest, in the frame of the poses
   double begin = 0, end = 0;                           ///< s
   int turns = 0, forces = 0;
 
   [[nodiscard]] AlignmentVector gradient_at(const AlignmentState& x) const {
-    return gradient + product(information, local(at, x));
+    return sum_of(gradient, product(information, local(at, x)));
   }
 };
 
@@ -66,7 +66,8 @@ struct BlockResiduals {
   }
   for (int axis = 0; axis < 3; ++axis) block.up_force[axis] = median(up[static_cast<std::size_t>(axis)]);
   for (std::size_t j = first; j < last; ++j)
-    if (auto& force = block.forces[j - first]; force) force->value -= poses[j].R.inverse() * block.up_force;
+    if (auto& force = block.forces[j - first]; force)
+      force->value = difference_of(force->value, poses[j].R.inverse() * block.up_force);
   return block;
 }
 
@@ -93,9 +94,9 @@ constexpr double cauchy_width = 2.3849;  ///< standard deviations: 95 % efficien
       block.gradient[b] += weighted * value;
     }
   };
-  Eigen::Matrix3d gravity = Eigen::Matrix3d::Zero();
+  auto gravity = zeros<Eigen::Matrix3d>();
   Eigen::Vector3d gravity_gradient = Eigen::Vector3d::Zero();
-  Eigen::Matrix<double, n, 3> coupling = Eigen::Matrix<double, n, 3>::Zero();
+  auto coupling = zeros<Eigen::Matrix<double, n, 3>>();
   for (std::size_t j = residuals.first; j < residuals.last; ++j) {
     if (const auto& turn = residuals.turns[j - residuals.first]; turn) {
       ++block.turns;
@@ -110,7 +111,7 @@ constexpr double cauchy_width = 2.3849;  ///< standard deviations: 95 % efficien
   for (std::size_t j = residuals.first; j < residuals.last; ++j) {
     if (const auto& force = residuals.forces[j - residuals.first]; force) {
       ++block.forces;
-      const Eigen::Matrix3d by_up = -poses[j].R.inverse().matrix();
+      const Eigen::Matrix3d by_up = negative(poses[j].R.inverse().matrix());
       for (int axis = 0; axis < 3; ++axis) {
         const double scale = scales.force[static_cast<std::size_t>(axis)];
         const double weight = robust_weight(force->value[axis], scale * scale + poses[j].accel_variance);
@@ -130,14 +131,14 @@ constexpr double cauchy_width = 2.3849;  ///< standard deviations: 95 % efficien
     const double size = residuals.up_force.norm();
     const Eigen::Vector3d up = residuals.up_force / size;
     const double weight = 1 / (deviation * deviation);
-    gravity += product_transposed(Eigen::Vector3d(weight * up), up);
-    gravity_gradient += weight * (size - standard) * up;
+    gravity = sum_of(gravity, product_transposed(scaled(weight, up), up));
+    gravity_gradient = sum_of(gravity_gradient, scaled(weight * (size - standard), up));
   }
   for (int i = 0; i < 3; ++i) gravity(i, i) += 1e-6;  // without a force there is none
-  const Eigen::Matrix3d root = solved_right(Eigen::Matrix3d(Eigen::Matrix3d::Identity()), cholesky(gravity));
+  const Eigen::Matrix3d root = solved_right(identity<Eigen::Matrix3d>(), cholesky(gravity));
   const Eigen::Matrix<double, n, 3> whitened = product(coupling, root);
-  block.information -= product_transposed(whitened, whitened);
-  block.gradient -= product(whitened, transposed_product(root, gravity_gradient));
+  block.information = difference_of(block.information, product_transposed(whitened, whitened));
+  block.gradient = difference_of(block.gradient, product(whitened, transposed_product(root, gravity_gradient)));
   return block;
 }
 

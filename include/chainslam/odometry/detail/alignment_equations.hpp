@@ -31,25 +31,24 @@ using AlignmentMatrix = Eigen::Matrix<double, AlignmentState::dof, AlignmentStat
 /// A^-1 of a positive definite matrix.
 template <int N>
 [[nodiscard]] Eigen::Matrix<double, N, N> spd_inverse(const Eigen::Matrix<double, N, N>& A) {
-  const Eigen::Matrix<double, N, N> identity = Eigen::Matrix<double, N, N>::Identity();
-  const Eigen::Matrix<double, N, N> root = solved_right(identity, cholesky(A));
+  const Eigen::Matrix<double, N, N> root = solved_right(identity<Eigen::Matrix<double, N, N>>(), cholesky(A));
   return times_transposed(root, root);
 }
 
 [[nodiscard]] inline AlignmentState retract(const AlignmentState& x, const AlignmentVector& step) {
   return {.time_offset = x.time_offset + step[0],
           .R_body_lidar = x.R_body_lidar.retract(block_of<3, 1>(step, 1, 0)),
-          .gyro_bias = x.gyro_bias + block_of<3, 1>(step, 4, 0),
-          .accel_bias = x.accel_bias + block_of<3, 1>(step, 7, 0)};
+          .gyro_bias = sum_of(x.gyro_bias, block_of<3, 1>(step, 4, 0)),
+          .accel_bias = sum_of(x.accel_bias, block_of<3, 1>(step, 7, 0))};
 }
 
 [[nodiscard]] inline AlignmentVector local(const AlignmentState& x, const AlignmentState& y) {
-  AlignmentVector difference;
-  difference[0] = y.time_offset - x.time_offset;
-  set_block(difference, 1, 0, x.R_body_lidar.local(y.R_body_lidar));
-  set_block(difference, 4, 0, Eigen::Vector3d(y.gyro_bias - x.gyro_bias));
-  set_block(difference, 7, 0, Eigen::Vector3d(y.accel_bias - x.accel_bias));
-  return difference;
+  AlignmentVector step;
+  step[0] = y.time_offset - x.time_offset;
+  set_block(step, 1, 0, x.R_body_lidar.local(y.R_body_lidar));
+  set_block(step, 4, 0, difference_of(y.gyro_bias, x.gyro_bias));
+  set_block(step, 7, 0, difference_of(y.accel_bias, x.accel_bias));
+  return step;
 }
 
 /// Residuals of one pose, body measurements turned into the LiDAR's axes less the LiDAR's own.
@@ -107,14 +106,15 @@ class ImuAlignmentEquations {
     if (!pose.turned || j == 0 || !covered(j - 1, j)) return std::nullopt;
     const TrackPoint &from = *now_[j - 1], &to = *now_[j];
     const Eigen::Vector3d turned = body_turn(from, to);
-    const Eigen::Matrix3d passed = to.R_integral - from.R_integral;
+    const Eigen::Matrix3d passed = difference_of(to.R_integral, from.R_integral);
     const Eigen::Matrix3d by_bias =
-        -product(SO3d::right_jacobian_inverse(turned), product(to.R.inverse().matrix(), passed));
-    const Eigen::Vector3d unbiased = turned + product(by_bias, x_.gyro_bias);
+        negative(product(SO3d::right_jacobian_inverse(turned), product(to.R.inverse().matrix(), passed)));
+    const Eigen::Vector3d unbiased = sum_of(turned, product(by_bias, x_.gyro_bias));
     AlignmentResidual residual = turned_to_lidar(unbiased, pose.turn);
     set_block(residual.by_state, 0, 4, product(R_lidar_body_, by_bias));
-    const Eigen::Vector3d change = body_turn(*late_[j - 1], *late_[j]) - body_turn(*early_[j - 1], *early_[j]);
-    set_block(residual.by_state, 0, 0, product(R_lidar_body_, Eigen::Vector3d((0.5 / nudge) * change)));
+    const Eigen::Vector3d change =
+        difference_of(body_turn(*late_[j - 1], *late_[j]), body_turn(*early_[j - 1], *early_[j]));
+    set_block(residual.by_state, 0, 0, product(R_lidar_body_, scaled(0.5 / nudge, change)));
     return residual;
   }
 
@@ -130,14 +130,14 @@ class ImuAlignmentEquations {
     };
     // The IMU's own acceleration: the LiDAR's and that of the lever arm.
     const Eigen::Vector3d arm = product(R_lidar_body_, lever_arm_);
-    const Eigen::Vector3d accel = pose.accel - product(pose.lever, arm);
-    AlignmentResidual residual = turned_to_lidar(force_of(now_) - x_.accel_bias, accel);
+    const Eigen::Vector3d accel = difference_of(pose.accel, product(pose.lever, arm));
+    AlignmentResidual residual = turned_to_lidar(difference_of(force_of(now_), x_.accel_bias), accel);
     const Eigen::Matrix3d by_arm = product(pose.lever, SO3d::hat(arm));
-    const Eigen::Matrix3d by_rotation = block_of<3, 3>(residual.by_state, 0, 1) + by_arm;
+    const Eigen::Matrix3d by_rotation = sum_of(block_of<3, 3>(residual.by_state, 0, 1), by_arm);
     set_block(residual.by_state, 0, 1, by_rotation);
-    set_block(residual.by_state, 0, 7, Eigen::Matrix3d(-R_lidar_body_));
-    const Eigen::Vector3d change = force_of(late_) - force_of(early_);
-    set_block(residual.by_state, 0, 0, product(R_lidar_body_, Eigen::Vector3d((0.5 / nudge) * change)));
+    set_block(residual.by_state, 0, 7, negative(R_lidar_body_));
+    const Eigen::Vector3d change = difference_of(force_of(late_), force_of(early_));
+    set_block(residual.by_state, 0, 0, product(R_lidar_body_, scaled(0.5 / nudge, change)));
     return residual;
   }
 
@@ -149,8 +149,8 @@ class ImuAlignmentEquations {
   [[nodiscard]] AlignmentResidual turned_to_lidar(const Eigen::Vector3d& body, const Eigen::Vector3d& lidar) const {
     AlignmentResidual residual;
     const Eigen::Vector3d turned = product(R_lidar_body_, body);
-    residual.value = turned - lidar;
-    residual.by_state.setZero();
+    residual.value = difference_of(turned, lidar);
+    residual.by_state = zeros<Eigen::Matrix<double, 3, AlignmentState::dof>>();
     set_block(residual.by_state, 0, 1, SO3d::hat(turned));
     return residual;
   }

@@ -88,14 +88,14 @@ inline void linearize(const AlignmentProblem& problem, AlignmentSolution& soluti
   if (!problem.rotation_given) off[1] = off[2] = off[3] = 0;
   AlignmentVector gradient = product(information, off);
   for (const AlignmentBlock& block : problem.old) {
-    information += block.information;
-    gradient += block.gradient_at(solution.state);
+    information = sum_of(information, block.information);
+    gradient = sum_of(gradient, block.gradient_at(solution.state));
   }
   for (const AlignmentBlock& block : solution.blocks) {
-    information += block.information;
-    gradient += block.gradient;
+    information = sum_of(information, block.information);
+    gradient = sum_of(gradient, block.gradient);
   }
-  return -product(spd_inverse(information), gradient);
+  return negative(product(spd_inverse(information), gradient));
 }
 
 /// @param first_step  0 from far away, `wide_steps` from a state that is nearly right.
@@ -151,23 +151,24 @@ inline void linearize(const AlignmentProblem& problem, AlignmentSolution& soluti
 /// the scatter of 30 s windows of KITTI's drives exceeded that.
 [[nodiscard]] inline AlignmentMatrix sandwich(const AlignmentProblem& problem, const AlignmentSolution& solution) {
   constexpr double turn_inflation = 1.5, force_inflation = 10, as_many_blocks = 10;
-  AlignmentMatrix information = AlignmentMatrix::Zero(), squares = AlignmentMatrix::Zero();
-  AlignmentMatrix turns = AlignmentMatrix::Zero();
+  AlignmentMatrix information = zeros<AlignmentMatrix>(), squares = zeros<AlignmentMatrix>();
+  AlignmentMatrix turns = zeros<AlignmentMatrix>();
   double blocks = 0;
   const auto add = [&](const AlignmentBlock& block) {
-    information += block.information;
-    turns += block.turn_information;
+    information = sum_of(information, block.information);
+    turns = sum_of(turns, block.turn_information);
     const AlignmentVector gradient = block.gradient_at(solution.state);
-    squares += product_transposed(gradient, gradient);
+    squares = sum_of(squares, product_transposed(gradient, gradient));
     ++blocks;
   };
   for (const AlignmentBlock& block : problem.old) add(block);
   for (const AlignmentBlock& block : solution.blocks) add(block);
-  const AlignmentMatrix expected =
-      (1 / blocks) * AlignmentMatrix(turn_inflation * turns + force_inflation * (information - turns));
-  AlignmentMatrix scatter = (blocks / (blocks + as_many_blocks)) * AlignmentMatrix(squares + as_many_blocks * expected);
-  scatter += problem.given_information;
-  information += problem.given_information;
+  const AlignmentMatrix expected = scaled(
+      1 / blocks, sum_of(scaled(turn_inflation, turns), scaled(force_inflation, difference_of(information, turns))));
+  AlignmentMatrix scatter =
+      scaled(blocks / (blocks + as_many_blocks), sum_of(squares, scaled(as_many_blocks, expected)));
+  scatter = sum_of(scatter, problem.given_information);
+  information = sum_of(information, problem.given_information);
   return congruent(spd_inverse(information), scatter);
 }
 

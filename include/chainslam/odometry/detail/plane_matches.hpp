@@ -81,7 +81,7 @@ template <std::size_t Count>
   const Eigen::Vector3d across = plane.normal.cross(plane.tangent);
   const double n = static_cast<double>(Count);
   for (const Eigen::Vector3d& point : points) {
-    const Eigen::Vector3d d = difference(point, plane.centroid);
+    const Eigen::Vector3d d = difference_of(point, plane.centroid);
     const double u = plane.tangent.dot(d), v = across.dot(d);
     const double leverage = (1 + u * u / plane.eigenvalues[2] + v * v / plane.eigenvalues[1]) / n;
     if (std::abs(plane.distance(point)) > rule.max_deviation || leverage > max_leverage) return {};
@@ -124,8 +124,8 @@ template <std::size_t Neighbors, NearestNeighborSearch Map>
   using Scalar = typename Map::Scalar;
   const auto before = neighbors;
   if (!find_neighbors(map, converted<Scalar>(p), static_cast<Scalar>(rule.max_neighbor_distance), neighbors)) return {};
-  if (before.any &&
-      std::ranges::equal(before.found, neighbors.found, {}, &Neighbor<Scalar>::index, &Neighbor<Scalar>::index))
+  if (before.any && std::equal(before.found.begin(), before.found.end(), neighbors.found.begin(),
+                               [](const Neighbor<Scalar>& a, const Neighbor<Scalar>& b) { return a.index == b.index; }))
     return former;
   std::array<Eigen::Vector3d, Neighbors> points;
   for (std::size_t i = 0; i < Neighbors; ++i)
@@ -147,8 +147,7 @@ void match_planes(const Scan& scan, const Map& map, const SE3d& T_map_body, cons
   neighbors.resize(planes.size());
   executor.for_chunks(to_index(planes.size()), scan_grain, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      planes[i] =
-          match_plane<Neighbors>(map, chainslam::sum(product(R, position(scan, i)), t), rule, neighbors[i], planes[i]);
+      planes[i] = match_plane<Neighbors>(map, sum_of(product(R, position(scan, i)), t), rule, neighbors[i], planes[i]);
   });
 }
 
@@ -216,8 +215,8 @@ template <Cloud Scan, Executor E, class Gate, class Weight>
       if (n.squaredNorm() == 0) continue;
       const Eigen::Vector3d p = position(scan, i);
       const Eigen::Vector3d anchor = converted<double>(planes[i].anchor);
-      const Eigen::Vector3d moved = chainslam::sum(product(R, p), t);
-      const double residual = n.dot(difference(moved, anchor));
+      const Eigen::Vector3d moved = sum_of(product(R, p), t);
+      const double residual = n.dot(difference_of(moved, anchor));
       const double squared_range = p.squaredNorm();
       if (std::abs(residual) > gate(std::sqrt(squared_range))) continue;
       const double w = weight(residual * residual);

@@ -4,6 +4,7 @@
 #include <array>
 #include <vector>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/source_columns.hpp"
@@ -12,7 +13,7 @@ namespace chainslam::detail {
 
 /// A rigid motion, its matrix ready: p_target = rotation * (p_source - pivot) + pivot's place.
 struct Placement {
-  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
+  Eigen::Matrix3d rotation = identity<Eigen::Matrix3d>();
   Eigen::Vector3d pivot = Eigen::Vector3d::Zero();  ///< of the source, in the target's frame
 };
 

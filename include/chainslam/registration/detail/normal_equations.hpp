@@ -17,8 +17,8 @@ namespace chainslam::detail {
 /// Sums over pairs at one pose: the Gauss-Newton system and the figures of the result. Tangent [translation; rotation]
 /// of a motion of the source's pivot and about it, in the target's axes.
 struct AlignmentEquations {
-  Matrix6d hessian = Matrix6d::Zero();
-  Vector6d gradient = Vector6d::Zero();
+  Matrix6d hessian = zeros<Matrix6d>();
+  Vector6d gradient = zeros<Vector6d>();
   double weight = 0;       ///< sum of the kernel's weights
   double information = 0;  ///< sum of what the pairs weigh: weight times the mean square of their residuals' gradients
   double squared_residual = 0;  ///< sum of the metric's squares, m^2
@@ -29,8 +29,8 @@ struct AlignmentEquations {
   Index inliers = 0;
 
   AlignmentEquations& operator+=(const AlignmentEquations& other) {
-    hessian += other.hessian;
-    gradient += other.gradient;
+    hessian = sum_of(hessian, other.hessian);
+    gradient = sum_of(gradient, other.gradient);
     weight += other.weight;
     information += other.information;
     squared_residual += other.squared_residual;
@@ -72,7 +72,7 @@ class RestrictedSystem {
 
   /// Where the normal equations lead, `damping` added to all eigenvalues.
   [[nodiscard]] Vector6d step(double damping) const {
-    Vector6d sum = Vector6d::Zero();
+    Vector6d sum = zeros<Vector6d>();
     for (int i = first_told_; i < 6; ++i) {
       const Vector6d along = direction(i);
       double pull = 0;
@@ -85,7 +85,7 @@ class RestrictedSystem {
 
   /// The Hessian without the directions left out.
   [[nodiscard]] Matrix6d hessian() const {
-    Matrix6d sum = Matrix6d::Zero();
+    Matrix6d sum = zeros<Matrix6d>();
     for (int i = first_told_; i < 6; ++i) {
       Vector6d covector;
       for (int row = 0; row < 6; ++row) covector[row] = scale_[row] > 0 ? eigen_.vectors(row, i) / scale_[row] : 0.0;
@@ -97,7 +97,7 @@ class RestrictedSystem {
   /// variance * hessian^-1, no direction's variance beyond `most`, m^2, which the undetermined ones have; those held by
   /// the caller have none.
   [[nodiscard]] Matrix6d covariance(double variance, double most) const {
-    Matrix6d sum = Matrix6d::Zero();
+    Matrix6d sum = zeros<Matrix6d>();
     for (int i = 0; i < 6; ++i) {
       const double along = i < first_told_ ? most : std::min(variance / (eigen_.values[i] * weight_), most);
       add_square(sum, direction(i), along);
@@ -150,7 +150,7 @@ class RestrictedSystem {
   Vector6d gradient_;
   double weight_;
   Vector6d scale_;
-  JacobiEigen<double, 6> eigen_{Vector6d::Zero(), Matrix6d::Identity()};
+  JacobiEigen<double, 6> eigen_{zeros<Vector6d>(), identity<Matrix6d>()};
   int held_ = 0;
   int first_told_ = 0;
 };

@@ -56,7 +56,7 @@ class RefitTable {
     Index count = 0;
     double gain = 0;
     Eigen::Vector3d source = Eigen::Vector3d::Zero(), target = Eigen::Vector3d::Zero();
-    Eigen::Matrix3d target_source = Eigen::Matrix3d::Zero();
+    Eigen::Matrix3d target_source = zeros<Eigen::Matrix3d>();
   };
 
   [[nodiscard]] Agreement agree(const SE3d& T, double max_distance) const {

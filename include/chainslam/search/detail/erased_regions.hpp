@@ -87,7 +87,8 @@ class ErasedRegions {
 
   /// Whether there may be something to say of a block.
   [[nodiscard]] bool concern(const Cell& block) const {
-    return std::ranges::any_of(erased_, [&](const Erased& erased) { return erased.near.contains(block); });
+    return std::any_of(erased_.begin(), erased_.end(),
+                       [&](const Erased& erased) { return erased.near.contains(block); });
   }
   /// Of the voxels that held points in a block, which knew of the regions up to number `seen`: those erased since.
   [[nodiscard]] std::uint64_t gone(const Cell& block, std::uint64_t held, std::uint64_t seen) const {

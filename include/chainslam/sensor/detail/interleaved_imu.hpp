@@ -35,8 +35,8 @@ class InterleavedImu {
   using Squares = std::array<double, 2>;                        ///< of rate and force, in units of that noise
 
   static Squares distance(const ImuSample& a, const ImuSample& b) {
-    return {difference(a.gyro, b.gyro).squaredNorm() / (rate_noise * rate_noise),
-            difference(a.accel, b.accel).squaredNorm() / (force_noise * force_noise)};
+    return {difference_of(a.gyro, b.gyro).squaredNorm() / (rate_noise * rate_noise),
+            difference_of(a.accel, b.accel).squaredNorm() / (force_noise * force_noise)};
   }
 
   void compare(const ImuSample& row) {

@@ -321,7 +321,7 @@ class IncrementalCholesky {
   void substitute(Index node);
 
   [[nodiscard]] bool any_moved(std::span<const Index> variables) const {
-    return std::ranges::any_of(variables, [&](Index variable) { return local_[variable] != -1; });
+    return std::any_of(variables.begin(), variables.end(), [&](Index variable) { return local_[variable] != -1; });
   }
 
   [[gnu::cold]] void undo(const Journal::Entry& entry);

@@ -80,7 +80,7 @@ void IncrementalCholesky<BlockSize>::undo(const Journal::Entry& entry) {
       terms_.set_counted(entry.id, true);
       break;
     case detail::Change::term_numbers:
-      std::ranges::copy(numbers, terms_.jacobian(entry.id));
+      std::copy(numbers.begin(), numbers.end(), terms_.jacobian(entry.id));
       terms_.set_counted(entry.id, true);
       break;
     case detail::Change::node_removed:
@@ -108,7 +108,7 @@ void IncrementalCholesky<BlockSize>::undo(const Journal::Entry& entry) {
       break;
     }
     case detail::Change::solution:
-      std::ranges::copy(numbers, solution_.data() + Offset{entry.id} * BlockSize);
+      std::copy(numbers.begin(), numbers.end(), solution_.data() + Offset{entry.id} * BlockSize);
       break;
   }
 }

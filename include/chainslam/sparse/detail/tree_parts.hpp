@@ -70,8 +70,9 @@ template <class ParentOf, class Work>
   }
   std::vector<Index> by_work(sums.size());
   for (std::size_t k = 0; k < sums.size(); ++k) by_work[k] = static_cast<Index>(k);
-  std::ranges::stable_sort(
-      by_work, [&](Index a, Index b) { return sums[static_cast<std::size_t>(a)] > sums[static_cast<std::size_t>(b)]; });
+  std::stable_sort(by_work.begin(), by_work.end(), [&](Index a, Index b) {
+    return sums[static_cast<std::size_t>(a)] > sums[static_cast<std::size_t>(b)];
+  });
   std::vector<Index> rank(sums.size());
   for (std::size_t k = 0; k < sums.size(); ++k) rank[static_cast<std::size_t>(by_work[k])] = static_cast<Index>(k);
   for (Index& of : part) {
