@@ -105,8 +105,9 @@ G2oEdge<Pose> read_g2o_edge(LineFields& fields) {
   read_g2o_pose(fields, edge.measurement);
   for (int i = 0; i < Pose::dof; ++i)
     for (int k = i; k < Pose::dof; ++k) edge.information(i, k) = edge.information(k, i) = fields.number("information");
-  if (edge.information.diagonal().minCoeff() < 0)
-    fields.fail("information", "a negative number on the diagonal", "information is positive semi-definite");
+  for (int i = 0; i < Pose::dof; ++i)
+    if (edge.information(i, i) < 0)
+      fields.fail("information", "a negative number on the diagonal", "information is positive semi-definite");
   fields.end(G2oNames<Pose>::edge_layout);
   return edge;
 }

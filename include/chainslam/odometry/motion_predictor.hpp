@@ -101,7 +101,7 @@ class MotionPredictor {
     const double angle = rotation_of(twist).norm() * duration;
     return SweepMotion::sample(duration, angle, [&](double offset) {
       const auto R_body_end = imu_.rotation(begin + seconds(offset), end, gyro_bias_);
-      const SE3d T_end_body = SE3d::exp((offset - duration) * twist);
+      const SE3d T_end_body = SE3d::exp(scaled(offset - duration, twist));
       return R_body_end ? SE3d(R_body_end->inverse(), T_end_body.translation()) : T_end_body;
     });
   }
@@ -111,9 +111,9 @@ class MotionPredictor {
   [[nodiscard]] Vector6d end_deviation(const MotionPrediction& prediction, const Vector6d& twist,
                                        const SE3d& T_odom_body) const {
     if (!mean_twist_) return zeros<Vector6d>();
-    const Vector6d change = mean_twist(prediction, twist, T_odom_body) - *mean_twist_;
-    Vector6d deviation = 0.25 * to_seconds(prediction.end - prediction.begin) * change;
-    if (prediction.with_gyro) set_block(deviation, 3, 0, Eigen::Vector3d(Eigen::Vector3d::Zero()));
+    const Vector6d change = difference_of(mean_twist(prediction, twist, T_odom_body), *mean_twist_);
+    Vector6d deviation = scaled(0.25 * to_seconds(prediction.end - prediction.begin), change);
+    if (prediction.with_gyro) set_block(deviation, 3, 0, zeros<Eigen::Vector3d>());
     return deviation;
   }
 
@@ -122,7 +122,7 @@ class MotionPredictor {
     if (prediction.with_gyro) {
       const Eigen::Vector3d rate = rotation_of(T_odom_body_.local(T_odom_body)) / prediction.since_last;
       const Eigen::Vector3d excess = rate - rotation_of(prediction.twist);
-      gyro_bias_ -= options_.gyro_bias_gain * excess;
+      gyro_bias_ = difference_of(gyro_bias_, scaled(options_.gyro_bias_gain, excess));
     }
     if (twist_) {
       constexpr double memory = 0.9;
@@ -169,20 +169,21 @@ class MotionPredictor {
     return sweep.begin + (sweep.end - sweep.begin) / 2;
   }
   [[nodiscard]] static SE3d at_middle(const MotionPrediction& sweep, const Vector6d& twist, const SE3d& T_odom_end) {
-    return T_odom_end.retract(-to_seconds(sweep.end - middle(sweep)) * twist);
+    return T_odom_end.retract(scaled(-to_seconds(sweep.end - middle(sweep)), twist));
   }
   /// From the middle of the last sweep to that of this one, per second.
   [[nodiscard]] Vector6d mean_twist(const MotionPrediction& sweep, const Vector6d& twist,
                                     const SE3d& T_odom_end) const {
     const double interval = to_seconds(middle(sweep) - middle_time_);
-    return T_odom_middle_.local(at_middle(sweep, twist, T_odom_end)) / interval;
+    Vector6d mean = T_odom_middle_.local(at_middle(sweep, twist, T_odom_end));
+    for (int i = 0; i < 6; ++i) mean[i] /= interval;
+    return mean;
   }
   /// A mean over an interval holds at its middle. This carries it on towards the interval's end by half of what
   /// constant acceleration asks for: the other half would cost more in noise than it brings.
   [[nodiscard]] Vector6d extrapolated(const Vector6d& mean) const {
     if (!mean_twist_) return mean;
-    const Vector6d change = mean - *mean_twist_;
-    return mean + Vector6d(0.25 * change);
+    return sum_of(mean, scaled(0.25, difference_of(mean, *mean_twist_)));
   }
   [[nodiscard]] static Eigen::Vector3d rotation_of(const Vector6d& twist) { return block_of<3, 1>(twist, 3, 0); }
 

@@ -154,8 +154,11 @@ class ChainedCloser {
     const auto accepted = [](const LoopClosure& closure) { return closure.verdict == ClosureVerdict::accepted; };
     const auto others = static_cast<double>(std::count_if(tried.begin(), tried.end(), accepted));
     const double scale = 1 / std::sqrt(1 + others * options_.correlation);
-    direct.sqrt_information *= scale;
-    for (LoopClosure& closure : tried) closure.sqrt_information *= scale;
+    const auto weaken = [&](LoopClosure& closure) {
+      for (int k = 0; k < 36; ++k) closure.sqrt_information.data()[k] *= scale;
+    };
+    weaken(direct);
+    for (LoopClosure& closure : tried) weaken(closure);
   }
 
   ChainOptions options_;
@@ -173,7 +176,7 @@ std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframe
     closure.kind = ClosureKind::chained;
     if (closure.verdict == ClosureVerdict::accepted && contradicts(closure, candidate.guess)) {
       closure.verdict = ClosureVerdict::inconsistent;
-      closure.sqrt_information.setZero();
+      std::fill_n(closure.sqrt_information.data(), 36, 0.0);
     }
     tried.push_back(closure);
   }

@@ -245,7 +245,8 @@ void MapGraph<Kernel>::join(SessionId frame, SessionId joined, const SE3d& T_fra
     if (session.frame != joined) continue;
     session.frame = frame;
     session.prior = T_frame_joined * session.prior;
-    if (!options_.anchor_joined_sessions || session.keyframes == 0) session.prior_sqrt_information.setZero();
+    if (!options_.anchor_joined_sessions || session.keyframes == 0)
+      std::fill_n(session.prior_sqrt_information.data(), 36, 0.0);
     FactorId& prior = priors_[static_cast<std::size_t>(session.id.value)];
     if (smoother_->contains(prior)) smoother_->remove(prior);
     for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) moved.push_back(i);

@@ -50,7 +50,7 @@ inline void centre(std::vector<std::optional<Eigen::Vector3d>>& vectors, std::sp
 
 /// Sums for Wahba's problem at one offset.
 struct WahbaSums {
-  Eigen::Matrix3d S = Eigen::Matrix3d::Zero();  ///< of LiDAR vectors times the transposed body vectors
+  Eigen::Matrix3d S = zeros<Eigen::Matrix3d>();  ///< of LiDAR vectors times the transposed body vectors
   double squares = 0, weight = 0;
 
   void add(const AlignmentPairs& pairs, std::size_t offset, double floor) {
@@ -62,7 +62,7 @@ struct WahbaSums {
       const auto& body = pairs.body[offset][i];
       if (!body) continue;
       const double w = robust_weight(pairs.mismatch[i], scale * scale);
-      S += product_transposed(Eigen::Vector3d(w * pairs.lidar[i]), *body);
+      S = sum_of(S, product_transposed(scaled(w, pairs.lidar[i]), *body));
       squares += w * (pairs.lidar[i].squaredNorm() + body->squaredNorm());
       weight += w * scale * scale;
     }

@@ -17,7 +17,7 @@ namespace chainslam::detail {
 struct TrackPoint {
   int run = 0;
   SO3d R;                                                     ///< attitude of the body
-  Eigen::Matrix3d R_integral = Eigen::Matrix3d::Zero();       ///< of R over time, s
+  Eigen::Matrix3d R_integral = zeros<Eigen::Matrix3d>();      ///< of R over time, s
   Eigen::Vector3d force_integral = Eigen::Vector3d::Zero();   ///< of R times specific force, m/s
   Eigen::Vector3d force_integral2 = Eigen::Vector3d::Zero();  ///< of that again, m
 };
@@ -84,9 +84,9 @@ class ImuTrack {
   /// Replaces `middle` by the mean of both neighbours if it is off by far more than they differ.
   static void smooth(Eigen::Vector3d& middle, const Eigen::Vector3d& before, const Eigen::Vector3d& after,
                      double allowed) {
-    const double limit = allowed + 4 * Eigen::Vector3d(after - before).norm();
-    if (Eigen::Vector3d(middle - before).norm() > limit && Eigen::Vector3d(middle - after).norm() > limit)
-      middle = 0.5 * Eigen::Vector3d(before + after);
+    const double limit = allowed + 4 * difference_of(after, before).norm();
+    if (difference_of(middle, before).norm() > limit && difference_of(middle, after).norm() > limit)
+      middle = scaled(0.5, sum_of(before, after));
   }
 
   void append(const Measurement& measured) {
@@ -105,19 +105,20 @@ class ImuTrack {
   /// Integrates from `a` towards the next measurement `b`; forces by Simpson's rule with the attitude half-way.
   [[nodiscard]] static TrackPoint advanced(const Node& a, const Measurement& b, double dt) {
     const double share = dt / (b.stamp - a.measured.stamp);
-    const Eigen::Vector3d gyro_change = share * Eigen::Vector3d(b.gyro - a.measured.gyro);
-    const Eigen::Vector3d force_change = share * Eigen::Vector3d(b.accel - a.measured.accel);
+    const Eigen::Vector3d gyro_change = scaled(share, difference_of(b.gyro, a.measured.gyro));
+    const Eigen::Vector3d force_change = scaled(share, difference_of(b.accel, a.measured.accel));
     TrackPoint point = a.point;
-    const SO3d R_middle = a.point.R * SO3d::exp((0.5 * dt) * Eigen::Vector3d(a.measured.gyro + 0.25 * gyro_change));
-    const Eigen::Vector3d coning = (dt * dt / 12) * Eigen::Vector3d(a.measured.gyro.cross(gyro_change));
-    const Eigen::Vector3d turn = dt * Eigen::Vector3d(a.measured.gyro + 0.5 * gyro_change);
+    const SO3d R_middle = a.point.R * SO3d::exp(scaled(0.5 * dt, sum_of(a.measured.gyro, scaled(0.25, gyro_change))));
+    const Eigen::Vector3d coning = scaled(dt * dt / 12, Eigen::Vector3d(a.measured.gyro.cross(gyro_change)));
+    const Eigen::Vector3d turn = scaled(dt, sum_of(a.measured.gyro, scaled(0.5, gyro_change)));
     point.R = a.point.R * SO3d::exp(turn + coning);
     const Eigen::Vector3d first = a.point.R * a.measured.accel;
-    const Eigen::Vector3d middle = R_middle * Eigen::Vector3d(a.measured.accel + 0.5 * force_change);
-    const Eigen::Vector3d last = point.R * Eigen::Vector3d(a.measured.accel + force_change);
-    point.force_integral2 += dt * a.point.force_integral + (dt * dt / 6) * Eigen::Vector3d(first + 2 * middle);
-    point.force_integral += (dt / 6) * Eigen::Vector3d(first + 4 * middle + last);
-    point.R_integral += dt * R_middle.matrix();
+    const Eigen::Vector3d middle = R_middle * sum_of(a.measured.accel, scaled(0.5, force_change));
+    const Eigen::Vector3d last = point.R * sum_of(a.measured.accel, force_change);
+    const Eigen::Vector3d gained = scaled(dt * dt / 6, sum_of(first, scaled(2, middle)));
+    point.force_integral2 = sum_of(point.force_integral2, sum_of(scaled(dt, a.point.force_integral), gained));
+    point.force_integral = sum_of(point.force_integral, scaled(dt / 6, sum_of(sum_of(first, scaled(4, middle)), last)));
+    point.R_integral = sum_of(point.R_integral, scaled(dt, R_middle.matrix()));
     return point;
   }
 
