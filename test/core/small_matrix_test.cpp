@@ -24,6 +24,20 @@ void check_products(Rng& rng) {
   CHECK(transposed(A) == A_transposed);
 }
 
+template <int Rows, int Columns>
+void check_sums(Rng& rng) {
+  using Matrix = Eigen::Matrix<double, Rows, Columns>;
+  Matrix A, B;
+  for (Eigen::Index i = 0; i < A.size(); ++i) A.data()[i] = rng.normal(), B.data()[i] = rng.normal();
+  const double factor = rng.normal();
+  // Entry by entry, so to the last bit.
+  CHECK(sum_of(A, B) == Matrix(A + B));
+  CHECK(difference_of(A, B) == Matrix(A - B));
+  CHECK(negative(A) == Matrix(-A));
+  CHECK(scaled(factor, A) == Matrix(factor * A));
+  CHECK(converted<float>(A) == Eigen::Matrix<float, Rows, Columns>(A.template cast<float>()));
+}
+
 }  // namespace
 
 TEST_SUITE("core/small_matrix") {
@@ -37,6 +51,20 @@ TEST_SUITE("core/small_matrix") {
       check_products<6, 1, 6>(rng);
       check_products<26, 9, 4>(rng);
     });
+  }
+
+  TEST_CASE("sums, differences and multiples are Eigen's") {
+    for_all(50, [](Rng& rng, int) {
+      check_sums<3, 1>(rng);
+      check_sums<3, 3>(rng);
+      check_sums<2, 6>(rng);
+      check_sums<26, 26>(rng);
+    });
+  }
+
+  TEST_CASE("zeros and the identity") {
+    CHECK(zeros<Eigen::Matrix<double, 3, 5>>() == Eigen::Matrix<double, 3, 5>::Zero());
+    CHECK(identity<Eigen::Matrix4f>() == Eigen::Matrix4f::Identity());
   }
 
   TEST_CASE("a symmetric matrix of its upper triangle, and squared distances") {

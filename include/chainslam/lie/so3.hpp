@@ -30,7 +30,8 @@ class SO3 {
 
   SO3() : quaternion_(Scalar(1), Scalar(0), Scalar(0), Scalar(0)) {}
   SO3(const SO3&) = default;
-  SO3& operator=(const SO3& other) {  // number by number, which compiles faster than Eigen's assignment
+  SO3(SO3&&) = default;
+  SO3& operator=(const SO3& other) noexcept {  // number by number, which compiles faster than Eigen's assignment
     for (int i = 0; i < 4; ++i) quaternion_.coeffs().data()[i] = other.quaternion_.coeffs().data()[i];
     return *this;
   }
