@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include "chainslam/factor_graph/detail/dense_elimination.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <numeric>
 
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"

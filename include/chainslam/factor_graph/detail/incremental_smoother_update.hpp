@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 #include "chainslam/factor_graph/detail/open_directions.hpp"
 #include "chainslam/factor_graph/detail/springed_terms.hpp"

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 
 // How `IncrementalCholesky` takes changes back.
