@@ -56,7 +56,7 @@ cost() {
   awk '{ printf "%s %.0f\n", $1, $2 / 1024 }' "$scratch/time"
 }
 
-# Of the Eigen file, at the time of the program it is compared with: a machine is not as fast in one minute as in the next.
+# Of the Eigen file, before and after each program: a machine is not as fast in one minute as in the next.
 eigen_seconds() { cost "$1" "$here/compile_times/eigen.cpp" | cut -d' ' -f1; }
 
 missed=0
@@ -64,9 +64,10 @@ missed=0
 row() {
   local compiler="$1" name="$2" file="$3" bound="$4" before figures after
   shift 4
-  before="$(eigen_seconds "$compiler")"
+  before="$eigen"
   figures="$(cost "$compiler" "$file" "$@")" || { echo "compile_times: $name does not compile with $compiler" >&2; exit 1; }
   after="$(eigen_seconds "$compiler")"
+  eigen="$after"
   read -r seconds megabytes <<<"$figures"
   awk -v compiler="$compiler" -v name="$name" -v s="$seconds" -v m="$megabytes" -v a="$before" -v b="$after" \
     -v bound="$bound" -v check="$check" 'BEGIN {
@@ -80,8 +81,8 @@ row() {
 
 for compiler in ${CXX:-g++ clang++-14}; do
   command -v "$compiler" >/dev/null || { echo "compile_times: no compiler $compiler" >&2; continue; }
-  read -r seconds megabytes <<<"$(cost "$compiler" "$here/compile_times/eigen.cpp")"
-  printf '%-11s %-26s %7.1f s %7.1f x Eigen %6d MB\n' "$compiler" "Eigen alone" "$seconds" 1 "$megabytes"
+  read -r eigen megabytes <<<"$(cost "$compiler" "$here/compile_times/eigen.cpp")"
+  printf '%-11s %-26s %7.1f s %7.1f x Eigen %6d MB\n' "$compiler" "Eigen alone" "$eigen" 1 "$megabytes"
   for name in "${names[@]}"; do
     bound="$(awk -v mode="$mode" -v name="$name" '$1 == mode && $2 == name { print $3 }' "$here/compile_times/bounds.txt")"
     row "$compiler" "$name" "$here/compile_times/$name.cpp" "$bound" ${own[@]+"${own[@]}"}

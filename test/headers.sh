@@ -1,11 +1,14 @@
 #!/usr/bin/env bash
 # Checks that every header compiles alone, included by nothing but itself.
-# usage: test/headers.sh INCLUDE-FOLDER
+# usage: test/headers.sh [--all] INCLUDE-FOLDER
+#   --all  also those in folders `detail`, which users do not include
 # Asks $CXX, else clang++-14. Headers that several others include are precompiled, and each of the others is read on top of
 # the largest of those that it includes, itself or through others: what is common to many is read a few times, not hundreds.
 # What a function would instantiate is left to those who include it.
 set -euo pipefail
-[ $# -eq 1 ] || { sed -n 3p "$0" >&2; exit 2; }
+all=no
+if [ "${1-}" = --all ]; then all=yes; shift; fi
+[ $# -eq 1 ] || { sed -n 3,4p "$0" >&2; exit 2; }
 include="$(cd "$1" && pwd)"
 compiler="${CXX:-clang++-14}"
 command -v "$compiler" >/dev/null || { echo "headers: no compiler $compiler" >&2; exit 2; }
@@ -75,7 +78,9 @@ cd "$include"
   find chainslam -name '*.hpp' -exec grep -H '^#include ["<]\(chainslam\|Eigen\)/' {} +
   echo 'chainslam/bad.hpp:#include "chainslam/core/version.hpp"'
 } | write_build_file >"$scratch/build.ninja"
-mapfile -t headers < <(find chainslam -name '*.hpp' -not -path chainslam/chainslam.hpp)  # that one is for consumers to compile
+wanted=(-name '*.hpp' -not -path chainslam/chainslam.hpp)  # that one is for consumers to compile
+[ "$all" = yes ] || wanted+=(-not -path '*/detail/*')
+mapfile -t headers < <(find chainslam "${wanted[@]}")
 cd "$scratch"
 if ninja chainslam/bad.hpp >bad.log; then
   echo "headers: the check does not see a missing include" >&2

@@ -127,6 +127,7 @@ TEST_SUITE("odometry with bad IMU data") {
     if (!clean) return;
     Comparison compare("first 101 scans", *clean);
     for (const std::uint64_t seed : {1U, 2U, 3U}) {
+      if (seed > 1 && !test::full()) break;
       compare.check("1 % spikes", 1.1, test::with_spikes(clean->imu, 0.01, Rng(seed)));
       CHECK(compare.counts().absurd > compare.rows() / 200);
       CHECK(compare.counts().absurd < compare.rows() / 50);
@@ -140,6 +141,7 @@ TEST_SUITE("odometry with bad IMU data") {
       CAPTURE(axis);
       const auto sensor = axis < 3 ? &ImuSample::gyro : &ImuSample::accel;
       for (const double begin : {0.0, 2.0}) {
+        if (begin == 2.0 * (axis % 2) && !test::full()) continue;
         compare.check("stuck axis", 1.3, test::with_stuck_axis(clean->imu, sensor, axis % 3, begin));
         CHECK((axis < 3 ? compare.counts().stuck_gyro : compare.counts().stuck_accel) > compare.rows() / 2);
       }

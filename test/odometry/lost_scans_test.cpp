@@ -98,7 +98,8 @@ TEST_SUITE("odometry/lost_scans") {
     if (!drive) return;
     test::Drive without_imu = *drive;
     without_imu.imu.clear();
-    for (const std::size_t count : {1U, 4U, 8U}) {
+    for (const std::size_t count : {8U, 4U, 1U}) {
+      if (count < 8 && !test::full()) break;
       lose_scans<LidarOdometry<>>(without_imu, count, false);
       lose_scans<LidarInertialOdometry<>>(*drive, count, false);
     }

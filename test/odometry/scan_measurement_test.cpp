@@ -26,6 +26,7 @@ namespace {
 
 using State = InertialState;
 using StateMatrix = State::Jacobian;
+using Matrix = Eigen::MatrixXd;  // of any size: expressions of 26 x 26 matrices take seconds to compile
 using StateVector = State::Tangent;
 
 /// Points of the hall's walls, floor and pillars, seen from a pose.
@@ -59,16 +60,16 @@ struct LiteralFastLio2 {
     };
     using Noise = Eigen::Matrix<double, 12, 1>;
     const Noise none = Noise::Zero();
-    const auto F_x = numeric_jacobian([&](const State& s) { return s.retract(dt * f(s, none)); }, x);
-    const auto F_w = numeric_jacobian([&](const Noise& w) { return x.retract(dt * f(x, w)); }, none);
+    const Matrix F_x = numeric_jacobian([&](const State& s) { return s.retract(dt * f(s, none)); }, x);
+    const Matrix F_w = numeric_jacobian([&](const Noise& w) { return x.retract(dt * f(x, w)); }, none);
     const ImuNoise density = fast_lio2().process.noise;
-    Noise variances;
+    Eigen::VectorXd variances(12);
     variances << Eigen::Vector3d::Constant(density.gyro * density.gyro),
         Eigen::Vector3d::Constant(density.accel * density.accel),
         Eigen::Vector3d::Constant(density.gyro_bias_walk * density.gyro_bias_walk),
         Eigen::Vector3d::Constant(density.accel_bias_walk * density.accel_bias_walk);
     x = x.retract(dt * f(x, none));
-    P = (F_x * P * F_x.transpose() + F_w * variances.asDiagonal() * F_w.transpose()).eval();
+    P = F_x * Matrix(P) * F_x.transpose() + F_w * Matrix(variances.asDiagonal()) * F_w.transpose();
   }
 
   struct Row {
@@ -78,9 +79,9 @@ struct LiteralFastLio2 {
   [[nodiscard]] static std::optional<Row> plane_at(const BruteForce<float>& map, const Eigen::Vector3d& p) {
     std::array<Neighbor<float>, 5> near;
     if (map.knn(Eigen::Vector3f(p.cast<float>()), near, 2.236F) < 5) return std::nullopt;
-    Eigen::Matrix<double, 5, 3> A;
+    Matrix A(5, 3);
     for (int i = 0; i < 5; ++i) A.row(i) = map.position(near[static_cast<std::size_t>(i)].index).cast<double>();
-    const Eigen::Vector3d a = A.colPivHouseholderQr().solve(-Eigen::Matrix<double, 5, 1>::Ones());
+    const Eigen::Vector3d a = A.colPivHouseholderQr().solve(Eigen::VectorXd::Constant(5, -1));
     const Eigen::Vector3d n = a.normalized();
     const double offset = 1 / a.norm();
     if (((A * n).array() + offset).abs().maxCoeff() > 0.1) return std::nullopt;
@@ -121,26 +122,25 @@ struct LiteralFastLio2 {
         rows.push_back(row);
         z.push_back(residual);
       }
-      Eigen::MatrixXd H(static_cast<Eigen::Index>(rows.size()), State::dof);
+      Matrix H(static_cast<Eigen::Index>(rows.size()), State::dof);
       for (std::size_t i = 0; i < rows.size(); ++i) H.row(static_cast<Eigen::Index>(i)) = rows[i];
       const Eigen::Map<const Eigen::VectorXd> residuals(z.data(), static_cast<Eigen::Index>(z.size()));
       // J of eq. 16: d ((x (+) d) (-) prediction) / d d
       const StateVector ahead = prediction.local(x);
       using Coordinates = Rn<double, State::dof>;
-      const StateMatrix J = numeric_jacobian(
+      const Matrix J = numeric_jacobian(
           [&](const Coordinates& d) { return Coordinates(prediction.local(x.retract(d.value()))); }, Coordinates());
-      const StateMatrix J_inverse = J.inverse();
-      const StateMatrix P_here = J_inverse * P * J_inverse.transpose();
+      const Matrix J_inverse = J.inverse(), P_here = J_inverse * Matrix(P) * J_inverse.transpose();
       const double R_inverse = 1 / 0.001;
-      const Eigen::MatrixXd K =
-          (H.transpose() * R_inverse * H + P_here.inverse()).inverse() * H.transpose() * R_inverse;       // eq. 20
-      const StateVector step = -K * residuals - (StateMatrix::Identity() - K * H) * (J_inverse * ahead);  // eq. 18
+      const Matrix K =
+          (H.transpose() * R_inverse * H + P_here.inverse()).inverse() * H.transpose() * R_inverse;  // eq. 20
+      const Matrix gained = Matrix::Identity(State::dof, State::dof) - K * H;
+      const StateVector step = -K * residuals - gained * (J_inverse * ahead);  // eq. 18
       const State here = x;
       x = x.retract(step);
-      const StateMatrix reset = numeric_jacobian(
+      const Matrix reset = numeric_jacobian(
           [&](const Coordinates& d) { return Coordinates(x.local(here.retract(step + d.value()))); }, Coordinates());
-      posterior =
-          reset * (StateMatrix::Identity() - K * H) * P_here * reset.transpose();  // eq. 19, as its code does it
+      posterior = reset * gained * P_here * reset.transpose();  // eq. 19, as its code does it
       const bool small = step.cwiseAbs().maxCoeff() < 1e-3;
       const bool was_fresh = renew;
       renew = small || pass + 2 == 5;

@@ -8,7 +8,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <limits>
 #include <numbers>
 #include <optional>
@@ -68,8 +67,8 @@ inline std::vector<ImuSample> read_imu_rows(const std::filesystem::path& path, c
 
 /// One revolution in NCLT's `velodyne_sync` layout: x, y, z as uint16 of 5 mm from -100 m, intensity, laser.
 inline LidarScan read_revolution(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  const std::vector<char> bytes((std::istreambuf_iterator<char>(file)), {});
+  std::vector<char> bytes(std::filesystem::file_size(path));
+  std::ifstream(path, std::ios::binary).read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   LidarScan scan;
   scan.time = scan.end = Timestamp::from_microseconds(std::stoll(path.stem().string()));
   for (std::size_t at = 0; at + 8 <= bytes.size(); at += 8) {

@@ -34,6 +34,17 @@ struct World {
     }
   }
 
+  /// What a plane through `point` cuts: rays in that plane meet no more.
+  [[nodiscard]] World cut_by_plane(const Eigen::Vector3d& point, const Eigen::Vector3d& normal) const {
+    constexpr double rounding = 1e-6;  // metres
+    World cut;
+    for (const Panel& panel : panels)
+      if (std::abs(normal.dot(panel.center - point)) <=
+          std::abs(normal.dot(panel.u)) + std::abs(normal.dot(panel.v)) + rounding)
+        cut.panels.push_back(panel);
+    return cut;
+  }
+
   /// Distance to the first panel along a unit direction, or infinity.
   [[nodiscard]] double range(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
     double nearest = std::numeric_limits<double>::infinity();
@@ -91,12 +102,15 @@ struct Spinner {
       const double share = static_cast<double>(column) / columns;
       const double offset = timed ? duration * share : duration;
       const SE3d T_world_lidar = pose(begin + offset);
+      const double azimuth = -2 * std::numbers::pi * share;
+      const Eigen::Vector3d across =
+          T_world_lidar.rotation() * Eigen::Vector3d(-std::sin(azimuth), std::cos(azimuth), 0);
+      const World seen = world.cut_by_plane(T_world_lidar.translation(), across);
       for (int ring = 0; ring < rings; ++ring) {
-        const double azimuth = -2 * std::numbers::pi * share;
         const double elevation = (ring + 0.5) / rings * std::numbers::pi / 3 - std::numbers::pi / 6;
         const Eigen::Vector3d ray(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
                                   std::sin(elevation));
-        const double range = world.range(T_world_lidar.translation(), T_world_lidar.rotation() * ray);
+        const double range = seen.range(T_world_lidar.translation(), T_world_lidar.rotation() * ray);
         if (range > 100) continue;
         scan.cloud.positions.push_back(((range + rng.normal(0, noise)) * ray).cast<float>());
         if (timed) scan.cloud.time_offsets.push_back(static_cast<float>(offset));
