@@ -99,6 +99,27 @@ class Reference {
       for (const double angle : {0.5 * std::numbers::pi, std::numbers::pi})
         check_turned(angle * Eigen::Vector3d::Unit(axis), allowed, degrees);
   }
+  /// @param turn  a rotation vector: by so much the T_body_lidar that is given is off, and the drive shows it to half a
+  ///              degree if `shown`.
+  void check_mounting_off(const Eigen::Vector3d& turn, double allowed, bool shown) {
+    Default::Options options{.T_body_lidar = drive_->T_body_lidar * SE3d(SO3d::exp(turn), Eigen::Vector3d::Zero())};
+    Default odometry(options);
+    const double error = checked_error<Default>(*drive_, test::run_drive(*drive_, odometry, options.T_body_lidar));
+    const SO3d found = odometry.odometry().imu_correction().R_body_imu.inverse() *
+                       T_body_lidar(odometry.odometry().state()).rotation();
+    const double left = found.local(drive_->T_body_lidar.rotation()).norm() * 180 / std::numbers::pi;
+    const auto doubted = odometry.counts().doubted_rates + odometry.counts().doubted_accelerations;
+    MESSAGE(name_, ", mounting off by (", turn[0], ", ", turn[1], ", ", turn[2], ") rad: ", error, " m, ",
+            error / error_, " times ", error_, ", ", left, " degrees left, IMU doubted in ", doubted, " scans");
+    CHECK(error <= allowed * error_);
+    CHECK(doubted <= to_index(drive_->scans.size()) / 20);
+    if (shown) CHECK(left < 0.5);
+  }
+  void check_mountings_off(double allowed, bool shown) {
+    for (int axis = 0; axis < 3; ++axis)
+      for (const double degrees : {0.5, 1.0, -2.0, 3.0})
+        check_mounting_off(degrees * std::numbers::pi / 180 * Eigen::Vector3d::Unit(axis), allowed, shown);
+  }
   void check_stuck(double allowed) {
     for (int axis = 0; axis < 6; ++axis)
       check("axis " + std::to_string(axis) + " of gyroscope and accelerometer stuck", allowed,
@@ -157,7 +178,9 @@ TEST_SUITE("odometry on real drives") {
     if (!first) return;
     first.check_without_imu();
     first.check_late(0.2, 1.1);
+    first.check_mounting_off({0, 0.05, 0}, 1.05, false);
     if (!test::full()) return;
+    first.check_mountings_off(1.05, false);
     first.check_late(0.067, 1.1);
     // Ten seconds nearly straight on do not show all of the rotation.
     first.check_turned_about_all_axes(1.2, 3);
@@ -172,9 +195,12 @@ TEST_SUITE("odometry on real drives") {
     CHECK(raw.error() < 0.275);
     raw.check_late(0.2, 1.1);
     raw.check_turned({0, 0, 0.5 * std::numbers::pi}, 1.2, 0.9);
+    raw.check_turned({std::numbers::pi, 0, 0}, 1.2, 0.9);  // gravity upside down
+    raw.check_mounting_off({0.05, 0, 0}, 1.05, true);
     raw.check("gyroscope's z axis stuck", 1.3, test::with_stuck_axis(raw.drive().imu, &ImuSample::gyro, 2));
     raw.check_noise(1.1);
     if (!test::full()) return;
+    raw.check_mountings_off(1.05, true);
     raw.check_without_imu();
     raw.check_late(0.067, 1.1);
     raw.check_turned_about_all_axes(1.2, 0.9);

@@ -45,8 +45,9 @@ std::vector<Packet> packets_of(const InertialTrip& trip, double late, const SO3d
 struct Calibrated : TripOutcome {
   ImuCorrection correction;
   ImuAlignmentEstimate estimate;
-  Index doubted = 0;     ///< scans that did not believe all of the IMU
-  bool believed = true;  ///< the last scan did
+  Index doubted = 0;              ///< scans that did not believe all of the IMU
+  bool believed = true;           ///< the last scan did
+  double mounting_deviation = 0;  ///< rad, about each axis, rms: what the filter says of the given mounting
 };
 Calibrated follow(const InertialTrip& trip, double late, const SO3d& R_imu_body = {}) {
   SelfCalibrating<Lio> odometry(Lio::Options{.T_body_lidar = trip.T_body_lidar});
@@ -56,6 +57,7 @@ Calibrated follow(const InertialTrip& trip, double late, const SO3d& R_imu_body 
   run.estimate = odometry.alignment();
   run.doubted = static_cast<Index>(odometry.counts().doubted_accelerations + odometry.counts().doubted_rates);
   run.believed = run.frames.back().health.imu_use == ImuUse::all;
+  run.mounting_deviation = std::sqrt(odometry.odometry().covariance().bottomRightCorner<3, 3>().trace() / 3);
   CHECK(odometry.counts().lost_scans == 0);
   CHECK(run.finite);
   MESSAGE(late, " s late, turned by ", R_imu_body.log().norm(), " rad: max error ", run.max_error, " m, ",
@@ -89,6 +91,7 @@ TEST_SUITE("odometry/self_calibrating") {
       const Calibrated run = follow(swaying_trip(100), late);
       CHECK(std::abs(run.correction.time_offset - late) < 0.012);
       CHECK(run.correction.R_body_imu.log().norm() == 0);
+      CHECK(run.mounting_deviation > 1e-5);  // it is estimated, as before the correction
       CHECK(run.max_error < error_of_scans);
       CHECK(run.believed);
     }

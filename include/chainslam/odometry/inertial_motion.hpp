@@ -11,6 +11,7 @@
 #include "chainslam/filter/ieskf.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/imu_comparison.hpp"
+#include "chainslam/odometry/detail/mounting.hpp"
 #include "chainslam/odometry/imu_initializer.hpp"
 #include "chainslam/odometry/imu_monitor.hpp"
 #include "chainslam/odometry/imu_process.hpp"
@@ -32,14 +33,14 @@ struct InertialMotionOptions {
   double rest_up = 0.01;          ///< and at rest: what the accelerometer's bias makes of it
   double start_bend = 5e-5;       ///< 1/m, deviation of the map's bend: 0.3 degrees in 100 m
   // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
-  double free_accel = 1.5;        ///< m/s^2 per sqrt(Hz)
-  double free_gyro = 0.2;         ///< rad/s per sqrt(Hz)
-  double max_free = 1.0;          ///< seconds that may be continued so; beyond, the body may be anywhere near
-  double lost_position = 2.0;     ///< metres, deviation after that, and of a prediction that scans contradict
-  double lost_rotation = 0.2;     ///< radians, deviation of the latter
-  double lidar_position = 0;      ///< metres, deviation of the mounting; 0: known
-  double lidar_rotation = 0.005;  ///< radians about each axis; a third of a degree off is usual, and turns tell
-  Index mounting_after = 3;       ///< scans, from which on it is estimated: the first make a crooked map
+  double free_accel = 1.5;       ///< m/s^2 per sqrt(Hz)
+  double free_gyro = 0.2;        ///< rad/s per sqrt(Hz)
+  double max_free = 1.0;         ///< seconds that may be continued so; beyond, the body may be anywhere near
+  double lost_position = 2.0;    ///< metres, deviation after that, and of a prediction that scans contradict
+  double lost_rotation = 0.2;    ///< radians, deviation of the latter
+  double lidar_position = 0;     ///< metres, deviation of the mounting; 0: known
+  double lidar_rotation = 0.02;  ///< radians about each axis: mountings measured by hand are a degree off
+  Index mounting_after = 3;      ///< scans, from which on it is estimated: the first make a crooked map
 };
 
 /// The filter's motion between scans: integrates the inertial unit, or continues the motion where that is silent, and
@@ -336,45 +337,22 @@ inline void InertialMotion::set_translation(const R3d& velocity, double speed_de
 
 inline void InertialMotion::follow() {
   if (!(interval() > 0)) return;
-  mean_rate_ = way_.front().T_odom_body.rotation().local(state().get<Inertial::rotation>()) / interval();
+  const InertialState begin = detail::remounted(before_.state(), T_body_lidar(state()));
+  mean_rate_ = begin.get<Inertial::rotation>().local(state().get<Inertial::rotation>()) / interval();
   if (++followed_ == options_.mounting_after) doubt_mounting();
 }
 
-/// The map so far is the LiDAR's: its pose is what is known there. Where that puts the body, and gravity, which the
-/// body feels, is known as well as the mounting.
 inline void InertialMotion::doubt_mounting() {
-  constexpr int up = inertial_offset<Inertial::up>;
-  const InertialState& x = state();
-  constexpr int mounting = InertialState::dof - 6;
-  // The LiDAR's pose stays: with J_b and J_m its derivatives by body and mounting, the body moves by -J_b^-1 J_m. Of
-  // J_b = Ad diag(R^T, I) the inverse is diag(R, I) Ad^-1.
-  const Matrix6d to_body = T_body_lidar(x).adjoint();
-  Matrix6d body = negative(product(to_body, pose_tangent(x.get<Inertial::lidar_rotation>())));
-  const Eigen::Matrix3d R = x.get<Inertial::rotation>().matrix();
-  set_block(body, 0, 0, product(R, block_of<3, 6>(body, 0, 0)));
-  const Eigen::Matrix3d by_turn = product(SO3d::hat(x.get<Inertial::up>().direction()), R);
-  const Eigen::Matrix<double, 2, 3> up_by_turn = negative(transposed_product(x.get<Inertial::up>().basis(), by_turn));
-  auto spread = zeros<Eigen::Matrix<double, InertialState::dof, 6>>();
-  set_block(spread, 0, 0, body);
-  set_block(spread, up, 0, product(up_by_turn, block_of<3, 6>(body, 3, 0)));
-  for (int i = 0; i < 6; ++i) spread(mounting + i, i) = 1;
-  for (int j = 0; j < 6; ++j)
-    for (int i = 0; i < InertialState::dof; ++i)
-      spread(i, j) *= j < 3 ? options_.lidar_position : options_.lidar_rotation;
-  filter_.reset(x, sum_of(filter_.covariance(), product_transposed(spread, spread)));
+  InertialState::Jacobian covariance = filter_.covariance();
+  detail::doubt_mounting(covariance, state(), options_.lidar_position, options_.lidar_rotation);
+  filter_.reset(state(), covariance);
 }
 
 inline void InertialMotion::hold_mounting() {
-  InertialState x = state();
-  const SE3d T_odom = T_odom_body(x) * T_body_lidar(x) * T_body_lidar_.inverse();
-  x.get<Inertial::position>() = R3d(T_odom.translation());
-  x.get<Inertial::rotation>() = T_odom.rotation();
-  x.get<Inertial::lidar_position>() = R3d(T_body_lidar_.translation());
-  x.get<Inertial::lidar_rotation>() = T_body_lidar_.rotation();
-  InertialState::Jacobian P = filter_.covariance();
-  separate<Inertial::lidar_position>(P, 0);
-  separate<Inertial::lidar_rotation>(P, 0);
-  filter_.reset(x, P);
+  InertialState::Jacobian covariance = filter_.covariance();
+  separate<Inertial::lidar_position>(covariance, 0);
+  separate<Inertial::lidar_rotation>(covariance, 0);
+  filter_.reset(detail::remounted(state(), T_body_lidar_), covariance);
 }
 
 inline bool InertialMotion::bound_mounting(double max_position, double max_rotation) {

@@ -239,14 +239,19 @@ void LidarInertialOdometry<Map, Kernel>::watch_imu() {
 template <class Map, class Kernel>
 void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correction,
                                                      const std::optional<Eigen::Vector3d>& up) {
-  constexpr double clearly_late = 0.02, clearly_turned = 0.02;  // seconds, radians
+  constexpr double clearly_late = 0.02, clearly_turned = 0.02, turned = 1e-6;  // seconds, radians
   const ImuCorrection change = correction.since(imu_correction());
   motion_.correct(correction);
   const double angle = change.R_body_imu.log().norm();
-  if (!motion_.started() || (std::abs(change.time_offset) < clearly_late && angle < clearly_turned)) return;
-  motion_.forget_biases(ImuUse::none);
-  if (up) motion_.set_up(S2d::from_vector(*up));
-  monitor_ = ImuMonitor(options_.monitor);
+  const bool clear = std::abs(change.time_offset) >= clearly_late || angle >= clearly_turned;
+  if (!motion_.started() || (!clear && angle < turned)) return;
+  motion_.hold_mounting();  // what the filter has learnt of it is in the correction
+  if (clear) {
+    motion_.forget_biases(ImuUse::none);
+    if (up) motion_.set_up(S2d::from_vector(*up));
+    monitor_ = ImuMonitor(options_.monitor);
+  }
+  motion_.doubt_mounting();
 }
 
 template <class Map, class Kernel>

@@ -77,11 +77,14 @@ class SelfCalibrating {
     constexpr double min_turn = 2e-3, max_axes_deviation = 0.04;  // rad
     const ImuAlignmentEstimate& found = alignment_.estimate();
     ImuCorrection correction = odometry_.imu_correction();
-    const bool new_clock = clock_is_off(correction.time_offset);
     const SO3d axes = T_body_lidar_.rotation() * found.R_body_lidar.inverse();
     const double axes_deviation = std::sqrt(found.rotation_covariance.trace());
-    const bool new_axes = found.contradicted && axes_deviation < max_axes_deviation &&
-                          correction.R_body_imu.local(axes).norm() > std::max(min_turn, axes_deviation);
+    const bool axes_known = axes_deviation < max_axes_deviation;
+    // A clock fitted to wrong axes is as wrong, and would not make these measurements usable.
+    if (found.contradicted && !axes_known) return;
+    const bool new_clock = clock_is_off(correction.time_offset);
+    const bool new_axes =
+        found.contradicted && correction.R_body_imu.local(axes).norm() > std::max(min_turn, axes_deviation);
     if (!new_clock && !new_axes) return;
     if (new_clock) correction.time_offset = found.time_offset;
     if (new_axes) correction.R_body_imu = axes;

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 
 #include "chainslam/core/timestamp.hpp"
+#include "chainslam/odometry/detail/mounting.hpp"
 #include "chainslam/odometry/imu_monitor.hpp"
 #include "chainslam/odometry/imu_record.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
@@ -14,7 +15,9 @@ namespace chainslam::detail {
 [[nodiscard]] inline ImuComparison compare_imu(const ImuRecord& imu, Timestamp begin, const InertialState& from,
                                                Timestamp end, const InertialState& to, double gravity) {
   const double interval = to_seconds(end - begin);
-  const Eigen::Vector3d turn = from.get<Inertial::rotation>().local(to.get<Inertial::rotation>());
+  // By one mounting at both ends: what has been learnt of it on the way is no turn of the body.
+  const SO3d R_begin = remounted(from, T_body_lidar(to)).get<Inertial::rotation>();
+  const Eigen::Vector3d turn = R_begin.local(to.get<Inertial::rotation>());
   Eigen::Vector3d force = Eigen::Vector3d::Zero();
   SO3d measured_turn;
   double at = 0;
@@ -29,7 +32,7 @@ namespace chainslam::detail {
     }
     force_measured = force_measured && piece.reading->force_measured;
     const double middle = (at - 0.5 * dt) / interval;
-    const SO3d R = from.get<Inertial::rotation>() * SO3d::exp(middle * turn);
+    const SO3d R = R_begin * SO3d::exp(middle * turn);
     const Eigen::Vector3d rate = piece.reading->gyro - from.get<Inertial::gyro_bias>().value();
     const Eigen::Vector3d specific = piece.reading->accel - from.get<Inertial::accel_bias>().value();
     measured_turn = measured_turn * SO3d::exp(dt * rate);
