@@ -40,7 +40,7 @@ TEST_SUITE("odometry/mounting") {
       CAPTURE(i);
       const InertialState before = random_state(rng);
       const SE3d other(SO3d::exp(random_vector(rng, 1)), random_vector(rng, 1));
-      const InertialState x = detail::remounted(before, other);
+      const InertialState x = chainslam::detail::remounted(before, other);
       CHECK(T_body_lidar(x) == other);
       const SE3d T_odom_lidar = T_odom_body(before) * T_body_lidar(before);
       CHECK(T_odom_lidar.local(T_odom_body(x) * T_body_lidar(x)).norm() < 1e-9);
@@ -53,7 +53,7 @@ TEST_SUITE("odometry/mounting") {
       CAPTURE(i);
       const InertialState x = random_state(rng);
       InertialState::Jacobian P = InertialState::Jacobian::Zero();
-      detail::doubt_mounting(P, x, 0.1, 0.02);
+      chainslam::detail::doubt_mounting(P, x, 0.1, 0.02);
       CHECK(std::sqrt(P(mounting_rotation, mounting_rotation)) == doctest::Approx(0.02));
       const Vector6d lidar = lidar_pose_variances(x, P);
       for (int axis = 0; axis < 6; ++axis) CHECK(std::abs(lidar[axis]) < 1e-12);
@@ -78,7 +78,8 @@ TEST_SUITE("odometry/mounting") {
       imu.add({.time = Timestamp::from_seconds(9.99 + 0.01 * i), .gyro = {0, 0, 0}, .accel = {0, 0, 9.81}});
     const InertialState from = random_state(rng);
     const SE3d learnt = T_body_lidar(from) * SE3d(SO3d::exp({0.01, -0.02, 0.01}), Eigen::Vector3d::Zero());
-    const ImuComparison comparison = detail::compare_imu(imu, begin, from, end, detail::remounted(from, learnt), 9.81);
+    const ImuComparison comparison =
+        chainslam::detail::compare_imu(imu, begin, from, end, chainslam::detail::remounted(from, learnt), 9.81);
     CHECK(comparison.interval == doctest::Approx(0.1));
     CHECK(comparison.rate_error.norm() < 1e-9);  // by the body's attitudes alone it would be 0.24 rad/s
     CHECK(comparison.rate < 1e-9);

@@ -29,9 +29,9 @@ struct InertialMotionOptions {
   double rest_speed = 0.05;  ///< m/s, deviation where rest is assumed
   double start_gyro_bias = 1e-2;  ///< rad/s, deviation
   double start_accel_bias = 0.1;  ///< m/s^2, deviation
-  double start_up = 0.15;         ///< radians, deviation of gravity's direction at a start in motion
-  double rest_up = 0.01;          ///< and at rest: what the accelerometer's bias makes of it
-  double start_bend = 5e-5;       ///< 1/m, deviation of the map's bend: 0.3 degrees in 100 m
+  double start_up = 0.15;    ///< radians, deviation of gravity's direction: steady acceleration is as quiet as rest
+  double rest_up = 0.01;     ///< and where rest is assumed: what the accelerometer's bias makes of it
+  double start_bend = 5e-5;  ///< 1/m, deviation of the map's bend: 0.3 degrees in 100 m
   // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
   double free_accel = 1.5;       ///< m/s^2 per sqrt(Hz)
   double free_gyro = 0.2;        ///< rad/s per sqrt(Hz)
@@ -83,9 +83,12 @@ class InertialMotion {
   /// What the last prediction believed.
   [[nodiscard]] ImuUse use() const { return use_; }
   /// Takes it that the body stood still at the begin of the way: for a start of quiet readings where the scan does not
-  /// tell otherwise.
+  /// tell otherwise. Then the force felt was gravity.
   void assume_rest() {
     set_translation(state().get<Inertial::velocity>(), options_.rest_speed, options_.rest_speed * interval());
+    InertialState::Jacobian covariance = filter_.covariance();
+    separate<Inertial::up>(covariance, options_.rest_up);
+    filter_.reset(state(), covariance);
   }
   /// Leaves pose and velocity to the scan: where it lies elsewhere, the velocity was another all the way.
   void doubt_motion() {
@@ -162,16 +165,15 @@ class InertialMotion {
   /// the end of the way, is spread over the way.
   [[nodiscard]] SweepMotion sweep_motion(Timestamp begin, const Vector6d& correction) const;
 
-  /// The same during the sweep before the way's begin, had the body moved on evenly, but faster by `velocity_change`.
-  [[nodiscard]] SweepMotion motion_before(double duration, const Eigen::Vector3d& velocity_change) const {
+  /// The twist at the begin of the way, per second, body frame, had the body moved on evenly but for a correction.
+  /// @param velocity_change  m/s, odom frame. @param rate_change  rad/s, body frame.
+  [[nodiscard]] Vector6d twist_at_begin(const Eigen::Vector3d& velocity_change,
+                                        const Eigen::Vector3d& rate_change) const {
+    const Knot& knot = way_.front();
     Vector6d twist = zeros<Vector6d>();
-    if (!way_.empty()) {
-      const Knot& knot = way_.front();
-      const Eigen::Vector3d velocity = knot.velocity + velocity_change;
-      set_block(twist, 0, 0, knot.T_odom_body.rotation().inverse() * velocity);
-      set_block(twist, 3, 0, knot.rate);
-    }
-    return SweepMotion::constant_twist(duration, twist);
+    set_block(twist, 0, 0, knot.T_odom_body.rotation().inverse() * Eigen::Vector3d(knot.velocity + velocity_change));
+    set_block(twist, 3, 0, Eigen::Vector3d(knot.rate + rate_change));
+    return twist;
   }
   /// The pose at the begin of the way from the last scan to this.
   [[nodiscard]] const SE3d& way_begin() const { return way_.front().T_odom_body; }
@@ -261,18 +263,16 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   x.get<Inertial::lidar_position>() = R3d(T_body_lidar_.translation());
   x.get<Inertial::lidar_rotation>() = T_body_lidar_.rotation();
   // The pose is the frame's own definition. What is not known of gravity is its direction in that frame.
-  const auto squared = [](double value) { return value * value; };
   InertialState::Jacobian covariance = zeros<InertialState::Jacobian>();
   const auto set = [&]<Inertial::Part Part>(double deviation) {
-    constexpr int size = InertialState::Part<Part>::dof;
-    for (int i = 0; i < size; ++i)
-      covariance(inertial_offset<Part> + i, inertial_offset<Part> + i) = squared(deviation);
+    for (int i = 0; i < InertialState::Part<Part>::dof; ++i)
+      covariance(inertial_offset<Part> + i, inertial_offset<Part> + i) = deviation * deviation;
   };
   set.operator()<Inertial::velocity>(options_.start_speed);
   set.operator()<Inertial::gyro_bias>(start.at_rest ? 0.2 * options_.start_gyro_bias : options_.start_gyro_bias);
   set.operator()<Inertial::accel_bias>(options_.start_accel_bias);
   set.operator()<Inertial::bend>(options_.start_bend);
-  set.operator()<Inertial::up>(start.at_rest ? options_.rest_up : options_.start_up);
+  set.operator()<Inertial::up>(options_.start_up);
   filter_ = Filter(x, covariance, options_.process);
   time_ = time;
   started_ = true;

@@ -15,6 +15,7 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/first_sweep.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/pose_doubt.hpp"
 #include "chainslam/odometry/detail/sweep.hpp"
@@ -38,6 +39,9 @@ namespace chainslam {
 /// The first pose is the origin of `odom`, +z against gravity as well as it is known then. A scan waits for the first
 /// reading after its end, at most until three more scans have come or `flush` is called; so its frame may come with a
 /// later packet.
+/// - The body may move from the first scan on, by up to 45 m/s. The second scan shows the velocity, by which the first
+///   one's points are undistorted for the local map, and all poses are correct when they are returned. Only the cloud
+///   of the first frame, returned before that, is undistorted by the gyroscope alone.
 /// - Without readings for 0.25 s, and without an inertial unit at all, velocity and rate stay as they were, held by the
 ///   scans alone; after more than a second without either, velocity and position are as good as unknown.
 /// - Where scan and prediction contradict each other, less is believed for that interval: the gyroscope without the
@@ -179,8 +183,9 @@ template <class Map, class Kernel>
 template <Executor E>
 std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, const E& executor) {
   Attempt first;
-  first.clouds = this->straightened(
-      sweep, SweepMotion::constant_twist(to_seconds(sweep.end - sweep.begin), zeros<Vector6d>()), executor);
+  const ImuStart start = options_.motion.initializer.estimate(motion_.imu().samples());
+  const detail::GyroTurn turn(motion_.imu(), sweep.begin, sweep.end, start.gyro_bias);
+  first.clouds = this->straightened(sweep, turn.with(zeros<Vector6d>()), executor);
   if (to_index(first.clouds.points.size()) < options_.min_points) {
     ++counts_.empty_scans;
     return std::nullopt;
@@ -189,7 +194,7 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, cons
   imu_start_ = motion_.start(sweep.end);
   first.filter = motion_.filter();
   map_.extend(first.clouds.map, T_odom_body(state()));
-  if (sweep.points.has_times()) this->first_ = std::move(sweep);
+  if (sweep.points.has_times()) this->first_ = detail::FirstSweep{std::move(sweep), turn};
   Frame frame = answer(first, FrameStatus::good);
   frame.covariance = detail::anchored_covariance();
   return frame;

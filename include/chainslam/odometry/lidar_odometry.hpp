@@ -17,6 +17,7 @@
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/pose_doubt.hpp"
+#include "chainslam/odometry/detail/translation_search.hpp"
 #include "chainslam/odometry/imu_initializer.hpp"
 #include "chainslam/odometry/local_map.hpp"
 #include "chainslam/odometry/motion_predictor.hpp"
@@ -53,7 +54,10 @@ struct LidarOdometryOptions {
 /// LiDAR odometry: each scan is registered to a local map of the scans before it. A gyroscope, where there is one,
 /// predicts the rotation and corrects the sweep; without one the motion of the scan before is continued.
 ///
-/// The first pose is the origin of `odom`; with an IMU its +z is up. Scans without an answer leave defined traces:
+/// The first pose is the origin of `odom`; with an IMU its +z is up. The body may move from the first scan on, by up to
+/// 45 m/s: the second scan shows the velocity, and all poses are correct when they are returned. Only the cloud of the
+/// first frame, returned before that, is undistorted by the gyroscope alone. Scans without an answer leave defined
+/// traces:
 /// - too few points, or a time not later than the last frame's: no frame, counted;
 /// - too few matches or an implausible pose: a frame with status `lost` at the predicted pose, with a covariance that
 ///   grows with the time without a match; its points do not enter the map;
@@ -103,6 +107,9 @@ class LidarOdometry {
   [[nodiscard]] std::optional<Frame> start(Sweep sweep, const E& executor);
   template <Executor E>
   [[nodiscard]] Registered corrected(const Sweep& sweep, const Vector6d& twist, const E& executor) const;
+  template <Executor E>
+  [[nodiscard]] Registered registered(const Sweep& sweep, const MotionPrediction& prediction, const SE3d& guess,
+                                      double error, const E& executor) const;
   template <Executor E>
   [[nodiscard]] Registered registered(const Sweep& sweep, const MotionPrediction& prediction, const E& executor) const;
   template <Executor E>
@@ -220,14 +227,15 @@ void LidarOdometry<Map, Kernel>::extend_map(const PointCloud<float>& points) {
   map_center_ = center;
 }
 
-/// Corrects the sweep by the predicted motion, registers it, and once more by the motion found if that differs enough.
+/// Corrects the sweep by the predicted motion, registers it from a guess of its pose, and once more by the motion found
+/// if that differs enough.
 template <class Map, class Kernel>
 template <Executor E>
-auto LidarOdometry<Map, Kernel>::registered(const Sweep& sweep, const MotionPrediction& prediction,
-                                            const E& executor) const -> Registered {
+auto LidarOdometry<Map, Kernel>::registered(const Sweep& sweep, const MotionPrediction& prediction, const SE3d& guess,
+                                            double error, const E& executor) const -> Registered {
   Registered scan = corrected(sweep, prediction.twist, executor);
   if (empty(scan)) return scan;
-  scan.match = options_.scan_to_map.align(scan.points, map_, prediction.T_odom_body, prediction.error, executor);
+  scan.match = options_.scan_to_map.align(scan.points, map_, guess, error, executor);
   const bool skewed_map = first_.has_value();  // corrected as little as this sweep so far: to be mended together
   if (scan.match.status == ScanMatchStatus::too_few_matches || !sweep.points.has_times() || skewed_map) return scan;
   const Vector6d twist = motion_.found_twist(prediction, scan.twist, scan.match.T_map_body);
@@ -237,6 +245,27 @@ auto LidarOdometry<Map, Kernel>::registered(const Sweep& sweep, const MotionPred
   scan.match = options_.scan_to_map.align(scan.points, map_, before.T_map_body, options_.motion.min_error, executor);
   scan.match.iterations += before.iterations;
   return scan;
+}
+
+/// Registers the sweep from the predicted pose and, where nothing is known of the motion and that is not clearly right,
+/// from other places that look alike: the most weight of matches decides.
+template <class Map, class Kernel>
+template <Executor E>
+auto LidarOdometry<Map, Kernel>::registered(const Sweep& sweep, const MotionPrediction& prediction,
+                                            const E& executor) const -> Registered {
+  Registered best = registered(sweep, prediction, prediction.T_odom_body, prediction.error, executor);
+  if (prediction.error < options_.motion.initial_error || empty(best) ||
+      detail::TranslationSearch::needless(best.match.weight, best.points.size()))
+    return best;
+  const detail::TranslationSearch search = detail::TranslationSearch::after(prediction.since_last);
+  const detail::PlaneRule plane = options_.scan_to_map.plane_rule(search.spacing);
+  for (const SE3d& T :
+       search(best.points, map_, plane, best.match.T_map_body, prediction.T_odom_body.translation(), executor)) {
+    Registered other = registered(sweep, prediction, T, search.spacing, executor);
+    if (believable(other, prediction) && (!believable(best, prediction) || other.match.weight > best.match.weight))
+      best = std::move(other);
+  }
+  return best;
 }
 
 /// Corrects the first scan by the motion that the second has shown, and builds the map from it again.
@@ -264,6 +293,8 @@ bool LidarOdometry<Map, Kernel>::believable(const Registered& scan, const Motion
 template <class Map, class Kernel>
 Frame LidarOdometry<Map, Kernel>::follow(Registered scan, const MotionPrediction& prediction) {
   const Vector6d skew = motion_.end_deviation(prediction, scan.twist, scan.match.T_map_body);
+  if (!motion_.moving() && counts_.map_restarts == 0)
+    doubt_.restart(motion_.T_odom_body(), MotionPredictor::start_covariance(prediction));
   motion_.follow(prediction, scan.twist, scan.match.T_map_body);
   doubt_.match();
   lost_in_a_row_ = 0;

@@ -117,6 +117,16 @@ class MotionPredictor {
     return deviation;
   }
 
+  /// Covariance of where the first pose lies among those after it, as the second sweep leaves it: an acceleration,
+  /// which two sweeps do not show, moves their ends against the motion from middle to middle.
+  [[nodiscard]] static Matrix6d start_covariance(const MotionPrediction& second) {
+    constexpr double acceleration = 2;  // m/s^2, deviation: half of what cars do
+    const double deviation = 0.5 * acceleration * to_seconds(second.end - second.begin) * second.since_last;
+    Matrix6d covariance = Matrix6d::Zero();
+    for (int i = 0; i < 3; ++i) covariance(i, i) = deviation * deviation;
+    return covariance;
+  }
+
   /// Takes the pose that was found where one had been predicted, and the twist the sweep was corrected by.
   void follow(const MotionPrediction& prediction, const Vector6d& twist, const SE3d& T_odom_body) {
     if (prediction.with_gyro) {

@@ -123,8 +123,7 @@ Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(co
   T_before_ = T;
   const bool looked_up = wants_planes(T, renew);
   if (looked_up) {
-    const detail::PlaneRule plane{std::max(rule_.max_neighbor_distance, schedule_.error()), rule_.max_plane_deviation,
-                                  rule_.min_plane_width, rule_.residual_floor, options_.planes};
+    const detail::PlaneRule plane = rule_.plane_rule(schedule_.error(), options_.planes);
     detail::match_planes<Rule::neighbors>(scan_, map_, T, plane, neighbors_, planes_, executor_);
     T_matched_ = T;
     ++matchings_;
@@ -136,6 +135,7 @@ Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(co
   const detail::PlaneEquations sum = detail::plane_equations(scan_, planes_, T, in_gate, weight, executor_);
   ++match_.iterations;
   match_.matches = sum.matches;
+  match_.weight = sum.weight;
   Linearization<InertialState> answer;
   if (sum.matches < rule_.min_matches || !(sum.weight > 0)) {
     match_.status = ScanMatchStatus::too_few_matches;

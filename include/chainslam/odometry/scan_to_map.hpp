@@ -33,6 +33,7 @@ struct ScanMatch {
   Vector6d signal = zeros<Vector6d>();         ///< ascending, of six directions: information over that of pure noise
   Index degenerate_directions = 0;             ///< of six, in which the scan says nothing and the guess was kept
   Index matches = 0;                           ///< points with a plane within the gate
+  double weight = 0;                           ///< of these, each weighted by the kernel: what tells alike places apart
   Index iterations = 0;
   double residual_rms = 0;  ///< metres, over matches, weighted by the kernel
 };
@@ -70,6 +71,11 @@ struct ScanToMap {
   double correlated_residuals = 25;     ///< neighbouring residuals err together: so many count as one
   [[no_unique_address]] Kernel kernel{};
 
+  /// What makes a plane of neighbours in the map. @param error  metres, that a point may be off its place.
+  [[nodiscard]] detail::PlaneRule plane_rule(double error, PlaneForm form = PlaneForm::centred) const {
+    return {std::max(max_neighbor_distance, error), max_plane_deviation, min_plane_width, residual_floor, form};
+  }
+
   /// @param scan         n points, body frame, metres, all finite.
   /// @param map          m points, map frame.
   /// @param guess        T_map_body to start from.
@@ -94,8 +100,7 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
     const bool settled = !schedule.coarse();
     if (stale) {
       if (settled && matchings++ == max_matchings) break;
-      const detail::PlaneRule rule{std::max(max_neighbor_distance, schedule.error()), max_plane_deviation,
-                                   min_plane_width, residual_floor};
+      const detail::PlaneRule rule = plane_rule(schedule.error());
       detail::match_planes<neighbors>(scan, map, match.T_map_body, rule, found, planes, executor);
       moved = 0;
     }
@@ -106,6 +111,7 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
         detail::plane_equations(scan, planes, match.T_map_body, in_gate, weight, executor);
     ++match.iterations;
     match.matches = sum.matches;
+    match.weight = sum.weight;
     if (sum.matches < min_matches || !(sum.weight > 0)) {
       match.T_map_body = guess;
       match.status = ScanMatchStatus::too_few_matches;

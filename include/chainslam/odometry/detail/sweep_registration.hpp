@@ -11,8 +11,10 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/first_sweep.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/sweep.hpp"
+#include "chainslam/odometry/detail/translation_search.hpp"
 #include "chainslam/odometry/imu_monitor.hpp"
 #include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
@@ -71,7 +73,11 @@ struct SweepRegistration {
   template <Executor E>
   [[nodiscard]] Attempt registered(const Sweep& sweep, const E& executor);
   template <Executor E>
-  void rebuild_map(const Sweep& first, const Attempt& second, const E& executor);
+  [[nodiscard]] Attempt at_unknown_velocity(const Sweep& sweep, const E& executor) const;
+  template <Executor E>
+  [[nodiscard]] Attempt with_first(const Sweep& sweep, Attempt found, const E& executor);
+  template <Executor E>
+  void rebuild_map(const FirstSweep& first, const Attempt& second, const E& executor);
 
   [[nodiscard]] bool believable(const Attempt& attempt) const {
     return attempt.report.accepted() && off(attempt) <= options_.max_correction &&
@@ -109,7 +115,7 @@ struct SweepRegistration {
   InertialMotion motion_;
   ImuMonitor monitor_;
   ImuStart imu_start_;
-  std::optional<Sweep> first_;    ///< the first scan, until the motion during it is known
+  std::optional<FirstSweep> first_;
   double residual_noise_ = 0.05;  ///< metres, smoothed
   double usual_match_ratio_ = 0;  ///< smoothed
 };
@@ -177,6 +183,28 @@ void SweepRegistration<Map, Kernel>::Choice::offer(Attempt attempt, ImuUse belie
   use = believed;
 }
 
+/// Takes the scan at a velocity that is not known. The body may stand, where a wide gate alone might find another place
+/// that looks alike, or have moved by metres, where it might not get there: of several attempts that with the most
+/// weight of matches is taken.
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::at_unknown_velocity(const Sweep& sweep, const E& executor) const -> Attempt {
+  Attempt best = attempt(sweep, executor);
+  const auto offer = [&](Attempt other) {
+    const bool better = believable(other) && (!believable(best) || other.match.weight > best.match.weight);
+    if (better) best = std::move(other);
+  };
+  offer(attempt(sweep, zeros<Vector6d>(), options_.min_error, state(), executor));
+  if (TranslationSearch::needless(best.match.weight, best.clouds.points.size())) return best;
+  const TranslationSearch search = TranslationSearch::after(motion_.interval());
+  const SE3d T_predicted = T_odom_body(state());
+  const SE3d T_found = best.match.matches > 0 ? scan_pose(best.filter.state()) : T_predicted;
+  const PlaneRule plane = options_.scan_to_map.plane_rule(search.spacing, options_.scan.planes);
+  for (const SE3d& T : search(best.clouds.points, map_.points(), plane, T_found, T_predicted.translation(), executor))
+    offer(attempt(sweep, zeros<Vector6d>(), search.spacing, motion_.moved(T_predicted.local(T)), executor));
+  return best;
+}
+
 /// Takes the scan from a prediction that it does not contradict: from less and less of the IMU's measurements. Where
 /// that leaves fewer matches than scans had before, the pose may be that of another place that looks alike: the most
 /// matches decide.
@@ -190,9 +218,7 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
     const bool fits = believable(found), agrees = !contradicted(found);
     choice.offer(std::move(found), motion_.use(), fits, agrees);
   };
-  offer(attempt(sweep, executor));
-  // At a speed that is not known, the body may stand: a wide gate alone might find another place.
-  if (!motion_.knew_velocity()) offer(attempt(sweep, zeros<Vector6d>(), options_.min_error, state(), executor));
+  offer(motion_.knew_velocity() ? attempt(sweep, executor) : at_unknown_velocity(sweep, executor));
   for (const ImuUse use : {ImuUse::gyroscope, ImuUse::rough_gyroscope, ImuUse::none}) {
     if (choice.best && !poor(*choice.best)) break;
     if (use <= motion_.use() || (use != ImuUse::none && motion_.measured_share() == 0)) continue;
@@ -229,28 +255,40 @@ auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& exe
     motion_.assume_rest();
     found = attempt(sweep, executor);
   }
-  Vector6d bent = correction(found);
-  if (first_) {
-    rebuild_map(*std::exchange(first_, std::nullopt), found, executor);
-    found = attempt(sweep, bent, options_.min_error, InertialState(found.filter.state()), executor);
-    bent = correction(found);
-  }
+  if (first_) found = with_first(sweep, std::move(found), executor);
   constexpr double lever = 20;  // metres: points that far off
+  const Vector6d bent = correction(found);
   const double share = to_seconds(sweep.end - sweep.begin) / std::max(motion_.interval(), 1e-3);
   if (believable(found) && std::min(share, 1.0) * moved_distance(bent, lever) > options_.redeskew_distance)
     found = attempt(sweep, bent, options_.min_error, InertialState(found.filter.state()), executor);
   return found;
 }
 
+/// The second scan, and the first by the motion that it shows, in turn until that motion stays.
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::with_first(const Sweep& sweep, Attempt found, const E& executor) -> Attempt {
+  constexpr int max_passes = 4;
+  constexpr double lever = 20;  // metres
+  const FirstSweep first = *std::exchange(first_, std::nullopt);
+  for (int pass = 0; pass < max_passes && believable(found); ++pass) {
+    rebuild_map(first, found, executor);
+    const Vector6d bent = correction(found);
+    found = attempt(sweep, bent, options_.min_error, InertialState(found.filter.state()), executor);
+    if (moved_distance(correction(found) - bent, lever) < options_.redeskew_distance) break;
+  }
+  return found;
+}
+
 /// Straightens the first scan by the motion that the second has shown, and builds the map from it again.
 template <class Map, class Kernel>
 template <Executor E>
-void SweepRegistration<Map, Kernel>::rebuild_map(const Sweep& first, const Attempt& second, const E& executor) {
+void SweepRegistration<Map, Kernel>::rebuild_map(const FirstSweep& first, const Attempt& second, const E& executor) {
   const auto velocity = [](const InertialState& x) { return x.get<Inertial::velocity>().value(); };
-  const SweepMotion motion =
-      motion_.motion_before(to_seconds(first.end - first.begin), velocity(second.filter.state()) - velocity(state()));
+  const Eigen::Vector3d rate_change = block_of<3, 1>(correction(second), 3, 0) / std::max(motion_.interval(), 1e-3);
+  const Vector6d twist = motion_.twist_at_begin(velocity(second.filter.state()) - velocity(state()), rate_change);
   map_.clear();
-  map_.extend(straightened(first, motion, executor).map, motion_.way_begin());
+  map_.extend(straightened(first.sweep, first.turn.with(twist), executor).map, motion_.way_begin());
 }
 
 /// Three standard deviations of where the filter puts a near wall.
