@@ -221,15 +221,14 @@ TEST_SUITE("odometry on real drives") {
     Reference raw("raw sweeps", drive);
     if (!raw) return;
     CHECK(raw.error() < 0.275);
+    raw.check_without_imu();  // keyframes 207 to 209 are 1.5 and 2.6 s apart
     raw.check_late(0.2, 1.1);
-    raw.check_turned({0, 0, 0.5 * std::numbers::pi}, 1.2, 0.9);
     raw.check_turned({std::numbers::pi, 0, 0}, 1.2, 0.9);  // gravity upside down
     raw.check_mounting_off({0.05, 0, 0}, 1.05, true);
     raw.check("gyroscope's z axis stuck", 1.3, test::with_stuck_axis(raw.drive().imu, &ImuSample::gyro, 2));
     raw.check_noise(1.1);
     if (!test::full()) return;
     raw.check_mountings_off(1.05, true);
-    raw.check_without_imu();
     raw.check_late(0.067, 1.1);
     raw.check_turned_about_all_axes(1.2, 0.9);
     raw.check_stuck(1.3);

@@ -33,14 +33,14 @@ struct InertialMotionOptions {
   double rest_up = 0.01;     ///< and where rest is assumed: what the accelerometer's bias makes of it
   double start_bend = 5e-5;  ///< 1/m, deviation of the map's bend: 0.3 degrees in 100 m
   // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
-  double free_accel = 1.5;       ///< m/s^2 per sqrt(Hz)
-  double free_gyro = 0.2;        ///< rad/s per sqrt(Hz)
-  double max_free = 1.0;         ///< seconds that may be continued so; beyond, the body may be anywhere near
-  double lost_position = 2.0;    ///< metres, deviation after that, and of a prediction that scans contradict
-  double lost_rotation = 0.2;    ///< radians, deviation of the latter
-  double lidar_position = 0;     ///< metres, deviation of the mounting; 0: known
-  double lidar_rotation = 0.02;  ///< radians about each axis: mountings measured by hand are a degree off
-  Index mounting_after = 3;      ///< scans, from which on it is estimated: the first make a crooked map
+  double free_accel = 1.5;        ///< m/s^2 per sqrt(Hz)
+  double free_gyro = 0.2;         ///< rad/s per sqrt(Hz)
+  double max_free = 1.0;          ///< seconds that may be continued so; beyond, the body may be anywhere near
+  double lost_position = 2.0;     ///< metres, deviation after that, and of a prediction that scans contradict
+  double lost_rotation = 0.2;     ///< radians, deviation of the latter
+  double lidar_position = 0;      ///< metres, deviation of the mounting; 0: known
+  double lidar_rotation = 0.005;  ///< radians about each axis; a third of a degree off is usual, and turns tell
+  Index mounting_after = 3;       ///< scans, from which on it is estimated: the first make a crooked map
 };
 
 /// The filter's motion between scans: integrates the inertial unit, or continues the motion where that is silent, and
@@ -320,9 +320,24 @@ inline void InertialMotion::predict_again(ImuUse use) {
   integrate(time, use);
 }
 
-/// After a long silence the body may stand, drive or have been carried: its attitude is kept, with doubt.
+/// After a long silence the body may stand, drive or have been carried: its attitude is kept, with doubt. How far it is
+/// off tells how fast it was on the way, and that about how fast it is.
 inline void InertialMotion::forget_velocity() {
-  set_translation({}, options_.start_speed, options_.lost_position);
+  const SE3d begin = T_odom_body(before_.state()), end = T_odom_body(state());
+  const double dt = to_seconds(time_ - begin_);
+  const Eigen::Vector3d way = end.translation() - begin.translation(), velocity = way / dt;
+  const Eigen::Vector3d rate = begin.rotation().local(end.rotation()) / dt;
+  way_ = {{begin_, begin, velocity, Eigen::Vector3d::Zero(), rate}};
+  const double on_the_way = options_.start_speed * options_.start_speed;
+  const double since = options_.free_accel * options_.free_accel * dt;
+  set_translation(R3d(velocity), std::sqrt(on_the_way + since),
+                  std::hypot(options_.lost_position, dt * options_.start_speed));
+  InertialState::Jacobian covariance = filter_.covariance();
+  for (int i = 0; i < 3; ++i) {
+    const int p = inertial_offset<Inertial::position> + i, v = inertial_offset<Inertial::velocity> + i;
+    covariance(p, v) = covariance(v, p) = dt * on_the_way;
+  }
+  filter_.reset(state(), covariance);
   mean_rate_.setZero();
 }
 
