@@ -33,6 +33,7 @@ void check_against_eigen() {
   CHECK((times(A, B) - A * B).norm() < N * N * rounding);
   CHECK((times_transposed(A, B) - A * B.transpose()).norm() < N * N * rounding);
   CHECK((times(A, sparse) - A * sparse).norm() < N * N * rounding);
+  CHECK((times_transposed(sparse, sparse) - sparse * sparse.transpose()).norm() < N * N * rounding);
   CHECK((congruent(A, P) - A * P * A.transpose()).norm() < N * N * N * rounding);
   CHECK(symmetric(A) == Matrix(0.5 * (A + A.transpose())));
   const Matrix L = cholesky(P);
@@ -48,6 +49,10 @@ TEST_SUITE("core/square_matrix") {
     check_against_eigen<1>();
     check_against_eigen<3>();
     check_against_eigen<6>();
+    check_against_eigen<10>();
+    check_against_eigen<12>();
+    check_against_eigen<14>();
+    check_against_eigen<16>();
     check_against_eigen<26>();
   }
 

@@ -14,9 +14,13 @@ namespace chainslam {
 
 /// The sum of the first `count` columns of A, column k times weights[k * stride]. Skips columns of zero weight, of
 /// which a transition has many.
+///
+/// A call, not inlined: with -O3 and AVX-512, g++ 12 makes an inlined sum of 10 to 16 rows skip columns that are not
+/// zero.
 template <class Scalar, int N>
-[[nodiscard]] Eigen::Matrix<Scalar, N, 1> weighted_columns(const Eigen::Matrix<Scalar, N, N>& A, int count,
-                                                           const Scalar* weights, int stride) {
+[[nodiscard, gnu::noinline]] Eigen::Matrix<Scalar, N, 1> weighted_columns(const Eigen::Matrix<Scalar, N, N>& A,
+                                                                          int count, const Scalar* weights,
+                                                                          int stride) {
   Scalar sum[N] = {};
   const Scalar* a = A.data();
   int k = 0;
