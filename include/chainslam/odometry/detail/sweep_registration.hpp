@@ -71,6 +71,8 @@ struct SweepRegistration {
   template <Executor E>
   [[nodiscard]] Attempt consistent(const Sweep& sweep, const E& executor);
   template <Executor E>
+  [[nodiscard]] Attempt resting_or(Attempt moving, const Sweep& sweep, const E& executor);
+  template <Executor E>
   [[nodiscard]] Attempt registered(const Sweep& sweep, const E& executor);
   template <Executor E>
   [[nodiscard]] Attempt at_unknown_velocity(const Sweep& sweep, const E& executor) const;
@@ -241,6 +243,20 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
   return doubted;
 }
 
+/// Takes the scan as if the body stood still, as the IMU's quiet measurements allow: but they are as quiet at a steady
+/// speed. It moves if the scan matches clearly more that way.
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::resting_or(Attempt moving, const Sweep& sweep, const E& executor) -> Attempt {
+  constexpr double clearly = 1.05;
+  const InertialMotion::Filter before = motion_.filter();
+  motion_.assume_rest();
+  Attempt resting = attempt(sweep, executor);
+  if (moving.match.weight <= clearly * resting.match.weight) return resting;
+  motion_.filter() = before;
+  return moving;
+}
+
 /// Takes the scan; once more if that left it skewed.
 template <class Map, class Kernel>
 template <Executor E>
@@ -251,10 +267,8 @@ auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& exe
     return found;
   }
   constexpr double poor = 20;  // of the least signal that counts: the scan hardly tells a velocity
-  if (first_ && imu_start_.at_rest && found.match.signal[0] < poor * options_.scan_to_map.min_signal) {
-    motion_.assume_rest();
-    found = attempt(sweep, executor);
-  }
+  if (first_ && imu_start_.at_rest && found.match.signal[0] < poor * options_.scan_to_map.min_signal)
+    found = resting_or(std::move(found), sweep, executor);
   if (first_) found = with_first(sweep, std::move(found), executor);
   constexpr double lever = 20;  // metres: points that far off
   const Vector6d bent = correction(found);
