@@ -1,88 +1,24 @@
 #pragma once
 
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdio>
-#include <optional>
-#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "chainslam/evaluation/kitti_errors.hpp"
-#include "chainslam/odometry/lidar_inertial_odometry.hpp"
-#include "chainslam/odometry/lidar_odometry.hpp"
-#include "chainslam/odometry/self_calibrating.hpp"
-#include "chainslam/search/ikd_tree.hpp"
-#include "support/drive_run.hpp"
+#include "odometry/outcome.hpp"
 
 namespace chainslam::bench {
-
-/// The odometries that `odometry.source` chooses from, with the settings that users get.
-/// @{
-struct LidarSource {
-  using Odometry = LidarOdometry<>;
-  static Odometry::Options options() { return {}; }
-};
-struct FastLio2Source {
-  using Odometry = LidarInertialOdometry<IkdTree<float, NearestToCenter>, Trivial>;
-  static Odometry::Options options() { return fast_lio2_options(); }
-};
-struct LidarInertialSource {
-  using Odometry = SelfCalibrating<LidarInertialOdometry<>>;
-  static Odometry::Options options() { return {}; }
-};
-/// @}
-
-/// What an odometry came to on a drive; what is not known stays empty.
-struct Outcome {
-  std::optional<double> ape{};    ///< metres, rms, aligned by a rotation and a translation
-  std::optional<double> kitti{};  ///< percent
-  double path = 0;                ///< metres, steps below 0.05 m left out, in which noise would add up at a stop
-  std::int64_t lost = 0;          ///< scans lost, or without a frame
-  double milliseconds = 0;        ///< per scan
-  bool finite = true;             ///< every pose
-};
-
-[[nodiscard]] inline double travelled(const Trajectory& trajectory) {
-  double length = 0;
-  if (trajectory.empty()) return length;
-  Eigen::Vector3d last = trajectory.poses.front().translation();
-  for (const SE3d& pose : trajectory.poses) {
-    const double step = (pose.translation() - last).norm();
-    if (step < 0.05) continue;
-    length += step;
-    last = pose.translation();
-  }
-  return length;
-}
-
-/// @param drive  its reference, where there is one.
-[[nodiscard]] inline Outcome outcome_of(const test::Drive& drive, const test::DriveRun& run) {
-  const LidarOdometryCounts& counts = run.counts;
-  Outcome outcome{.path = travelled(run.lidar),
-                  .lost = counts.lost_scans + counts.scans - counts.frames,
-                  .milliseconds = 1e3 * run.seconds_per_scan,
-                  .finite = !first_not_finite(run.lidar.poses)};
-  if (!outcome.finite || drive.reference.empty()) return outcome;
-  const MatchedTrajectories poses = test::counted_poses(drive, run.lidar);
-  const AbsolutePoseErrors absolute = ape(poses.reference, poses.estimate);
-  if (absolute.status == EvaluationStatus::evaluated) outcome.ape = absolute.translation.rmse;
-  const KittiErrors relative = kitti_errors(poses.reference, poses.estimate);
-  if (relative.status == EvaluationStatus::evaluated) outcome.kitti = 100 * relative.translation;
-  return outcome;
-}
 
 /// A Markdown table: a row for each drive and variant of it, a column for each odometry.
 class DriveTable {
  public:
   explicit DriveTable(std::string title) : title_(std::move(title)) {}
 
-  /// Runs all odometries. @param run  makes an `Outcome` of one of the sources above.
-  template <class Run>
-  void add(const std::string& drive, const std::string& variant, const Run& run) {
-    Row row{drive, variant, {run(LidarSource{}), run(FastLio2Source{}), run(LidarInertialSource{})}};
+  /// What all odometries came to: `lidar`, `fast_lio2`, `lidar_inertial`.
+  void add(const std::string& drive, const std::string& variant, const std::array<Outcome, 3>& outcomes) {
+    Row row{drive, variant, outcomes};
     std::fputs(line(row).c_str(), stderr);  // as it comes: the whole takes minutes
     rows_.push_back(std::move(row));
   }

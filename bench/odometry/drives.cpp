@@ -1,7 +1,9 @@
 // Accuracy of the odometries on real drives and on data sets given as folders, as Markdown: see bench/README.md.
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
@@ -17,9 +19,11 @@
 #include "chainslam/io/file_system.hpp"
 #include "datasets/dataset.hpp"
 #include "odometry/drive_table.hpp"
+#include "odometry/random_starts.hpp"
 #include "support/imu_faults.hpp"
 #include "support/real_data.hpp"
 #include "support/real_drives.hpp"
+#include "support/semi_real_drives.hpp"
 
 namespace chainslam::bench {
 namespace {
@@ -28,16 +32,26 @@ using test::Drive;
 
 struct Options {
   std::filesystem::path out;
-  std::string only;  ///< real drives whose name contains this
+  std::string only;  ///< drives whose name contains this
+  int starts = 0;    ///< at random times of the semi-real drives
+  std::uint64_t seed = 1;
   std::vector<std::filesystem::path> datasets;
 };
 
+/// One after the other, so that each has the caches to itself.
 void add_drive(DriveTable& table, const std::string& name, const std::string& variant, const Drive& drive) {
-  table.add(name, variant, [&]<class Source>(Source) {
+  const auto outcome = [&]<class Source>(Source) {
     auto options = Source::options();
     options.T_body_lidar = drive.T_body_lidar;
     return outcome_of(drive, test::run_drive<typename Source::Odometry>(drive, options));
-  });
+  };
+  table.add(name, variant, {outcome(LidarSource{}), outcome(FastLio2Source{}), outcome(LidarInertialSource{})});
+}
+
+template <class NextPacket>
+void add_packets(DriveTable& table, const std::string& name, const std::string& variant, const Drive& drive,
+                 NextPacket&& next_packet) {
+  table.add(name, variant, outcomes_of<LidarSource, FastLio2Source, LidarInertialSource>(drive, next_packet));
 }
 
 /// The drive as it is, without its IMU, and with an IMU that is at fault.
@@ -90,19 +104,12 @@ void add_nuscenes(DriveTable& table) {
 /// A data set that a reader knows, with the truth that it brings along, if any.
 void add_dataset(DriveTable& table, const std::string& name, const std::string& variant,
                  const std::filesystem::path& path) {
-  Drive drive;  // its scans are read one by one, anew for each odometry
-  {
-    const auto dataset = datasets::open_dataset(path);
-    drive.T_body_lidar = dataset->info().T_body_lidar;
-    if (const auto truth = dataset->truth()) drive.reference = *truth;
-    for (SE3d& pose : drive.reference.poses) pose = pose * drive.T_body_lidar;
-  }
-  table.add(name, variant, [&]<class Source>(Source) {
-    auto options = Source::options();
-    options.T_body_lidar = drive.T_body_lidar;
-    const auto dataset = datasets::open_dataset(path);
-    return outcome_of(drive, test::run_packets<typename Source::Odometry>([&] { return dataset->next(); }, options));
-  });
+  Drive drive;  // its scans are read one by one
+  const auto dataset = datasets::open_dataset(path);
+  drive.T_body_lidar = dataset->info().T_body_lidar;
+  if (const auto truth = dataset->truth()) drive.reference = *truth;
+  for (SE3d& pose : drive.reference.poses) pose = pose * drive.T_body_lidar;
+  add_packets(table, name, variant, drive, [&] { return dataset->next(); });
 }
 
 void add_muehlburger_tor(DriveTable& table) {
@@ -119,37 +126,50 @@ std::string said_of(const std::filesystem::path& folder) {
   return line;
 }
 
+bool chosen(const Options& options, const std::string& name) { return name.find(options.only) != std::string::npos; }
+
+std::string semi_real_name(const test::KittiSequence& sequence) { return std::string("semi_real_") + sequence.name; }
+
+void add_semi_real(DriveTable& table, const Options& options) {
+  for (const test::KittiSequence& sequence : test::kitti_imu_sequences) {
+    if (!chosen(options, semi_real_name(sequence))) continue;
+    if (const auto drive = test::semi_real_drive(sequence))
+      add_packets(table, std::string("KITTI ") + sequence.name, "simulated scans, real IMU",
+                  test::without_scans(*drive), [&] { return drive->next(); });
+  }
+}
+
+std::string random_starts(const Options& options) {
+  if (options.starts == 0) return {};
+  RandomStarts starts(options.starts, options.seed);
+  std::vector<std::unique_ptr<simulator::RecordedDrive>> drives;
+  std::vector<Index> scans;
+  for (const test::KittiSequence& sequence : test::kitti_imu_sequences)
+    if (auto drive = test::semi_real_drive(sequence)) {
+      scans.push_back(drive->scan_count());
+      drives.push_back(std::move(drive));
+    }
+  for (std::size_t i = 0; i < drives.size(); ++i)
+    for (const Index first : starts.of_drive(i, scans))
+      starts.run(std::string("KITTI ") + test::kitti_imu_sequences[i].name, *drives[i], first);
+  return starts.markdown();
+}
+
 std::string tables(const Options& options) {
-  DriveTable real("Real drives");
+  DriveTable real("Real drives"), semi_real("Semi-real drives: simulated scans, real IMU");
   const std::pair<const char*, void (*)(DriveTable&)> drives[] = {{"kitti00_first101", add_first101},
                                                                   {"kitti00_keyframes_imu", add_keyframes},
                                                                   {"nuscenes_scene", add_nuscenes},
                                                                   {"muehlburger_tor", add_muehlburger_tor}};
   for (const auto& [name, add] : drives)
-    if (std::string(name).find(options.only) != std::string::npos) add(real);
+    if (chosen(options, name)) add(real);
+  add_semi_real(semi_real, options);
   DriveTable given("Data sets given as folders");
   for (const std::filesystem::path& path : options.datasets)
     add_dataset(given, (path / ".").parent_path().filename().string(), said_of(path), path);
   return "APE of the LiDAR's positions (rms, aligned by a rotation and a translation), KITTI's relative translation "
          "error where the path is longer than 100 m, scans lost, processor time per scan.\n\n" +
-         real.markdown() + given.markdown(true);
-}
-
-std::optional<Options> parse(int count, char** words) {
-  Options options;
-  for (int i = 1; i < count; ++i) {
-    const std::string word = words[i];
-    const bool named = word == "--out" || word == "--only";
-    if (word.starts_with("--") && (!named || i + 1 == count)) return std::nullopt;
-    if (word == "--out")
-      options.out = words[++i];
-    else if (word == "--only")
-      options.only = words[++i];
-    else
-      options.datasets.emplace_back(word);
-  }
-  if (options.out.empty()) return std::nullopt;
-  return options;
+         real.markdown() + semi_real.markdown(true) + random_starts(options) + given.markdown(true);
 }
 
 }  // namespace
@@ -157,14 +177,18 @@ std::optional<Options> parse(int count, char** words) {
 
 int main(int count, char** words) {
   using namespace chainslam;
-  const auto options = bench::parse(count, words);
-  if (!options) {
-    std::fprintf(stderr, "usage: bench_drives --out FILE.md [--only PART-OF-NAME] [DATASET...]\n");
-    return 2;
-  }
+  bench::Options options;
+  CLI::App app("Accuracy of the odometries on drives, as Markdown");
+  app.add_option("--out", options.out, "where the tables go")->required();
+  app.add_option("--only", options.only, "only drives whose name contains this");
+  app.add_option("--starts", options.starts, "starts at random times of the semi-real drives")
+      ->check(CLI::NonNegativeNumber);
+  app.add_option("--seed", options.seed, "of these times");
+  app.add_option("datasets", options.datasets, "data sets with their truth");
+  CLI11_PARSE(app, count, words);
   try {
-    const std::string text = bench::tables(*options);
-    AtomicFile file(options->out);
+    const std::string text = bench::tables(options);
+    AtomicFile file(options.out);
     file.write(text);
     file.commit();
   } catch (const std::exception& error) {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "kitti_drive.hpp"
 #include "simulator/recorded_drive.hpp"
+#include "support/kitti_drive.hpp"
 #include "support/property.hpp"
 
 namespace chainslam::simulator {

@@ -11,9 +11,9 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/io/tum.hpp"
 #include "datasets/dataset.hpp"
-#include "kitti_drive.hpp"
 #include "simulator/recorded_files.hpp"
 #include "support/files.hpp"
+#include "support/kitti_drive.hpp"
 #include "support/quick.hpp"
 
 namespace chainslam::simulator {

@@ -35,32 +35,53 @@ inline double thread_seconds() {
 
 }  // namespace detail
 
+/// An odometry while it is fed, and what it has made of the packets so far.
+template <class Odometry>
+class OdometryRun {
+ public:
+  OdometryRun(Odometry& odometry, const SE3d& T_body_lidar) : odometry_(odometry), T_body_lidar_(T_body_lidar) {}
+
+  void feed(const Packet& packet) {
+    scans_ += std::holds_alternative<LidarScan>(packet);
+    take([&] { return odometry_.process(packet); });
+  }
+
+  /// After the last packet.
+  [[nodiscard]] DriveRun finish() {
+    if constexpr (requires { odometry_.flush(); })
+      while (take([&] { return odometry_.flush(); })) {
+      }
+    run_.counts = odometry_.counts();
+    run_.seconds_per_scan = spent_ / static_cast<double>(std::max<std::size_t>(scans_, 1));
+    return std::move(run_);
+  }
+
+ private:
+  template <class Work>
+  bool take(const Work& work) {
+    const double begin = detail::thread_seconds();
+    const std::optional<Frame> frame = work();
+    spent_ += detail::thread_seconds() - begin;
+    if (!frame) return false;
+    run_.lidar.times.push_back(frame->time);
+    run_.lidar.poses.push_back(frame->T_odom_body * T_body_lidar_);
+    return true;
+  }
+
+  Odometry& odometry_;
+  SE3d T_body_lidar_;
+  DriveRun run_;
+  double spent_ = 0;
+  std::size_t scans_ = 0;
+};
+
 /// Feeds an odometry.
 /// @param next_packet  yields `std::optional<Packet>`, nothing after the last one.
 template <class Odometry, class NextPacket>
 DriveRun run_packets(NextPacket&& next_packet, Odometry& odometry, const SE3d& T_body_lidar) {
-  DriveRun run;
-  double spent = 0;
-  const auto take = [&](auto&& work) {
-    const double begin = detail::thread_seconds();
-    const std::optional<Frame> frame = work();
-    spent += detail::thread_seconds() - begin;
-    if (!frame) return false;
-    run.lidar.times.push_back(frame->time);
-    run.lidar.poses.push_back(frame->T_odom_body * T_body_lidar);
-    return true;
-  };
-  std::size_t scans = 0;
-  while (const std::optional<Packet> packet = next_packet()) {
-    scans += std::holds_alternative<LidarScan>(*packet);
-    take([&] { return odometry.process(*packet); });
-  }
-  if constexpr (requires { odometry.flush(); })
-    while (take([&] { return odometry.flush(); })) {
-    }
-  run.counts = odometry.counts();
-  run.seconds_per_scan = spent / static_cast<double>(std::max<std::size_t>(scans, 1));
-  return run;
+  OdometryRun<Odometry> run(odometry, T_body_lidar);
+  while (const std::optional<Packet> packet = next_packet()) run.feed(*packet);
+  return run.finish();
 }
 template <class Odometry, class NextPacket>
 DriveRun run_packets(NextPacket&& next_packet, const typename Odometry::Options& options) {
@@ -68,19 +89,21 @@ DriveRun run_packets(NextPacket&& next_packet, const typename Odometry::Options&
   return run_packets(std::forward<NextPacket>(next_packet), odometry, options.T_body_lidar);
 }
 
-/// Feeds a drive to an odometry in time order, an IMU measurement before a scan that ends at its time.
+/// The packets of a drive in time order, an IMU measurement before a scan that ends at its time; nothing after the last
+/// scan. The drive has to outlive it.
+inline auto packets_of(const Drive& drive) {
+  return [&drive, scan = drive.scans.begin(), sample = drive.imu.begin()]() mutable -> std::optional<Packet> {
+    if (scan == drive.scans.end()) return std::nullopt;
+    if (sample != drive.imu.end() && sample->time <= scan->end) return Packet(*sample++);
+    return Packet(*scan++);
+  };
+}
+
+/// Feeds a drive to an odometry.
 /// @param T_body_lidar  of the odometry's settings; the drive's own does not count.
 template <class Odometry>
 DriveRun run_drive(const Drive& drive, Odometry& odometry, const SE3d& T_body_lidar) {
-  auto scan = drive.scans.begin();
-  auto sample = drive.imu.begin();
-  return run_packets(
-      [&]() -> std::optional<Packet> {
-        if (scan == drive.scans.end()) return std::nullopt;
-        if (sample != drive.imu.end() && sample->time <= scan->end) return Packet(*sample++);
-        return Packet(*scan++);
-      },
-      odometry, T_body_lidar);
+  return run_packets(packets_of(drive), odometry, T_body_lidar);
 }
 template <class Odometry>
 DriveRun run_drive(const Drive& drive, const typename Odometry::Options& options) {
