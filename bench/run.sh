@@ -6,11 +6,11 @@ root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 usage() {
   cat <<TEXT
 usage: bench/run.sh [--json FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [--smoke] [FILTER]
-  --json FILE   write Google Benchmark's JSON to FILE (all rooms in one)
+  --json FILE   write Google Benchmark's JSON to FILE (all modules in one)
   --peers       install PCL, Open3D and Ceres from Debian and build the comparisons with them
   --peer NAME=PATH
                 build the comparison with sources that Debian does not have; PATH is their root, NAME one of
-                ikd_tree, i_octree, nanoflann (1.12 or later; all three in room search), small_gicp,
+                ikd_tree, i_octree, nanoflann (1.12 or later; all three in module search), small_gicp,
                 kiss_matcher (needs robin, xenium and pmc, too), teaser (needs pmc, too);
                 gtsam: where it is installed, compiled with -O3 -march=native, without TBB
   --no-plain    leave out the second column, compiled for plain x86-64
@@ -55,16 +55,16 @@ fi
 unpack_data
 [ "$peers" = ON ] || say "skipped" "peers PCL, Open3D and Ceres (bench/run.sh --peers installs and builds them)"
 
-rooms=()
-for file in "$root"/bench/*/*_bench.cpp; do rooms+=("$(basename "$(dirname "$file")")"); done
-mapfile -t rooms < <(printf '%s\n' "${rooms[@]}" | sort -u)
-# Names begin with their room: a filter that says which needs no other room built.
-if [[ "$filter" =~ ^\^?([a-z_]+)/[^|]*$ ]] && [ -d "$root/bench/${BASH_REMATCH[1]}" ]; then rooms=("${BASH_REMATCH[1]}"); fi
-targets="${rooms[*]/#/bench_}"
+modules=()
+for file in "$root"/bench/*/*_bench.cpp; do modules+=("$(basename "$(dirname "$file")")"); done
+mapfile -t modules < <(printf '%s\n' "${modules[@]}" | sort -u)
+# Names begin with their module: a filter that says which needs no other module built.
+if [[ "$filter" =~ ^\^?([a-z_]+)/[^|]*$ ]] && [ -d "$root/bench/${BASH_REMATCH[1]}" ]; then modules=("${BASH_REMATCH[1]}"); fi
+targets="${modules[*]/#/bench_}"
 columns=("")
 if [ "$plain" = yes ]; then
   columns+=(_plain)
-  for room in "${rooms[@]}"; do targets="$targets bench_${room}_plain"; done
+  for module in "${modules[@]}"; do targets="$targets bench_${module}_plain"; done
 fi
 configure_and_build bench "the benches, -O3" "$targets" -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
   -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BENCH_PEERS=$peers "${peer_paths[@]}"
@@ -74,14 +74,14 @@ rm -rf "$results" && mkdir -p "$results"
 ran=0
 for column in "${columns[@]}"; do
   say "column" "$([ -z "$column" ] && echo '-O3 -march=native' || echo '-O3, plain x86-64')"
-  for room in "${rooms[@]}"; do
-    "$build/bench/bench/bench_$room$column" --benchmark_filter="${filter:-.}" --benchmark_min_time="$minimum_time" \
-      --benchmark_counters_tabular=true --benchmark_out="$results/$room$column.json" --benchmark_out_format=json \
-      2>"$results/$room$column.log" || { cat "$results/$room$column.log" >&2; fail "bench_$room$column stopped"; }
-    if grep -q '"error_occurred": true' "$results/$room$column.json" 2>/dev/null; then
-      fail "bench_$room$column reports an error (see above)"
+  for module in "${modules[@]}"; do
+    "$build/bench/bench/bench_$module$column" --benchmark_filter="${filter:-.}" --benchmark_min_time="$minimum_time" \
+      --benchmark_counters_tabular=true --benchmark_out="$results/$module$column.json" --benchmark_out_format=json \
+      2>"$results/$module$column.log" || { cat "$results/$module$column.log" >&2; fail "bench_$module$column stopped"; }
+    if grep -q '"error_occurred": true' "$results/$module$column.json" 2>/dev/null; then
+      fail "bench_$module$column reports an error (see above)"
     fi
-    count="$(grep -c '"run_type"' "$results/$room$column.json" 2>/dev/null || true)"
+    count="$(grep -c '"run_type"' "$results/$module$column.json" 2>/dev/null || true)"
     ran=$((ran + ${count:-0}))
   done
 done

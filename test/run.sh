@@ -6,20 +6,20 @@ root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 
 usage() {
   cat <<TEXT
-usage: test/run.sh [--quick | --full] [ROOM...]
+usage: test/run.sh [--quick | --full] [MODULE...]
   (nothing)   the parts by clang with ASan and UBSan; what is put together of them by g++ -O2; TSan for what runs in
               threads; every header alone; consumers
   --quick     the parts by g++ -O2 only: a few minutes
-  --full      every room by g++ -O2, clang -O2 and under ASan; all else of the default; fuzzed readers, every bench once,
+  --full      every module by g++ -O2, clang -O2 and under ASan; all else of the default; fuzzed readers, every bench once,
               the example from end to end
-  ROOM        only these rooms (folders of test/), by g++ and under ASan, for instance: lie io
+  MODULE        only these modules (folders of test/), by g++ and under ASan, for instance: lie io
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA (a folder of real data), CHAINSLAM_JOBS,
              CHAINSLAM_TEST_SEED (repeat one seed of the property tests)
 TEXT
 }
 
 mode=default
-rooms=()
+modules=()
 for argument in "$@"; do
   case "$argument" in
     --quick) mode=quick ;;
@@ -27,7 +27,7 @@ for argument in "$@"; do
     -h | --help) usage; exit 0 ;;
     -*) usage >&2; echo "test/run.sh: unknown option $argument" >&2; exit 2 ;;
     *) [ -d "$root/test/$argument" ] || { echo "test/run.sh: no folder test/$argument" >&2; exit 2; }
-       rooms+=("$argument") ;;
+       modules+=("$argument") ;;
   esac
 done
 . "$root/third_party/setup.sh"
@@ -66,34 +66,34 @@ run_step() { start_step "$@" && end_step "$1"; }
 
 suites='*'  # those that run
 
-# run_side_by_side FOLDER ROOM...: as many rooms at a time as there are cores. A room's output goes to its log; when it
+# run_side_by_side FOLDER MODULE...: as many modules at a time as there are cores. A module's output goes to its log; when it
 # has ended, its exit status and seconds stand in the file beside that.
 run_side_by_side() {
-  local folder="$1" room
+  local folder="$1" module
   shift
-  for room in "$@"; do
+  for module in "$@"; do
     while [ "$(jobs -rp | wc -l)" -ge "$jobs" ]; do wait -n || true; done
     {
-      local start=$SECONDS status=0 log="$build/logs/$folder-$room"
-      "$build/$folder/test/test_$room" "--test-suite=$suites" >"$log.log" 2>&1 || status=$?
+      local start=$SECONDS status=0 log="$build/logs/$folder-$module"
+      "$build/$folder/test/test_$module" "--test-suite=$suites" >"$log.log" 2>&1 || status=$?
       echo "$status $((SECONDS - start))" >"$log.part" && mv "$log.part" "$log.end"
     } &
   done
   wait
 }
 
-# run_programs FOLDER LABEL ROOM...: runs the rooms' doctest programs, the long ones first, and adds up their counts.
+# run_programs FOLDER LABEL MODULE...: runs the modules' doctest programs, the long ones first, and adds up their counts.
 run_programs() {
-  local folder="$1" label="$2" room log status seconds counts ok bad long="slam program odometry simulator registration"
+  local folder="$1" label="$2" module log status seconds counts ok bad long="slam program odometry simulator registration"
   local order=()
   shift 2
-  for room in $long "$@"; do
-    case " $* " in *" $room "*) case " ${order[*]-} " in *" $room "*) ;; *) order+=("$room") ;; esac ;; esac
+  for module in $long "$@"; do
+    case " $* " in *" $module "*) case " ${order[*]-} " in *" $module "*) ;; *) order+=("$module") ;; esac ;; esac
   done
-  for room in "${order[@]}"; do rm -f "$build/logs/$folder-$room".{log,part,end}; done
+  for module in "${order[@]}"; do rm -f "$build/logs/$folder-$module".{log,part,end}; done
   run_side_by_side "$folder" "${order[@]}" &
-  for room in "${order[@]}"; do
-    log="$build/logs/$folder-$room.log"
+  for module in "${order[@]}"; do
+    log="$build/logs/$folder-$module.log"
     until [ -e "${log%.log}.end" ]; do sleep 0.2; done
     read -r status seconds <"${log%.log}.end"
     skipped=$((skipped + $(grep -c '^SKIPPED' "$log" || true)))
@@ -104,11 +104,11 @@ run_programs() {
     if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
     passed=$((passed + ok)) failed=$((failed + bad))
     if [ "$bad" -eq 0 ]; then
-      say "passed" "$label $room: $ok tests ($seconds s)"
+      say "passed" "$label $module: $ok tests ($seconds s)"
     else
-      failures+=("$label $room: see $log; repeat with $build/$folder/test/test_$room")
+      failures+=("$label $module: see $log; repeat with $build/$folder/test/test_$module")
       { grep -aE -A 12 'ERROR|FATAL|Sanitizer|seed' "$log" || tail -n 20 "$log"; } | sed -n 1,60p
-      say "FAILED" "$label $room: $bad of $((ok + bad)), exit code $status"
+      say "FAILED" "$label $module: $bad of $((ok + bad)), exit code $status"
     fi
   done
   wait
@@ -122,18 +122,18 @@ slowest() {
     sort -rn | sed -n 1,5p | while read -r time object; do say "" "compiled in $time s: ${object#*CMakeFiles/}"; done
 }
 
-all_rooms() {
+all_modules() {
   local file
   for file in "$root"/test/*/*_test.cpp; do basename "$(dirname "$file")"; done | sort -u
 }
 
-# What is put together of parts that have rooms of their own; test/README.md has the reason for each.
+# What is put together of parts that have modules of their own; test/README.md has the reason for each.
 assembled="architecture factor_graph lie odometry program registration simulator slam"
 
-# parts_of ROOM...: those that are not put together of others, a line each.
+# parts_of MODULE...: those that are not put together of others, a line each.
 parts_of() {
-  local room
-  for room in "$@"; do case " $assembled " in *" $room "*) ;; *) echo "$room" ;; esac; done
+  local module
+  for module in "$@"; do case " $assembled " in *" $module "*) ;; *) echo "$module" ;; esac; done
 }
 
 mkdir -p "$build/logs" || fail "cannot write to $build; set CHAINSLAM_BUILD_DIR to a folder that can be written"
@@ -144,24 +144,24 @@ else
   install_packages $packages_build $packages_program $packages_test $packages_sanitizers $packages_bench
 fi
 unpack_data
-if [ ${#rooms[@]} -eq 0 ]; then mapfile -t rooms < <(all_rooms); selected=all; else selected=some; fi
+if [ ${#modules[@]} -eq 0 ]; then mapfile -t modules < <(all_modules); selected=all; else selected=some; fi
 threaded=()
-for room in "${rooms[@]}"; do
-  if grep -q '"threads: ' "$root/test/$room"/*_test.cpp; then threaded+=("$room"); fi
+for module in "${modules[@]}"; do
+  if grep -q '"threads: ' "$root/test/$module"/*_test.cpp; then threaded+=("$module"); fi
 done
 [ "$mode" = quick ] && export CHAINSLAM_QUICK=1
 [ "$mode" = full ] && export CHAINSLAM_FULL=1
 
-# All files of a room are one compilation: what they instantiate alike is compiled once.
+# All files of a module are one compilation: what they instantiate alike is compiled once.
 unity=(-DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=0)
 common=("${unity[@]}" -DCMAKE_BUILD_TYPE=Release -DCHAINSLAM_BUILD_BENCH=OFF)
-# A room is built once: by g++ what is put together, under the sanitizers the parts, unless all is asked for.
-fast=("${rooms[@]}") checked=("${rooms[@]}")
+# A module is built once: by g++ what is put together, under the sanitizers the parts, unless all is asked for.
+fast=("${modules[@]}") checked=("${modules[@]}")
 if [ "$selected" = all ]; then
   case "$mode" in
-    quick) mapfile -t fast < <(parts_of "${rooms[@]}") ;;
+    quick) mapfile -t fast < <(parts_of "${modules[@]}") ;;
     default) read -ra fast <<<"$assembled"
-             mapfile -t checked < <(parts_of "${rooms[@]}") ;;
+             mapfile -t checked < <(parts_of "${modules[@]}") ;;
   esac
 fi
 # As users build it. Eigen's assertions would take a fifth of g++'s time: they are on under the sanitizers.
@@ -177,7 +177,7 @@ if [ "$mode" != quick ]; then
   sanitized=("${unity[@]}" -DCMAKE_BUILD_TYPE=Sanitized -DCHAINSLAM_BUILD_BENCH=OFF
              "-DCMAKE_CXX_FLAGS_SANITIZED=-O1 -DDOCTEST_CONFIG_NO_TRY_CATCH_IN_ASSERTS"
              -DCMAKE_CXX_COMPILER=clang++-14)
-  # The long runs stay with the fast build of the same room.
+  # The long runs stay with the fast build of the same module.
   [ "$mode" = default ] && [ "$selected" = all ] || export CHAINSLAM_QUICK=1
   configure_and_build asan "clang, ASan + UBSan" "${checked[*]/#/test_}" "${sanitized[@]}" -DCHAINSLAM_SANITIZE=address
   run_programs asan "ASan" "${checked[@]}"
@@ -214,9 +214,9 @@ if [ "$mode" != quick ]; then
 fi
 if [ "$mode" = full ]; then
   unset CHAINSLAM_QUICK
-  configure_and_build clang "clang, -O2" "${rooms[*]/#/test_}" "${common[@]}" -DCMAKE_CXX_FLAGS_RELEASE=-O2 \
+  configure_and_build clang "clang, -O2" "${modules[*]/#/test_}" "${common[@]}" -DCMAKE_CXX_FLAGS_RELEASE=-O2 \
     -DCMAKE_CXX_COMPILER=clang++-14
-  run_programs clang "clang" "${rooms[@]}"
+  run_programs clang "clang" "${modules[@]}"
   if [ "$selected" = all ]; then  # from what the tests have written
     configure_and_build fuzz "clang, libFuzzer" fuzzers -DCMAKE_BUILD_TYPE=Sanitized -DCMAKE_CXX_FLAGS_SANITIZED=-O1 \
       -DCMAKE_CXX_COMPILER=clang++-14 -DCHAINSLAM_SANITIZE=address -DCHAINSLAM_BUILD_FUZZERS=ON \

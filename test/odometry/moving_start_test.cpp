@@ -55,7 +55,7 @@ SE3d weaving(double t) {
 }
 SE3d uphill(double t) { return SE3d(uphill_by(0.12), Eigen::Vector3d::Zero()) * straight<15>(t); }
 SE3d speeding_up_steeply(double t) { return SE3d(uphill_by(steep), Eigen::Vector3d::Zero()) * speeding_up(t); }
-/// A hoist beside the street: 1 m/s^2 for 2 s, then 2 m/s.
+/// A lift beside the street: 1 m/s^2 for 2 s, then 2 m/s.
 SE3d lifted(double t) { return SE3d(SO3d(), {0, -1.5, 1.8 + (t < 2 ? 0.5 * t * t : 2 * t - 2)}); }
 
 struct Start {
@@ -123,13 +123,13 @@ TEST_SUITE("odometry started in motion, simulated") {
       check_without_imu(start);
   }
 
-  TEST_CASE("while speeding up, braking, turning, on slopes and in a hoist" * doctest::skip(quick())) {
+  TEST_CASE("while speeding up, braking, turning, on slopes and in a lift" * doctest::skip(quick())) {
     for (const Start& start :
          {Start{"10 m/s and 3 m/s^2", speeding_up}, Start{"25 m/s and -3 m/s^2", braking},
           Start{"8 m/s and up to 0.5 rad/s", weaving},
           Start{"15 m/s uphill, 12 %", uphill, turned(street(), uphill_by(0.12))},
           Start{"10 m/s and 3 m/s^2 uphill, 15 degrees", speeding_up_steeply, turned(street(), uphill_by(steep))},
-          Start{"hoist, 1 m/s^2", lifted}}) {
+          Start{"lift, 1 m/s^2", lifted}}) {
       check_with_imu(start);
       check_without_imu(start);
     }
