@@ -225,9 +225,8 @@ TEST_SUITE("odometry on real drives") {
     raw.check_late(0.2, 1.1);
     raw.check_turned({std::numbers::pi, 0, 0}, 1.2, 0.9);  // gravity upside down
     raw.check_mounting_off({0.05, 0, 0}, 1.05, true);
-    raw.check("gyroscope's z axis stuck", 1.3, test::with_stuck_axis(raw.drive().imu, &ImuSample::gyro, 2));
-    raw.check_noise(1.1);
     if (!test::full()) return;
+    raw.check_noise(1.1);
     raw.check_mountings_off(1.05, true);
     raw.check_late(0.067, 1.1);
     raw.check_turned_about_all_axes(1.2, 0.9);
