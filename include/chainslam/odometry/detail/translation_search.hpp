@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <functional>
 #include <utility>
 #include <vector>
 
@@ -78,13 +77,13 @@ struct TranslationSearch {
     return places;
   }
   [[nodiscard]] std::vector<SE3d> best(std::vector<Place> places) const {
-    std::ranges::stable_sort(places, std::ranges::greater{}, &Place::score);
+    std::stable_sort(places.begin(), places.end(), [](const Place& a, const Place& b) { return a.score > b.score; });
     std::vector<SE3d> found;
     for (const Place& place : places) {
       const auto near = [&](const SE3d& T) {
         return (T.translation() - place.T_map_body.translation()).norm() < 1.5 * spacing;
       };
-      if (found.size() < max_found && std::ranges::none_of(found, near)) found.push_back(place.T_map_body);
+      if (found.size() < max_found && std::none_of(found.begin(), found.end(), near)) found.push_back(place.T_map_body);
     }
     return found;
   }
