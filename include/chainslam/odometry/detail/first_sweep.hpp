@@ -55,8 +55,9 @@ class GyroTurn {
   };
 
   [[nodiscard]] SO3d rotation(double offset) const {
-    const auto later = std::ranges::upper_bound(knots_, offset, {}, &Knot::time);
-    const Knot& knot = later == knots_.begin() ? knots_.front() : *(later - 1);
+    std::size_t i = knots_.size() - 1;  // there are a dozen
+    while (i > 0 && knots_[i].time > offset) --i;
+    const Knot& knot = knots_[i];
     return knot.R_begin_body * SO3d::exp((offset - knot.time) * knot.rate);
   }
 

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <utility>
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
@@ -76,16 +75,21 @@ struct TranslationSearch {
       }
     return places;
   }
-  [[nodiscard]] std::vector<SE3d> best(std::vector<Place> places) const {
-    std::stable_sort(places.begin(), places.end(), [](const Place& a, const Place& b) { return a.score > b.score; });
+  [[nodiscard]] std::vector<SE3d> best(const std::vector<Place>& places) const {
     std::vector<SE3d> found;
-    for (const Place& place : places) {
-      const auto near = [&](const SE3d& T) {
-        return (T.translation() - place.T_map_body.translation()).norm() < 1.5 * spacing;
-      };
-      if (found.size() < max_found && std::none_of(found.begin(), found.end(), near)) found.push_back(place.T_map_body);
+    while (found.size() < max_found) {
+      const Place* highest = nullptr;
+      for (const Place& place : places)
+        if ((highest == nullptr || place.score > highest->score) && !near(place, found)) highest = &place;
+      if (highest == nullptr) break;
+      found.push_back(highest->T_map_body);
     }
     return found;
+  }
+  [[nodiscard]] bool near(const Place& place, const std::vector<SE3d>& found) const {
+    for (const SE3d& T : found)
+      if ((T.translation() - place.T_map_body.translation()).norm() < 1.5 * spacing) return true;
+    return false;
   }
 };
 
@@ -124,7 +128,7 @@ std::vector<SE3d> TranslationSearch::operator()(const Scan& scan, const Map& map
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
       each_plane(places[i].T_map_body, [&](const Eigen::Vector3d&, double weight) { places[i].score += weight; });
   });
-  return best(std::move(places));
+  return best(places);
 }
 
 }  // namespace chainslam::detail
