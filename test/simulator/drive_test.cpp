@@ -4,6 +4,7 @@
 
 #include <numbers>
 
+#include "simulator/motion_check.hpp"
 #include "simulator/preset.hpp"
 
 namespace chainslam::simulator {
@@ -25,20 +26,7 @@ struct Session {
 TEST_SUITE("simulator/drive") {
   TEST_CASE("velocity, acceleration and rates are the derivatives of the pose") {
     const Session session("town-small", 1);
-    constexpr double h = 1e-4;
-    for (double t = 0.05; t < session.drive.duration(); t += 0.173) {
-      const Motion before = session.drive.motion(t - h);
-      const Motion now = session.drive.motion(t);
-      const Motion after = session.drive.motion(t + h);
-      const Eigen::Vector3d velocity = (after.T_map_body.translation() - before.T_map_body.translation()) / (2.0 * h);
-      const Eigen::Vector3d acceleration = (after.velocity_map - before.velocity_map) / (2.0 * h);
-      const Eigen::Vector3d rate =
-          (before.T_map_body.rotation().inverse() * after.T_map_body.rotation()).log() / (2.0 * h);
-      // Central differences: the third derivative times h^2 / 6, and rounding by h.
-      CHECK((velocity - now.velocity_map).norm() < 1e-5);
-      CHECK((acceleration - now.acceleration_map).norm() < 1e-4);
-      CHECK((rate - now.rate_body).norm() < 1e-5);
-    }
+    test::check_derivatives(session.drive.duration(), [&](double t) { return session.drive.motion(t); });
   }
 
   TEST_CASE("the town's drive is long, loops, ends at rest across the street from its start and stops on the way") {

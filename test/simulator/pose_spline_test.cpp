@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "simulator/motion_check.hpp"
 #include "simulator/recorded_drive.hpp"
 #include "support/kitti_drive.hpp"
 #include "support/property.hpp"
@@ -61,18 +62,7 @@ TEST_SUITE("simulator/pose_spline") {
   TEST_CASE("velocity, acceleration and rates are the derivatives of the pose") {
     for_all(20, [](Rng& rng, int) {
       const PoseSpline spline(random_motion(rng));
-      constexpr double h = 1e-4;
-      for (double t = 0.05; t < spline.duration() - 0.05; t += 0.173) {
-        const Motion before = spline.motion(t - h), now = spline.motion(t), after = spline.motion(t + h);
-        const Eigen::Vector3d velocity = (after.T_map_body.translation() - before.T_map_body.translation()) / (2.0 * h);
-        const Eigen::Vector3d acceleration = (after.velocity_map - before.velocity_map) / (2.0 * h);
-        const Eigen::Vector3d rate =
-            (before.T_map_body.rotation().inverse() * after.T_map_body.rotation()).log() / (2.0 * h);
-        // Central differences: the third derivative times h^2 / 6, and rounding by h.
-        CHECK((velocity - now.velocity_map).norm() < 1e-5);
-        CHECK((acceleration - now.acceleration_map).norm() < 1e-4);
-        CHECK((rate - now.rate_body).norm() < 1e-5);
-      }
+      test::check_derivatives(spline.duration() - 0.05, [&](double t) { return spline.motion(t); });
     });
   }
 
