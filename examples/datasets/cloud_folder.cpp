@@ -124,7 +124,7 @@ std::optional<PointTimeRule> infer_times(const PointFile& first, Timestamp time,
     return inference.rule;
   }
   info.motion_corrected = true;
-  (inference.status == PointTimeStatus::absent ? info.notes : info.oddities)
+  (inference.status == PointTimeStatus::absent ? info.notes : info.warnings)
       .push_back(sentence + "; clouds are taken as snapshots");
   return std::nullopt;
 }
@@ -164,12 +164,12 @@ std::unique_ptr<Dataset> open_clouds(const std::filesystem::path& path, const Da
                              times.front(), times[files.size() - 1]);
   DatasetInfo& info = parts.info;
   if (found.source.empty())
-    info.oddities.push_back("nothing states when the clouds were taken: " + text_of(options.scan_rate) +
+    info.warnings.push_back("nothing states when the clouds were taken: " + text_of(options.scan_rate) +
                             " Hz assumed; add times.txt or set the rate");
   else
     info.notes.push_back("times from " + found.source);
   if (times.size() > files.size())
-    info.oddities.push_back(std::to_string(times.size() - files.size()) + " times have no cloud");
+    info.warnings.push_back(std::to_string(times.size() - files.size()) + " times have no cloud");
   parts.read = [files, times, rule = infer_times(read_cloud(files.front()), times.front(), options.point_time, info)](
                    std::size_t i) { return read_scan(files[i], times[i], rule); };
   for (const auto& place : {path, folder.parent_path()})

@@ -89,7 +89,7 @@ struct DatasetInfo {
   std::string truth_frame{};                      ///< truths of sessions with the same are in one frame; empty: its own
   std::string source{};                           ///< how the data came about, where they are not recorded throughout
   std::vector<std::string> notes;                 ///< how the data were read
-  std::vector<std::string> oddities;              ///< what looks wrong, and what can be done
+  std::vector<std::string> warnings;              ///< what looks wrong, and what can be done
 };
 
 /// A recording, read once from its start to its end, one scan in memory at a time.
@@ -106,7 +106,7 @@ class Dataset {
   /// The next frame of the recorded odometry, if `info().has_odometry`; takes the same scans as `next`.
   [[nodiscard]] virtual std::optional<Frame> next_frame() { return std::nullopt; }
 
-  /// What is known of the recording; oddities met while reading are added as they are met.
+  /// What is known of the recording; warnings met while reading are added as they are met.
   [[nodiscard]] const DatasetInfo& info() const { return info_; }
 
   /// The true trajectory T_map_body, if the data set has one. @throws IoError if its file cannot be read.

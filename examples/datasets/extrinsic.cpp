@@ -99,7 +99,7 @@ void set_extrinsic(const DatasetOptions& options, const std::optional<StatedExtr
     info.T_body_lidar = SE3d();
     info.extrinsic_known = !has_imu;
     if (has_imu)
-      info.oddities.emplace_back(
+      info.warnings.emplace_back(
           "nothing states where the LiDAR sits on the IMU, so they are taken to be at one place with the same axes: "
           "set "
           "dataset.T_body_lidar, or write T_body_lidar.txt beside the data");

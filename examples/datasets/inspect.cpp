@@ -47,11 +47,11 @@ void add_trajectory(const std::string& name, const Trajectory& trajectory, Inspe
   TimeStatistics times;
   for (const Timestamp time : trajectory.times) times.add(time);
   if (trajectory.has_times())
-    times.report(name, result.facts, result.oddities);
+    times.report(name, result.facts, result.warnings);
   else
     result.facts.emplace_back(name, std::to_string(trajectory.size()) + " poses without times");
   if (trajectory.empty()) {
-    result.oddities.push_back(name + ": no poses");
+    result.warnings.push_back(name + ": no poses");
     return;
   }
   double longest = 0;
@@ -68,10 +68,10 @@ void add_trajectory(const std::string& name, const Trajectory& trajectory, Inspe
 }
 
 Inspection inspect_cloud(const std::string& kind, const PointFile& file) {
-  Inspection result{.kind = kind, .facts = {}, .oddities = {}};
+  Inspection result{.kind = kind, .facts = {}, .warnings = {}};
   CloudStatistics points;
   points.add(file.cloud);
-  points.report(result.facts, result.oddities);
+  points.report(result.facts, result.warnings);
   result.facts.emplace_back("ground", text_of_ground(find_ground(file.cloud)) + ", if z is up");
   if (!file.time_field.empty())
     result.facts.emplace_back("field " + file.time_field, infer_point_time(file.times, std::nullopt).sentence);
@@ -94,19 +94,19 @@ void add_graph(const std::string& name, const G2oRecords<Pose>& records, Inspect
                                       std::to_string(records.edges.size()) + " edges, " + std::to_string(closures) +
                                       " of them not from one id to the next");
   if (missing > 0)
-    result.oddities.push_back(name + ": " + std::to_string(missing) + " vertices are named by edges but not given");
-  if (loose > 0) result.oddities.push_back(name + ": " + std::to_string(loose) + " vertices have no edge");
+    result.warnings.push_back(name + ": " + std::to_string(missing) + " vertices are named by edges but not given");
+  if (loose > 0) result.warnings.push_back(name + ": " + std::to_string(loose) + " vertices have no edge");
 }
 
 Inspection inspect_graph(const std::filesystem::path& path) {
   const G2oFile graph = read_g2o(path);
-  Inspection result{.kind = "g2o pose graph", .facts = {}, .oddities = {}};
+  Inspection result{.kind = "g2o pose graph", .facts = {}, .warnings = {}};
   add_graph("SE(2)", graph.planar, result);
   add_graph("SE(3)", graph.spatial, result);
-  if (result.facts.empty()) result.oddities.emplace_back("neither vertices nor edges");
+  if (result.facts.empty()) result.warnings.emplace_back("neither vertices nor edges");
   result.facts.emplace_back("fixed", std::to_string(graph.fixed.size()) + " vertices");
   for (const auto& [tag, count] : graph.unknown)
-    result.oddities.push_back(std::to_string(count) + " lines of the unknown kind " + tag);
+    result.warnings.push_back(std::to_string(count) + " lines of the unknown kind " + tag);
   return result;
 }
 
@@ -161,8 +161,8 @@ class PacketStatistics {
   void report(Inspection& result) const {
     constexpr std::array<const char*, 3> names{"IMU samples", "scans", "GNSS fixes"};
     for (std::size_t i : {1U, 0U, 2U})
-      if (times_[i].count() > 0) times_[i].report(names[i], result.facts, result.oddities);
-    points_.report(result.facts, result.oddities);
+      if (times_[i].count() > 0) times_[i].report(names[i], result.facts, result.warnings);
+    points_.report(result.facts, result.warnings);
     if (sweep_ > 0) result.facts.emplace_back("sweep", "points measured within up to " + text_of(sweep_, 4) + " s");
     result.facts.emplace_back("ground", text_of_ground(ground_));
     if (!imu_.empty()) report_imu(result);
@@ -190,10 +190,10 @@ class PacketStatistics {
   void report_imu(Inspection& result) const {
     const ImuUnits units = infer_imu_units(imu_);
     result.facts.emplace_back("IMU", units.sentence);
-    for (std::string& finding : imu_findings(imu_check_.counts())) result.oddities.push_back(std::move(finding));
+    for (std::string& finding : imu_findings(imu_check_.counts())) result.warnings.push_back(std::move(finding));
     if (units.accel != AccelUnit::metres_per_second_squared)
-      result.oddities.emplace_back("the IMU's acceleration does not look like m/s^2");
-    if (units.gyro == GyroUnit::degrees_per_second) result.oddities.emplace_back("the IMU's rates look like deg/s");
+      result.warnings.emplace_back("the IMU's acceleration does not look like m/s^2");
+    if (units.gyro == GyroUnit::degrees_per_second) result.warnings.emplace_back("the IMU's rates look like deg/s");
   }
 
   static std::string name(GnssQuality quality) {
@@ -217,7 +217,7 @@ Inspection inspect_dataset(const std::filesystem::path& path, const DatasetOptio
   PacketStatistics statistics;
   while (const auto packet = dataset->next()) statistics.add(*packet);
   const DatasetInfo& info = dataset->info();
-  Inspection result{.kind = "data set, " + std::string(name_of(info.kind)), .facts = {}, .oddities = info.oddities};
+  Inspection result{.kind = "data set, " + std::string(name_of(info.kind)), .facts = {}, .warnings = info.warnings};
   for (const SensorInfo& sensor : info.sensors)
     result.facts.emplace_back("from " + sensor.name, sensor.remark.empty() ? "read" : sensor.remark);
   statistics.report(result);
@@ -245,7 +245,7 @@ std::string to_text(const Inspection& inspection) {
   std::string text = inspection.kind + '\n';
   for (const auto& [name, value] : inspection.facts)
     text += "  " + name + std::string(widest - name.size() + 2, ' ') + value + '\n';
-  for (const std::string& oddity : inspection.oddities) text += "  ! " + oddity + '\n';
+  for (const std::string& warning : inspection.warnings) text += "  ! " + warning + '\n';
   return text;
 }
 

@@ -13,7 +13,7 @@ namespace chainslam::datasets {
 struct Inspection {
   std::string kind;
   std::vector<std::pair<std::string, std::string>> facts;
-  std::vector<std::string> oddities;
+  std::vector<std::string> warnings;
 };
 
 /// Reads a data set or a single file (PCD, PLY, a trajectory as TUM, KITTI or EuRoC's CSV, a g2o graph) from its start
@@ -21,7 +21,7 @@ struct Inspection {
 /// @throws IoError if it is of no known kind or cannot be read.
 [[nodiscard]] Inspection inspect(const std::filesystem::path& path, const DatasetOptions& options = {});
 
-/// As a table for people: a line for each fact, then the oddities.
+/// As a table for people: a line for each fact, then the warnings.
 [[nodiscard]] std::string to_text(const Inspection& inspection);
 
 }  // namespace chainslam::datasets

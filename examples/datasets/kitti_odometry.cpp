@@ -63,7 +63,7 @@ std::unique_ptr<Dataset> open_kitti(const fs::path& path, const DatasetOptions& 
   set_extrinsic(options, find_extrinsic({path}), !parts.others.empty(), info);
   info.motion_corrected = true;
   if (times.size() > files.size())
-    info.oddities.push_back(std::to_string(times.size() - files.size()) + " times have no scan");
+    info.warnings.push_back(std::to_string(times.size() - files.size()) + " times have no scan");
   const double angle = options.kitti_raise_deg;
   if (angle != 0) info.notes.push_back("points turned " + text_of(angle) + " deg upwards, as KITTI's lasers ask for");
   parts.read = [=](std::size_t i) {

@@ -59,7 +59,7 @@ void add_xsens(ScanFiles& parts, const DatasetOptions& options, const fs::path& 
   if (holds_samples(path))
     add_imu_table(parts, options, path, {.time = 0, .nanoseconds = {}, .gyro = {8, 9, 10}, .accel = {11, 12, 13}});
   else
-    parts.info.oddities.push_back(path.filename().string() + " holds angles, no rates and accelerations: not read");
+    parts.info.warnings.push_back(path.filename().string() + " holds angles, no rates and accelerations: not read");
 }
 
 std::unique_ptr<Dataset> open_mulran(const fs::path& path, const DatasetOptions& options) {

@@ -204,7 +204,7 @@ class Nclt final : public Dataset {
           "left, "
           "z up");
     } else if (wrong) {
-      info_.oddities.push_back(
+      info_.warnings.push_back(
           std::string("the densest level plane is above the sensor: axes look wrong; set the axes to ") +
           (flipped_ ? "kitti" : "nclt"));
     }
@@ -249,7 +249,7 @@ class Nclt final : public Dataset {
     for (int i = 0; i < samples; ++i)
       if (const auto sample = beginning.next()) sum += flip(sample->accel);
     if (sum.z() < -0.5 * sum.norm())
-      info_.oddities.emplace_back("ms25.csv: at the start the specific force points down: its axes look turned over");
+      info_.warnings.emplace_back("ms25.csv: at the start the specific force points down: its axes look turned over");
     ordered_imu_.emplace([this] { return imu_->next(); });
     streams_.add([this, convert]() -> std::optional<Packet> {
       auto sample = ordered_imu_->next();
@@ -294,7 +294,7 @@ class Nclt final : public Dataset {
   void note_losses() {
     if (std::exchange(noted_, true)) return;
     const auto note = [&](std::size_t count, const char* what) {
-      if (count > 0) info_.oddities.push_back(std::to_string(count) + what);
+      if (count > 0) info_.warnings.push_back(std::to_string(count) + what);
     };
     note(streams_.dropped(), " packets dropped that went back in time");
     if (sweeps_) note(sweeps_->backward(), " packets of velodyne_hits.bin earlier than the one before");

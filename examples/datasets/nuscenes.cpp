@@ -288,14 +288,14 @@ class NuscenesScene final : public Dataset {
   void note_losses() {
     if (std::exchange(noted_, true)) return;
     if (lost_ > 0)
-      info_.oddities.push_back(std::to_string(lost_) + " files cannot be read and are left out; the first, " +
+      info_.warnings.push_back(std::to_string(lost_) + " files cannot be read and are left out; the first, " +
                                first_loss_);
     if (incomplete_ > 0)
-      info_.oddities.push_back(std::to_string(incomplete_) + " files of " + imu_channel_ + " without avel and acc");
+      info_.warnings.push_back(std::to_string(incomplete_) + " files of " + imu_channel_ + " without avel and acc");
     if (unsteady_ > 0)
-      info_.oddities.push_back(std::to_string(unsteady_) + " scans do not turn steadily: they have no times of points");
+      info_.warnings.push_back(std::to_string(unsteady_) + " scans do not turn steadily: they have no times of points");
     if (streams_.dropped() > 0)
-      info_.oddities.push_back(std::to_string(streams_.dropped()) + " packets dropped that went back in time");
+      info_.warnings.push_back(std::to_string(streams_.dropped()) + " packets dropped that went back in time");
   }
 
   fs::path tables_, root_, ego_poses_;

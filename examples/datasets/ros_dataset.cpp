@@ -279,7 +279,7 @@ class RosDataset final : public Dataset {
     std::string others;
     for (auto& [name, topic] : topics) {
       if (topic.kind == MessageKind::raw_packets)
-        info_.oddities.push_back(name + " holds a sensor's raw packets (" + topic.type +
+        info_.warnings.push_back(name + " holds a sensor's raw packets (" + topic.type +
                                  "): let its driver make points of them first");
       if (!topic.readable()) {
         if (topic.kind == MessageKind::transforms && name.ends_with("tf_static")) continue;
@@ -322,10 +322,10 @@ class RosDataset final : public Dataset {
     if (topic.sensor() == SensorKind::lidar) {
       info_.motion_corrected = !topic.rule;
       const bool clear = topic.times == PointTimeStatus::inferred || topic.times == PointTimeStatus::absent;
-      (clear ? info_.notes : info_.oddities)
+      (clear ? info_.notes : info_.warnings)
           .push_back(topic.sentence + (topic.rule ? "" : "; scans are taken as snapshots"));
       if (topic.clock_difference)
-        info_.oddities.push_back("the LiDAR's own clock is " + text_of(to_seconds(*topic.clock_difference)) +
+        info_.warnings.push_back("the LiDAR's own clock is " + text_of(to_seconds(*topic.clock_difference)) +
                                  " s from its messages' stamps, which are believed");
     }
     if (topic.kind != MessageKind::imu) return;
@@ -334,10 +334,10 @@ class RosDataset final : public Dataset {
   }
 
   void note_losses() {
-    for (const std::string& loss : parts_.losses()) info_.oddities.push_back(loss);
+    for (const std::string& loss : parts_.losses()) info_.warnings.push_back(loss);
     for (const auto& [name, topic] : topics_) {
       const auto note = [&, &topic_name = name](std::size_t count, const std::string& what) {
-        if (count > 0) info_.oddities.push_back(topic_name + ": " + std::to_string(count) + " " + what);
+        if (count > 0) info_.warnings.push_back(topic_name + ": " + std::to_string(count) + " " + what);
       };
       note(topic.tally.damaged, "messages that are damaged are left out; the first, " + topic.tally.first_damage);
       note(topic.tally.unstamped, "messages without a stamp take the time of their recording");
@@ -350,11 +350,11 @@ class RosDataset final : public Dataset {
     }
     for (const SensorKind kind : {SensorKind::imu, SensorKind::lidar, SensorKind::gnss})
       if (const std::string& name = chosen(kind); !name.empty() && !topics_.contains(name))
-        info_.oddities.push_back("no messages on " + name);
-    if (chosen(SensorKind::lidar).empty()) info_.oddities.emplace_back("no scans: no PointCloud2 or Livox CustomMsg");
+        info_.warnings.push_back("no messages on " + name);
+    if (chosen(SensorKind::lidar).empty()) info_.warnings.emplace_back("no scans: no PointCloud2 or Livox CustomMsg");
     std::size_t late = 0;
     for (const std::size_t count : order_.report().late) late += count;
-    if (late > 0) info_.oddities.push_back(std::to_string(late) + " packets dropped that were recorded far too late");
+    if (late > 0) info_.warnings.push_back(std::to_string(late) + " packets dropped that were recorded far too late");
   }
 
   DatasetOptions options_;

@@ -44,12 +44,12 @@ class ScanFileSet final : public Dataset {
   void note_losses() {
     if (std::exchange(noted_, true)) return;
     if (lost_ > 0)
-      info_.oddities.push_back(std::to_string(lost_) + " files cannot be read and are left out; the first, " +
+      info_.warnings.push_back(std::to_string(lost_) + " files cannot be read and are left out; the first, " +
                                first_loss_);
     for (const auto& ask : parts_.end)
-      if (std::string loss = ask(); !loss.empty()) info_.oddities.push_back(std::move(loss));
+      if (std::string loss = ask(); !loss.empty()) info_.warnings.push_back(std::move(loss));
     if (streams_.dropped() > 0)
-      info_.oddities.push_back(std::to_string(streams_.dropped()) + " packets dropped that went back in time");
+      info_.warnings.push_back(std::to_string(streams_.dropped()) + " packets dropped that went back in time");
   }
 
   ScanFiles parts_;

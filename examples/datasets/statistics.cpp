@@ -29,7 +29,7 @@ void TimeStatistics::add(Timestamp time) {
   ++count_;
 }
 
-void TimeStatistics::report(const std::string& name, Facts& facts, std::vector<std::string>& oddities) const {
+void TimeStatistics::report(const std::string& name, Facts& facts, std::vector<std::string>& warnings) const {
   std::string text = std::to_string(count_);
   if (steps_.empty()) {
     facts.emplace_back(name, text);
@@ -43,12 +43,12 @@ void TimeStatistics::report(const std::string& name, Facts& facts, std::vector<s
   facts.emplace_back(name, text + ", longest step " + text_of(to_seconds(sorted.back())) + " s");
   const auto gaps = std::ranges::count_if(steps_, [&](Duration step) { return 2 * step > 5 * usual; });
   if (gaps > 0 && usual > Duration::zero())
-    oddities.push_back(name + ": " + std::to_string(gaps) + " gaps, the longest of " +
+    warnings.push_back(name + ": " + std::to_string(gaps) + " gaps, the longest of " +
                        text_of(to_seconds(sorted.back())) + " s");
   const auto back = std::ranges::count_if(steps_, [](Duration step) { return step < Duration::zero(); });
-  if (back > 0) oddities.push_back(name + ": " + std::to_string(back) + " steps back in time");
+  if (back > 0) warnings.push_back(name + ": " + std::to_string(back) + " steps back in time");
   const auto repeated = std::ranges::count(steps_, Duration::zero());
-  if (repeated > 0) oddities.push_back(name + ": " + std::to_string(repeated) + " times repeated");
+  if (repeated > 0) warnings.push_back(name + ": " + std::to_string(repeated) + " times repeated");
 }
 
 void CloudStatistics::add(const PointCloud<float>& cloud) {
@@ -71,7 +71,7 @@ void CloudStatistics::add(const PointCloud<float>& cloud) {
   }
 }
 
-void CloudStatistics::report(Facts& facts, std::vector<std::string>& oddities) const {
+void CloudStatistics::report(Facts& facts, std::vector<std::string>& warnings) const {
   if (sizes_.empty()) return;
   std::string text = std::to_string(points_);
   if (sizes_.size() > 1) {
@@ -80,7 +80,7 @@ void CloudStatistics::report(Facts& facts, std::vector<std::string>& oddities) c
     text += ", of a scan " + std::to_string(sorted.front()) + " to " + std::to_string(sorted.back()) + ", median " +
             std::to_string(sorted[sorted.size() / 2]);
     const auto empty = std::ranges::count(sorted, std::size_t{0});
-    if (empty > 0) oddities.push_back(std::to_string(empty) + " scans without points");
+    if (empty > 0) warnings.push_back(std::to_string(empty) + " scans without points");
   }
   for (std::size_t i = 0; i < columns_.size(); ++i) text += (i == 0 ? "; with " : ", ") + columns_[i];
   facts.emplace_back("points", text);
@@ -91,8 +91,8 @@ void CloudStatistics::report(Facts& facts, std::vector<std::string>& oddities) c
                 text_of(static_cast<double>(high_[k]), 2);
     facts.emplace_back("extent", extent + " m; farthest " + text_of(static_cast<double>(farthest_), 2) + " m");
   }
-  if (not_finite_ > 0) oddities.push_back(std::to_string(not_finite_) + " points that are NaN or infinite");
-  if (at_origin_ > 0) oddities.push_back(std::to_string(at_origin_) + " points at the origin");
+  if (not_finite_ > 0) warnings.push_back(std::to_string(not_finite_) + " points that are NaN or infinite");
+  if (at_origin_ > 0) warnings.push_back(std::to_string(at_origin_) + " points at the origin");
 }
 
 }  // namespace chainslam::datasets

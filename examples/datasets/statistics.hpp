@@ -23,8 +23,8 @@ class TimeStatistics {
   void add(Timestamp time);
 
   [[nodiscard]] std::size_t count() const { return count_; }
-  /// Adds count, rate and span; gaps of more than two and a half usual steps go to `oddities`.
-  void report(const std::string& name, Facts& facts, std::vector<std::string>& oddities) const;
+  /// Adds count, rate and span; gaps of more than two and a half usual steps go to `warnings`.
+  void report(const std::string& name, Facts& facts, std::vector<std::string>& warnings) const;
 
  private:
   std::size_t count_ = 0;
@@ -37,7 +37,7 @@ class CloudStatistics {
  public:
   void add(const PointCloud<float>& cloud);
 
-  void report(Facts& facts, std::vector<std::string>& oddities) const;
+  void report(Facts& facts, std::vector<std::string>& warnings) const;
 
  private:
   std::vector<std::size_t> sizes_;

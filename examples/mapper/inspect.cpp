@@ -39,7 +39,7 @@ void add_figures(const nlohmann::ordered_json& json, const std::string& prefix, 
 
 /// What the files of a map say, one after the other.
 datasets::Inspection inspect_map(const fs::path& path) {
-  datasets::Inspection result{.kind = "map made by chainslam", .facts = {}, .oddities = {}};
+  datasets::Inspection result{.kind = "map made by chainslam", .facts = {}, .warnings = {}};
   std::ifstream file(path / "summary.json");
   const auto summary = nlohmann::ordered_json::parse(file, nullptr, false);
   if (summary.is_discarded())
@@ -48,12 +48,12 @@ datasets::Inspection inspect_map(const fs::path& path) {
   add_figures(summary, "", result);
   for (const char* name : {"trajectory.tum", "odometry.tum", "graph.g2o", "map.ply"}) {
     if (!fs::is_regular_file(path / name)) {
-      result.oddities.push_back(std::string(name) + " is missing");
+      result.warnings.push_back(std::string(name) + " is missing");
       continue;
     }
     datasets::Inspection part = datasets::inspect(path / name);
     for (const auto& [fact, text] : part.facts) result.facts.emplace_back(std::string(name) + ": " + fact, text);
-    for (const std::string& oddity : part.oddities) result.oddities.push_back(std::string(name) + ": " + oddity);
+    for (const std::string& warning : part.warnings) result.warnings.push_back(std::string(name) + ": " + warning);
   }
   return result;
 }

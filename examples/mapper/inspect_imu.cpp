@@ -94,7 +94,7 @@ void inspect_imu(const std::filesystem::path& path, const MapperOptions& options
   result.facts.emplace_back("IMU and scans", used);
   result.facts.emplace_back("imu.time_offset", time_offset_text(calibration));
   result.facts.emplace_back("R_body_lidar", rotation_text(calibration));
-  for (std::string& finding : support::contradictions(calibration)) result.oddities.push_back(std::move(finding));
+  for (std::string& finding : support::contradictions(calibration)) result.warnings.push_back(std::move(finding));
 }
 
 }  // namespace chainslam::mapper

@@ -203,9 +203,9 @@ int run(const MapArguments& arguments) {
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     SessionRun& session = mapping.sessions[i];
     session.truth = std::move(truths[i]);
-    print_notes("warning:", datasets[i]->info().oddities);
+    print_notes("warning:", datasets[i]->info().warnings);
     print_notes("note:", session.notes);
-    for (const std::string& oddity : datasets[i]->info().oddities) session.notes.push_back(oddity);
+    for (const std::string& warning : datasets[i]->info().warnings) session.notes.push_back(warning);
     const std::string& frame = datasets[i]->info().truth_frame;
     mapping.truths_share_frame &= !frame.empty() && frame == datasets[0]->info().truth_frame;
   }

@@ -43,7 +43,7 @@ void add_health(const SlamMap& map, const Session& session, datasets::Inspection
                                                    " lost, " + std::to_string(health.degenerate) + " degenerate");
   for (const support::FrameInterval& interval : health.intervals)
     if (interval.concern == support::FrameConcern::lost)
-      result.oddities.push_back(name + ": " + std::to_string(interval.frames) + " scans lost" +
+      result.warnings.push_back(name + ": " + std::to_string(interval.frames) + " scans lost" +
                                 decimal(" from %.1f s", interval.begin) + decimal(" to %.1f s", interval.end) +
                                 decimal(", over %.1f m, ", interval.distance) + std::to_string(interval.restarts) +
                                 " restarts of the local map");
@@ -81,7 +81,7 @@ void add_file(const LoadedMap& loaded, datasets::Inspection& result) {
 datasets::Inspection inspect_map_file(const std::filesystem::path& path) {
   const LoadedMap loaded = open_map(path, {.recover = true, .scans = false});
   const SlamMap& map = loaded.map;
-  datasets::Inspection result{.kind = "map file", .facts = {}, .oddities = losses(loaded)};
+  datasets::Inspection result{.kind = "map file", .facts = {}, .warnings = losses(loaded)};
   result.facts.emplace_back("sessions", std::to_string(map.sessions.size()));
   for (const Session& session : map.sessions)
     result.facts.emplace_back("session " + std::to_string(session.id.value), session_words(map, session));
@@ -92,9 +92,9 @@ datasets::Inspection inspect_map_file(const std::filesystem::path& path) {
   add_closures(map, result);
   add_file(loaded, result);
   if (loaded.report.unknown_chunks > 0)
-    result.oddities.push_back(std::to_string(loaded.report.unknown_chunks) + " parts that this version does not know");
+    result.warnings.push_back(std::to_string(loaded.report.unknown_chunks) + " parts that this version does not know");
   if (loaded.report.newer_fields)
-    result.oddities.emplace_back("records have fields that this version does not know: rewriting would lose them");
+    result.warnings.emplace_back("records have fields that this version does not know: rewriting would lose them");
   return result;
 }
 

@@ -78,7 +78,7 @@ TEST_SUITE("datasets/extrinsic") {
     write_clouds(folder);
     const auto info = [&](const DatasetOptions& options = {}) { return open_dataset(folder.path(), options)->info(); };
     CHECK(info().T_body_lidar == SE3d());
-    CHECK(any_says(info().oddities, "set dataset.T_body_lidar"));
+    CHECK(any_says(info().warnings, "set dataset.T_body_lidar"));
     CHECK_FALSE(info().extrinsic_known);
     write_bytes(folder / "calib_imu_to_velo.txt", "R: 1 0 0 0 1 0 0 0 1\nT: -0.8 0.3 -0.8\n");
     CHECK(info().T_body_lidar.translation().isApprox(Eigen::Vector3d(0.8, -0.3, 0.8)));
@@ -87,7 +87,7 @@ TEST_SUITE("datasets/extrinsic") {
     CHECK(info().T_body_lidar.translation() == Eigen::Vector3d(0.5, 0, 1.25));
     CHECK((info().T_body_lidar.rotation() * Eigen::Vector3d::UnitX()).isApprox(-Eigen::Vector3d::UnitX()));
     CHECK(any_says(info().notes, "T_body_lidar from T_body_lidar.txt"));
-    CHECK(!any_says(info().oddities, "T_body_lidar"));
+    CHECK(!any_says(info().warnings, "T_body_lidar"));
     CHECK(info().extrinsic_known);
     const DatasetInfo given = info({.T_body_lidar = SE3d(SO3d(), {7, 8, 9})});
     CHECK(given.T_body_lidar.translation() == Eigen::Vector3d(7, 8, 9));
@@ -151,9 +151,9 @@ TEST_SUITE("datasets/imu_conversion") {
     write_bytes(folder / "imu.csv", table);
     const auto dataset = open_dataset(folder.path());
     CHECK(packets_of(*dataset).size() == 297 + 2);
-    CHECK(any_says(dataset->info().oddities, "1 rows of imu.csv skipped that hold no number, or no time"));
-    CHECK(any_says(dataset->info().oddities, "1 rows of imu.csv left out whose time is ahead of the next row's"));
-    CHECK(any_says(dataset->info().oddities, "1 packets dropped that went back in time"));
+    CHECK(any_says(dataset->info().warnings, "1 rows of imu.csv skipped that hold no number, or no time"));
+    CHECK(any_says(dataset->info().warnings, "1 rows of imu.csv left out whose time is ahead of the next row's"));
+    CHECK(any_says(dataset->info().warnings, "1 packets dropped that went back in time"));
   }
 
   TEST_CASE("spikes at a table's beginning do not hide its units") {

@@ -246,13 +246,13 @@ TEST_SUITE("datasets/clouds") {
     for (const char* name : {"9", "10"})
       write_bytes(folder / ("a/clouds/" + std::string(name) + ".pcd"), one_point(name));
     auto dataset = open_dataset(folder / "a", {.scan_rate = 2});
-    REQUIRE(dataset->info().oddities.size() == 1);
-    CHECK(says(dataset->info().oddities[0], "2 Hz assumed"));
+    REQUIRE(dataset->info().warnings.size() == 1);
+    CHECK(says(dataset->info().warnings[0], "2 Hz assumed"));
     CHECK(std::get<LidarScan>(*dataset->next()).cloud.positions[0].x() == 9);
     CHECK(std::get<LidarScan>(*dataset->next()).time.nanoseconds() == 500'000'000);
     write_bytes(folder / "a/times.txt", "5.25\n6.5\n");
     dataset = open_dataset(folder / "a");
-    CHECK(dataset->info().oddities.empty());
+    CHECK(dataset->info().warnings.empty());
     CHECK(dataset->info().motion_corrected);
     CHECK(std::get<LidarScan>(*dataset->next()).time.nanoseconds() == 5'250'000'000);
     write_bytes(folder / "a/times.txt", "5.25\n");
@@ -340,7 +340,7 @@ TEST_SUITE("datasets/inspect") {
     CHECK(says(io_error([&] { return text("w.txt", "1 2 3\n"); }), "no known kind"));
   }
 
-  TEST_CASE("a data set's scans, rates, gaps and oddities are told") {
+  TEST_CASE("a data set's scans, rates, gaps and warnings are told") {
     const TemporaryFolder folder;
     write_range_images(folder);
     const std::string text = to_text(inspect(folder / "r"));

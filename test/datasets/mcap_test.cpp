@@ -97,10 +97,10 @@ void write_db3(const std::filesystem::path& path, int messages) {
   sqlite3_close(database);
 }
 
-std::vector<std::string> oddities_of(const std::filesystem::path& path, std::size_t& count) {
+std::vector<std::string> warnings_of(const std::filesystem::path& path, std::size_t& count) {
   const auto dataset = open_dataset(path);
   count = packets_of(*dataset).size();
-  return dataset->info().oddities;
+  return dataset->info().warnings;
 }
 
 }  // namespace
@@ -123,7 +123,7 @@ TEST_SUITE("datasets/mcap") {
       write_bytes(folder / "run/metadata.yaml", "not needed");
       const auto dataset = open_dataset(folder.path());
       const auto packets = packets_of(*dataset);
-      CHECK(dataset->info().oddities.size() == 1);  // no extrinsic is stated
+      CHECK(dataset->info().warnings.size() == 1);  // no extrinsic is stated
       CHECK(counts_of(packets) == std::array<int, 3>{6, 2, 2});
       for (std::size_t i = 1; i < packets.size(); ++i) CHECK(available_at(packets[i - 1]) <= available_at(packets[i]));
       REQUIRE(packets[4].index() == 1);  // at its end
@@ -143,8 +143,8 @@ TEST_SUITE("datasets/mcap") {
     for (std::size_t n = 0; n <= whole.size(); n += n + 200 > whole.size() ? 1 : 5) {
       write_bytes(folder / "a.mcap", whole.substr(0, n));
       std::size_t count = 0;
-      std::vector<std::string> oddities;
-      const std::string error = io_error([&] { return (oddities = oddities_of(folder / "a.mcap", count)).size(); });
+      std::vector<std::string> warnings;
+      const std::string error = io_error([&] { return (warnings = warnings_of(folder / "a.mcap", count)).size(); });
       if (count == 0) {
         if (!error.empty()) CHECK(says(error, "byte"));
         refused += error.empty() ? 0 : 1;
@@ -152,7 +152,7 @@ TEST_SUITE("datasets/mcap") {
       }
       CHECK(count >= last);
       last = count;
-      CHECK(any_says(oddities, "a.mcap, byte") == (n < complete + 9));
+      CHECK(any_says(warnings, "a.mcap, byte") == (n < complete + 9));
     }
     CHECK(last == 15);
     CHECK(refused > 10);
@@ -165,20 +165,20 @@ TEST_SUITE("datasets/mcap") {
     write_bytes(folder / "a.mcap", mcap_of(mcap_chunk_record("", first, first.size(), 77) +
                                            mcap_chunk_record("lz4", second, second.size()) +
                                            mcap_chunk_record("", second, second.size())));
-    const auto oddities = oddities_of(folder / "a.mcap", count);
+    const auto warnings = warnings_of(folder / "a.mcap", count);
     CHECK(count == 5);
-    CHECK(any_says(oddities, "a.mcap, byte 36: a chunk that does not unpack (its CRC is another); it is left out"));
-    CHECK(any_says(oddities, "a chunk that does not unpack (lz4: ERROR_frameType_unknown)"));
+    CHECK(any_says(warnings, "a.mcap, byte 36: a chunk that does not unpack (its CRC is another); it is left out"));
+    CHECK(any_says(warnings, "a chunk that does not unpack (lz4: ERROR_frameType_unknown)"));
 
     // CRC-32 of "123456789" is CBF43926 (zip, PNG).
     write_bytes(folder / "b.mcap",
                 mcap_of(mcap_chunk_record("", "123456789", 9, 0xCBF43926U) + channels() + moments(mcap_start)));
-    CHECK(!any_says(oddities_of(folder / "b.mcap", count), "CRC"));
+    CHECK(!any_says(warnings_of(folder / "b.mcap", count), "CRC"));
 
     write_bytes(folder / "c.mcap", mcap_of(mcap_chunk_record("zstd", zstd_frame("x"), std::size_t{1} << 60)));
-    CHECK(says(io_error([&] { return oddities_of(folder / "c.mcap", count).size(); }), "256 MiB are the most"));
+    CHECK(says(io_error([&] { return warnings_of(folder / "c.mcap", count).size(); }), "256 MiB are the most"));
     write_bytes(folder / "c.mcap", "MCAP");
-    CHECK(says(io_error([&] { return oddities_of(folder / "c.mcap", count).size(); }), "no MCAP magic number"));
+    CHECK(says(io_error([&] { return warnings_of(folder / "c.mcap", count).size(); }), "no MCAP magic number"));
   }
 }
 
@@ -190,7 +190,7 @@ TEST_SUITE("datasets/db3") {
     const auto packets = packets_of(*dataset);
     CHECK(packets.size() == 99);
     CHECK(std::get<LidarScan>(packets[1]).time.nanoseconds() == (mcap_start + 2) * 1'000'000'000LL);
-    CHECK(any_says(dataset->info().oddities, "a.db3, row 2: no topic"));
+    CHECK(any_says(dataset->info().warnings, "a.db3, row 2: no topic"));
     CHECK(says(to_text(inspect(folder / "a.db3")), "data set, ros"));
 
     const std::string whole = read_bytes(folder / "a.db3");
@@ -198,10 +198,10 @@ TEST_SUITE("datasets/db3") {
     for (std::size_t n = 0; n < whole.size(); n += 1024) {
       write_bytes(folder / "b.db3", whole.substr(0, n));
       std::size_t count = 0;
-      std::vector<std::string> oddities;
-      const std::string error = io_error([&] { return (oddities = oddities_of(folder / "b.db3", count)).size(); });
+      std::vector<std::string> warnings;
+      const std::string error = io_error([&] { return (warnings = warnings_of(folder / "b.db3", count)).size(); });
       CHECK(count <= 99);
-      if (error.empty()) CHECK(any_says(oddities, "b.db3, "));
+      if (error.empty()) CHECK(any_says(warnings, "b.db3, "));
       if (!error.empty()) CHECK(says(error, "b.db3"));
       refused += error.empty() ? 0 : 1;
       last = std::max(last, count);

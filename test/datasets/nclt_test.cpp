@@ -180,7 +180,7 @@ TEST_SUITE("datasets/nclt") {
     write_bytes(folder / "gps.csv", gps);
     const auto dataset = open_dataset(folder.path());
     CHECK(dataset->info().kind == DatasetKind::nclt);
-    CHECK(dataset->info().oddities.empty());
+    CHECK(dataset->info().warnings.empty());
     std::vector<Packet> packets;
     while (auto p = dataset->next()) packets.push_back(std::move(*p));
     for (std::size_t i = 1; i < packets.size(); ++i) CHECK(available_at(packets[i - 1]) <= available_at(packets[i]));
@@ -199,8 +199,8 @@ TEST_SUITE("datasets/nclt") {
     }
     const auto& info = dataset->info();
     CHECK(!info.motion_corrected);
-    CHECK(info.oddities.size() == 1);
-    CHECK(says(info.oddities[0], "1 rows of ms25.csv"));
+    CHECK(info.warnings.size() == 1);
+    CHECK(says(info.warnings[0], "1 rows of ms25.csv"));
     // The LiDAR sits 0.247 m above the inertial unit, turned by -90.7 degrees, which z up makes +90.7.
     CHECK(info.T_body_lidar.translation().isApprox(Eigen::Vector3d(0.112, -0.176, 0.247), 1e-12));
     const Eigen::Vector3d ahead = info.T_body_lidar.rotation().matrix() * Eigen::Vector3d::UnitX();
@@ -238,20 +238,20 @@ TEST_SUITE("datasets/nclt") {
     };
     const auto z_of_road = [](Dataset& dataset) { return std::get<LidarScan>(*dataset.next()).cloud.positions[0].z(); };
     auto dataset = open(1, false, NcltAxes::automatic);
-    CHECK(dataset->info().oddities.empty());
+    CHECK(dataset->info().warnings.empty());
     CHECK(z_of_road(*dataset) == doctest::Approx(-1.7));
     dataset = open(-1, false, NcltAxes::automatic);
-    REQUIRE(dataset->info().oddities.size() == 1);
-    CHECK(says(dataset->info().oddities[0], "set the axes to kitti"));
+    REQUIRE(dataset->info().warnings.size() == 1);
+    CHECK(says(dataset->info().warnings[0], "set the axes to kitti"));
     CHECK(z_of_road(*dataset) == doctest::Approx(1.7));
     dataset = open(-1, true, NcltAxes::automatic);
-    CHECK(dataset->info().oddities.empty());
+    CHECK(dataset->info().warnings.empty());
     CHECK(says(dataset->info().notes[0], "axes taken as KITTI's"));
     CHECK(z_of_road(*dataset) == doctest::Approx(-1.7));
     dataset = open(-1, true, NcltAxes::nclt);
-    CHECK(dataset->info().oddities.size() == 1);
+    CHECK(dataset->info().warnings.size() == 1);
     dataset = open(1, false, NcltAxes::kitti);
-    CHECK(says(dataset->info().oddities.at(0), "set the axes to nclt"));
+    CHECK(says(dataset->info().warnings.at(0), "set the axes to nclt"));
   }
 
   TEST_CASE("the truth is turned to z up and moved to the inertial unit") {
@@ -294,7 +294,7 @@ TEST_SUITE("datasets/nclt") {
       const auto dataset = open_dataset(*path);
       CHECK(dataset->info().sensors.at(0).count == 101);
       CHECK(says(dataset->info().notes.at(0), "axes taken as KITTI's"));
-      CHECK(dataset->info().oddities.empty());
+      CHECK(dataset->info().warnings.empty());
       const auto scan = std::get<LidarScan>(*dataset->next());
       CHECK(scan.time.nanoseconds() == 1'317'600'000'000'000'000);
       CHECK(scan.cloud.size() > 100'000);

@@ -89,7 +89,7 @@ TEST_SUITE("datasets/nuscenes") {
     CHECK(info.T_body_lidar.translation().isApprox(Eigen::Vector3d(-2, 0, 1.57), 1e-12));
     CHECK(any_says(info.notes, "times of points from their azimuth, in turns of 0.1 s"));
     const auto packets = packets_of(*dataset);
-    CHECK(info.oddities.empty());
+    CHECK(info.warnings.empty());
     REQUIRE(counts_of(packets) == std::array<int, 3>{3, 3, 2});
     for (std::size_t i = 1; i < packets.size(); ++i) CHECK(available_at(packets[i - 1]) <= available_at(packets[i]));
     const auto& sample = std::get<ImuSample>(packets[0]);
@@ -126,9 +126,9 @@ TEST_SUITE("datasets/nuscenes") {
       const auto dataset = open_dataset(folder / "MARS/2023_10_04_scene_3_maisy");
       CHECK(counts_of(packets_of(*dataset))[1] == (n % 20 == 0 ? 3 : 2));
       if (n % 20 != 0)
-        CHECK(any_says(dataset->info().oddities, "bytes after the last point"));
+        CHECK(any_says(dataset->info().warnings, "bytes after the last point"));
       else
-        CHECK(any_says(dataset->info().oddities, "1 scans do not turn steadily"));
+        CHECK(any_says(dataset->info().warnings, "1 scans do not turn steadily"));
     }
     std::filesystem::remove(folder / (scans + "200000.pcd.bin"));
     write_bytes(folder / "MARS/sweeps/IMU_TOP/1696430800100000.json", R"({"utime": 1, "avel": [0, )");

@@ -94,7 +94,7 @@ LidarScan only_scan(const std::string& type, const std::string& message,
   REQUIRE(packets.size() == 1);
   if (sentences != nullptr) {
     *sentences = dataset->info().notes;
-    sentences->insert(sentences->end(), dataset->info().oddities.begin(), dataset->info().oddities.end());
+    sentences->insert(sentences->end(), dataset->info().warnings.begin(), dataset->info().warnings.end());
   }
   return std::get<LidarScan>(std::move(packets[0]));
 }
@@ -291,7 +291,7 @@ TEST_SUITE("datasets/ros1_bag") {
       const auto dataset = open_dataset(folder.path());
       CHECK(dataset->info().kind == DatasetKind::ros);
       const auto packets = packets_of(*dataset);
-      CHECK(dataset->info().oddities.size() == 1);  // no extrinsic is stated
+      CHECK(dataset->info().warnings.size() == 1);  // no extrinsic is stated
       CHECK(counts_of(packets) == std::array<int, 3>{40, 4, 2});
       for (std::size_t i = 1; i < packets.size(); ++i) CHECK(available_at(packets[i - 1]) <= available_at(packets[i]));
       const auto scan = std::ranges::find_if(packets, [](const Packet& p) { return p.index() == 1; });
@@ -313,11 +313,11 @@ TEST_SUITE("datasets/ros1_bag") {
       const std::size_t end = n + 7 > whole.size() ? whole.size() : n;
       write_bytes(folder / "a.bag", whole.substr(0, end));
       std::vector<Packet> packets;
-      std::vector<std::string> oddities;
+      std::vector<std::string> warnings;
       const std::string error = io_error([&] {
         const auto dataset = open_dataset(folder / "a.bag");
         packets = packets_of(*dataset);
-        oddities = dataset->info().oddities;
+        warnings = dataset->info().warnings;
         return 0;
       });
       if (packets.empty()) {
@@ -328,7 +328,7 @@ TEST_SUITE("datasets/ros1_bag") {
       CHECK(packets.size() >= last);
       last = packets.size();
       if (end != whole.size()) {
-        CHECK_MESSAGE(any_says(oddities, "a.bag, byte"), end);
+        CHECK_MESSAGE(any_says(warnings, "a.bag, byte"), end);
         ++used;
       }
     }
@@ -346,8 +346,8 @@ TEST_SUITE("datasets/ros1_bag") {
                                          chunk_record("none", second, second.size()) + std::string(20, 'x')));
     const auto dataset = open_dataset(folder / "a.bag");
     CHECK(packets_of(*dataset).size() == 23);
-    CHECK(any_says(dataset->info().oddities, "a.bag, byte 4117: a chunk that does not unpack ("));
-    CHECK(any_says(dataset->info().oddities, "the file is damaged here; what comes before is used"));
+    CHECK(any_says(dataset->info().warnings, "a.bag, byte 4117: a chunk that does not unpack ("));
+    CHECK(any_says(dataset->info().warnings, "the file is damaged here; what comes before is used"));
 
     write_bytes(folder / "b.bag", bag_of(chunk_record("xz", "?", 1)));
     CHECK(says(io_error([&] { return open_dataset(folder / "b.bag")->info().notes.size(); }), "packed as \"xz\""));
@@ -378,9 +378,9 @@ TEST_SUITE("datasets/ros1_bag") {
     CHECK(counts_of(packets_of(*dataset)) == std::array<int, 3>{11, 10, 6});
     const auto& info = dataset->info();
     CHECK(any_says(info.notes, "acceleration in g"));
-    CHECK(any_says(info.oddities, "/top: 1 messages that are damaged are left out; the first, a.bag, byte"));
-    CHECK(any_says(info.oddities, "the message ends after"));
-    CHECK(any_says(info.oddities, "/fix: 4 messages without a fix"));
+    CHECK(any_says(info.warnings, "/top: 1 messages that are damaged are left out; the first, a.bag, byte"));
+    CHECK(any_says(info.warnings, "the message ends after"));
+    CHECK(any_says(info.warnings, "/fix: 4 messages without a fix"));
     REQUIRE(info.sensors.size() == 4);
     CHECK(says(info.sensors[2].remark, "not used"));  // /side has one point fewer
 
@@ -391,7 +391,7 @@ TEST_SUITE("datasets/ros1_bag") {
     options.lidar_topic = "/none";
     const auto none = open_dataset(folder / "a.bag", options);
     CHECK(counts_of(packets_of(*none))[1] == 0);
-    CHECK(any_says(none->info().oddities, "no messages on /none"));
+    CHECK(any_says(none->info().warnings, "no messages on /none"));
   }
 
   TEST_CASE("where the LiDAR and the antenna sit is read from /tf_static, over frames between them") {

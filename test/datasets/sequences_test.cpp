@@ -159,7 +159,7 @@ TEST_SUITE("datasets/kitti") {
       write_bytes(path / "velodyne/000001.bin", whole.substr(0, n));
       const auto dataset = open_dataset(path);
       CHECK(packets_of(*dataset).size() == (n % 16 == 0 ? 3 : 2));
-      if (n % 16 != 0) CHECK(any_says(dataset->info().oddities, "000001.bin, byte " + std::to_string(n - n % 16)));
+      if (n % 16 != 0) CHECK(any_says(dataset->info().warnings, "000001.bin, byte " + std::to_string(n - n % 16)));
     }
     write_bytes(path / "times.txt", "0\n0.1\n");
     CHECK(says(reading_error(path), "3 scans in velodyne, 2 lines in times.txt"));
@@ -177,10 +177,10 @@ TEST_SUITE("datasets/kitti") {
     CHECK(dataset->info().kind == DatasetKind::kitti_raw);
     CHECK(!dataset->info().motion_corrected);
     CHECK(dataset->info().T_body_lidar.translation().isApprox(Eigen::Vector3d(0.8, -0.3, 0.8)));
-    CHECK(dataset->info().oddities.empty());
+    CHECK(dataset->info().warnings.empty());
     const auto packets = packets_of(*dataset);
     CHECK(counts_of(packets) == std::array<int, 3>{3, 2, 2});  // a sample that goes back takes its fix along
-    CHECK(any_says(dataset->info().oddities, "2 packets dropped that went back in time"));
+    CHECK(any_says(dataset->info().warnings, "2 packets dropped that went back in time"));
     for (const Packet& packet : packets) {
       if (const auto* sample = std::get_if<ImuSample>(&packet)) {
         CHECK(sample->accel == Eigen::Vector3d(0.25, 0.5, 9.75));
@@ -225,7 +225,7 @@ TEST_SUITE("datasets/kitti") {
     write_bytes(drive / "velodyne_points/data/0000000000.txt", "10 0 0 0.5\n0 -10 1 0.25\n");
     std::filesystem::remove(folder / "calib_imu_to_velo.txt");
     const auto extracted = open_dataset(drive);  // clouds as text; no stamps of starts and ends
-    CHECK(any_says(extracted->info().oddities, "nothing states where the LiDAR sits on the IMU"));
+    CHECK(any_says(extracted->info().warnings, "nothing states where the LiDAR sits on the IMU"));
     const auto packets = packets_of(*extracted);
     const auto scan = std::ranges::find_if(packets, [](const Packet& p) { return p.index() == 1; });
     REQUIRE(scan != packets.end());
@@ -234,7 +234,7 @@ TEST_SUITE("datasets/kitti") {
     write_bytes(drive / "velodyne_points/data/0000000000.txt", "10 0 0\n");
     const auto cut = open_dataset(drive);
     static_cast<void>(packets_of(*cut));
-    CHECK(any_says(cut->info().oddities, "0000000000.txt, line 1, field reflectance"));
+    CHECK(any_says(cut->info().warnings, "0000000000.txt, line 1, field reflectance"));
   }
 }
 
@@ -279,8 +279,8 @@ TEST_SUITE("datasets/mulran") {
     write_bytes(folder / "Ouster" / named(mulran_start, ".bin"), std::string(35, 'x'));
     const auto dataset = open_dataset(folder.path());
     CHECK(counts_of(packets_of(*dataset))[1] == 1);
-    CHECK(any_says(dataset->info().oddities, "1 files cannot be read and are left out; the first, "));
-    CHECK(any_says(dataset->info().oddities, "byte 32: 3 bytes after the last point"));
+    CHECK(any_says(dataset->info().warnings, "1 files cannot be read and are left out; the first, "));
+    CHECK(any_says(dataset->info().warnings, "byte 32: 3 bytes after the last point"));
     for (const char* name : {"xsens_imu.csv", "gps.csv", "global_pose.csv"}) {
       const std::string whole = read_bytes(folder / name);
       const std::size_t line = whole.find('\n') + 1;  // the second line is cut short, at every comma
@@ -300,7 +300,7 @@ TEST_SUITE("datasets/mulran") {
     write_bytes(folder / "xsens_imu.csv", row(mulran_start, {0, 0, 0, 1, 0, 0, 0}));
     const auto angles = open_dataset(folder.path());
     CHECK(counts_of(packets_of(*angles)) == std::array<int, 3>{0, 1, 2});
-    CHECK(any_says(angles->info().oddities, "holds angles, no rates and accelerations"));
+    CHECK(any_says(angles->info().warnings, "holds angles, no rates and accelerations"));
   }
 }
 
@@ -344,7 +344,7 @@ TEST_SUITE("datasets/helipr") {
     REQUIRE(truth);
     CHECK((truth->poses.at(0) * dataset->info().T_body_lidar).translation().isApprox(Eigen::Vector3d(1, 2, 3)));
     const auto avia = open_dataset(folder.path(), {.lidar_topic = "Avia"});
-    CHECK(any_says(avia->info().oddities, "nothing states where the LiDAR sits on the IMU"));
+    CHECK(any_says(avia->info().warnings, "nothing states where the LiDAR sits on the IMU"));
     CHECK(!avia->truth());
     CHECK(says(reading_error(folder.path(), {.lidar_topic = "Aeva"}), "no scans of Aeva"));
     write_bytes(folder / "LiDAR_GT/global_Ouster_gt.txt", std::to_string(helipr_start) + " 1 2 3 0 0 0\n");
@@ -359,7 +359,7 @@ TEST_SUITE("datasets/helipr") {
       write_bytes(folder / "LiDAR/Velodyne" / named(helipr_start, ".bin"), bytes);
       const auto dataset = open_dataset(folder.path());
       CHECK(packets_of(*dataset).empty());
-      CHECK(any_says(dataset->info().oddities, std::abs(time) > 3 ? "points of no time" : "points that span 3"));
+      CHECK(any_says(dataset->info().warnings, std::abs(time) > 3 ? "points of no time" : "points that span 3"));
     }
   }
 
@@ -375,8 +375,8 @@ TEST_SUITE("datasets/helipr") {
         const auto dataset = open_dataset(folder.path());
         const std::size_t scans = packets_of(*dataset).size();
         CHECK(scans == (n % stride == 0 ? 1 : 0));
-        if (scans == 0) CHECK(any_says(dataset->info().oddities, std::to_string(stride) + " bytes a point") == false);
-        if (scans == 0) CHECK(any_says(dataset->info().oddities, "byte " + std::to_string(n - n % stride)));
+        if (scans == 0) CHECK(any_says(dataset->info().warnings, std::to_string(stride) + " bytes a point") == false);
+        if (scans == 0) CHECK(any_says(dataset->info().warnings, "byte " + std::to_string(n - n % stride)));
       }
     }
   }
@@ -402,7 +402,7 @@ TEST_SUITE("datasets/newer_college") {
     CHECK(sample.gyro == Eigen::Vector3d(0.5, 0.25, 0.125));
     CHECK(sample.accel == Eigen::Vector3d(1, 2, 9.5));
     CHECK(std::get<LidarScan>(packets[1]).cloud.time_offsets[129] == doctest::Approx(0.2 / 1024));
-    CHECK(any_says(dataset->info().oddities, "1 rows of ouster_imu.csv skipped"));
+    CHECK(any_says(dataset->info().warnings, "1 rows of ouster_imu.csv skipped"));
     const auto truth = dataset->truth();
     REQUIRE(truth);
     CHECK((truth->poses.at(0) * dataset->info().T_body_lidar)
@@ -449,7 +449,7 @@ TEST_SUITE("datasets/imu_table") {
     write_bytes(folder / "run.tum", "1583836591 1 0 0 0 0 0 1\n1583836592 3 0 0 0 0 0 1\n");
     const auto dataset = open_dataset(folder.path());
     CHECK(dataset->info().kind == DatasetKind::clouds);
-    CHECK(any_says(dataset->info().oddities, "set dataset.T_body_lidar"));
+    CHECK(any_says(dataset->info().warnings, "set dataset.T_body_lidar"));
     CHECK(any_says(dataset->info().notes, "acceleration in g"));
     const auto packets = packets_of(*dataset);
     REQUIRE(counts_of(packets) == std::array<int, 3>{300, 1, 0});

@@ -93,7 +93,7 @@ TEST_SUITE("simulator/round_trip") {
     CHECK(dataset->info().kind == datasets::DatasetKind::nclt);
     CHECK(dataset->info().T_body_lidar.local(preset.lidar.T_body_lidar).norm() < 1e-9);
     const Recorded read = read_all(*dataset);
-    CHECK(dataset->info().oddities.empty());
+    CHECK(dataset->info().warnings.empty());
     REQUIRE(drive.scan_count() > 50);
 
     REQUIRE(read.imu.size() == drive.imu().size());
@@ -131,7 +131,7 @@ TEST_SUITE("simulator/round_trip") {
       frame = dataset->info().truth_frame;
       CHECK(!frame.empty());
       const Recorded read = read_all(*dataset);
-      CHECK(dataset->info().oddities.empty());
+      CHECK(dataset->info().warnings.empty());
       REQUIRE(drive.scan_count() > 50);
       REQUIRE(read.imu.size() == drive.imu().size());
       for (std::size_t i = 0; i < read.imu.size(); ++i) CHECK(difference(read.imu[i], drive.imu()[i]) == 0.0);
