@@ -13,6 +13,7 @@
 #include "chainslam/map/frame.hpp"
 #include "chainslam/sensor/packet.hpp"
 #include "chainslam/sensor/point_time.hpp"
+#include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam::datasets {
@@ -85,6 +86,7 @@ struct DatasetInfo {
   std::optional<Eigen::Vector3d> p_body_antenna;  ///< of the GNSS antenna, where known
   bool motion_corrected = false;                  ///< scans are snapshots already
   bool has_odometry = false;                      ///< `next_frame` yields the frames of a recorded odometry
+  std::optional<KeyframeOptions> keyframes{};     ///< how those with a scan were picked, where the recording says so
   std::filesystem::path truth{};                  ///< file with the true trajectory; empty if there is none
   std::string truth_frame{};                      ///< truths of sessions with the same are in one frame; empty: its own
   std::string source{};                           ///< how the data came about, where they are not recorded throughout
@@ -104,7 +106,12 @@ class Dataset {
   [[nodiscard]] virtual std::optional<Packet> next() = 0;
 
   /// The next frame of the recorded odometry, if `info().has_odometry`; takes the same scans as `next`.
+  /// Frames without a scan are no keyframes.
   [[nodiscard]] virtual std::optional<Frame> next_frame() { return std::nullopt; }
+
+  /// The fixes that came before the frame that `next_frame` gave last; after the last frame, those behind it. Each
+  /// once.
+  [[nodiscard]] virtual std::vector<GnssFix> take_fixes() { return {}; }
 
   /// What is known of the recording; warnings met while reading are added as they are met.
   [[nodiscard]] const DatasetInfo& info() const { return info_; }

@@ -11,6 +11,7 @@
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
+#include "datasets/odometry_recording.hpp"
 
 // Keyframes with recorded odometry, as SC-A-LOAM and FAST-LIO-SAM save them:
 //   Scans/%06d.pcd, times.txt (seconds), odom_poses.txt or, if there is none, optimized_poses.txt (rows of 3x4).
@@ -117,6 +118,7 @@ class KeyframeSet final : public Dataset {
 }  // namespace
 
 std::unique_ptr<Dataset> open_keyframes(const std::filesystem::path& path, const DatasetOptions& options) {
+  if (is_recording(path)) return open_recording(path, options);
   return std::make_unique<KeyframeSet>(path, options);
 }
 

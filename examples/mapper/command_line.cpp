@@ -56,6 +56,36 @@ void add_map(CLI::App& program, int& exit_code) {
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
+void add_odometry(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<OdometryArguments>();
+  CLI::App* verb = program.add_subcommand("odometry", "run odometry alone, and record it as a data set to map from");
+  verb->footer(
+      "SET gets Scans/*.pcd, times.txt and odom_poses.txt of the keyframes, as other programs read keyframe sets;\n"
+      "frames.csv (pose, covariance and health of every scan), fixes.csv, truth.tum, odometry.json and config.toml.\n"
+      "`chainslam map SET --config SET/config.toml` gives the same map, bit for bit, as mapping DATA; with other "
+      "settings\n"
+      "of closures, chain, merge and graph it takes seconds. Keyframes are kept as keyframes.distance, angle and\n"
+      "voxel_size say: to try other values of these, record with smaller ones.");
+  verb->add_option("DATA", arguments->data,
+                   "folder of a data set (see chainslam inspect), simulate:PRESET/SIZE/SESSION or simulate:FOLDER")
+      ->required()
+      ->option_text(" ");
+  verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("SET");
+  verb->add_flag("--overwrite", arguments->overwrite, "if SET holds something, keep that as SET~1");
+  verb->add_option("--config", arguments->config, "configuration file (TOML)")->option_text("FILE");
+  verb->add_option("--set", arguments->overrides, "override a key of it, may be given again")
+      ->option_text("KEY=VALUE")
+      ->allow_extra_args(false);
+  verb->add_option("--truth", arguments->truth, "true trajectory; default: the data set's own")->option_text("FILE");
+  verb->add_option("--max-scans", arguments->max_scans, "stop after so many scans")
+      ->check(CLI::NonNegativeNumber)
+      ->option_text("N");
+  verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
 /// What `simulate` takes for a recorded trajectory.
 void add_recorded(CLI::App& verb, SimulateArguments& arguments) {
   const std::string group = "Along a recorded trajectory";
@@ -324,6 +354,7 @@ int run_command_line(int argc, const char* const* argv) {
       "5 finished but a stated goal was missed, 70 internal error, 130 interrupted (map saved).");
   int exit_code = exit_good;
   add_map(program, exit_code);
+  add_odometry(program, exit_code);
   add_simulate(program, exit_code);
   add_inspect(program, exit_code);
   add_check(program, exit_code);

@@ -9,15 +9,11 @@
 #include <string>
 #include <thread>
 #include <utility>
-#include <variant>
 
-#include "chainslam/odometry/recorded_odometry.hpp"
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/pipeline.hpp"
-#include "datasets/imu_findings.hpp"
-#include "session_odometry.hpp"
-#include "support/summary.hpp"
+#include "session_front_end.hpp"
 
 namespace chainslam::mapper {
 
@@ -119,41 +115,25 @@ class SessionMapper {
         threads_(threads),
         back_end_(back_end),
         pipeline_(pipeline),
-        select_(keyframe_options()) {
-    session_.name = dataset.info().name;
-    state_.stage = "mapping " + session_.name;
-    for (const datasets::SensorInfo& sensor : dataset.info().sensors)
-      if (sensor.kind == SensorKind::lidar && sensor.count) state_.total = to_index(*sensor.count);
-    if (run.max_scans > 0 && (state_.total == 0 || run.max_scans < state_.total)) state_.total = run.max_scans;
+        select_(keyframe_options(dataset.info(), run.options.keyframes)) {
+    state_.stage = "mapping " + dataset.info().name;
+    state_.total = expected_scans(dataset.info(), run.max_scans);
   }
 
   [[nodiscard]] SessionRun map() {
-    pipeline_.begin_session(session_.name);
-    if (dataset_.info().has_odometry)
-      map_recorded();
-    else
-      map_packets();
+    pipeline_.begin_session(dataset_.info().name);
+    SessionRun session = SessionFrontEnd(dataset_, run_, threads_,
+                                         {.fix = [&](const GnssFix& fix) { pipeline_.add(fix); },
+                                          .frame = [&](const Frame& frame) { add(frame); },
+                                          .scan = [&](const SessionRun& so_far) { show(so_far); }})
+                             .run();
     pass_frames();
-    if (const std::string lost = support::health_sentence(account_of_scans()); !lost.empty())
-      run_.progress.warning(lost);
-    return std::move(session_);
+    return session;
   }
 
  private:
-  /// Recorded keyframes were selected by whoever recorded them.
-  [[nodiscard]] KeyframeOptions keyframe_options() const {
-    KeyframeOptions keyframes = run_.options.keyframes;
-    if (dataset_.info().has_odometry) keyframes.distance = 0;
-    return keyframes;
-  }
-
-  [[nodiscard]] bool wants_more() const {
-    return !run_.stop.stop_requested() && (run_.max_scans == 0 || session_.scans < run_.max_scans);
-  }
-
-  void count_scan() {
-    ++session_.scans;
-    state_.done = session_.scans;
+  void show(const SessionRun& session) {
+    state_.done = session.scans;
     state_.keyframes = back_end_.keyframes();
     state_.direct_closures = back_end_.direct_closures();
     state_.chained_closures = back_end_.chained_closures();
@@ -161,93 +141,16 @@ class SessionMapper {
   }
 
   void add(const Frame& frame) {
-    session_.odometry.times.push_back(frame.time);
-    session_.odometry.poses.push_back(frame.T_odom_body);
+    if (!first_) first_ = frame.time;
+    state_.data_seconds = to_seconds(frame.time - *first_);
     frames_.push_back(record_of(frame));
-    count_lost(frame);
-    state_.data_seconds = to_seconds(frame.time - session_.odometry.times.front());
     auto keyframe = select_(frame);
     if (keyframe || frames_.size() >= MeteredBackEnd::most_frames) pass_frames();
     if (keyframe) pipeline_.add(std::move(*keyframe));
   }
 
-  /// What the session's last line tells.
-  [[nodiscard]] support::SessionSummary account_of_scans() const {
-    support::SessionSummary summary{.name = session_.name,
-                                    .scans = session_.scans,
-                                    .frames = to_index(session_.odometry.size()),
-                                    .lost_frames = lost_.frames};
-    summary.health.restarts = lost_.restarts;
-    if (lost_.frames > 0) summary.health.intervals.push_back(lost_);
-    return summary;
-  }
-
-  void count_lost(const Frame& frame) {
-    if (frame.health.map_restarted) ++lost_.restarts;
-    if (frame.health.status != FrameStatus::lost) return;
-    const double time = to_seconds(frame.time - session_.odometry.times.front());
-    if (lost_.frames++ == 0) lost_.begin = lost_.end = time;
-  }
-
   void pass_frames() {
     if (!frames_.empty()) pipeline_.add(std::exchange(frames_, {}));
-  }
-
-  void map_recorded() {
-    RecordedOdometry odometry([&] {
-      const auto measurement = run_.times.measure("read");
-      return dataset_.next_frame();
-    });
-    while (wants_more()) {
-      const std::optional<Frame> frame = odometry.next();
-      if (!frame) break;
-      count_scan();
-      add(*frame);
-    }
-    note(odometry.not_finite(), "frames left out: their poses are not finite");
-    note(odometry.out_of_order(), "frames left out: not later than the one before");
-  }
-
-  void map_packets() {
-    const std::unique_ptr<SessionOdometry> odometry = make_session_odometry(run_.options, dataset_.info());
-    double spent = 0;  // seconds since the last scan
-    while (wants_more()) {
-      const std::optional<Packet> packet = [&] {
-        const auto measurement = run_.times.measure("read");
-        return dataset_.next();
-      }();
-      if (!packet) break;
-      if (const auto* fix = std::get_if<GnssFix>(&*packet)) pipeline_.add(*fix);
-      if (run_.options.imu.use == ImuUse::none && std::holds_alternative<ImuSample>(*packet)) continue;
-      // A filter answers a scan when the readings up to its end have come: with a packet after it.
-      const auto begin = std::chrono::steady_clock::now();
-      const std::optional<Frame> frame = odometry->process(*packet, threads_);
-      spent += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-      if (std::holds_alternative<LidarScan>(*packet)) {
-        run_.times.add("odometry", std::exchange(spent, 0.0));
-        count_scan();
-      }
-      if (frame) add(*frame);
-    }
-    while (const std::optional<Frame> frame = odometry->flush(threads_)) add(*frame);
-    note_counts(odometry->counts());
-    session_.calibration = odometry->calibration();
-    if (!session_.calibration) return;
-    for (std::string& note : support::calibration_notes(*session_.calibration))
-      session_.notes.push_back(std::move(note));
-  }
-
-  void note(std::int64_t count, const std::string& what) {
-    if (count > 0) session_.notes.push_back(std::to_string(count) + " " + what);
-  }
-
-  void note_counts(const LidarOdometryCounts& counts) {
-    note(counts.points.not_finite, "points left out: NaN or infinite");
-    note(counts.empty_scans, "scans left out: too few usable points");
-    note(counts.out_of_order_scans, "scans left out: not later than the one before");
-    note(counts.gaps, "gaps in time too long to predict the motion over");
-    session_.imu = counts.imu;
-    for (std::string& finding : datasets::imu_findings(counts.imu)) session_.notes.push_back(std::move(finding));
   }
 
   datasets::Dataset& dataset_;
@@ -256,8 +159,7 @@ class SessionMapper {
   const MeteredBackEnd& back_end_;
   MapperPipeline& pipeline_;
   KeyframeSelector select_;
-  SessionRun session_;
-  support::FrameInterval lost_;      ///< all scans that were, from the first on
+  std::optional<Timestamp> first_;   ///< time of the first frame
   std::vector<FrameRecord> frames_;  ///< that the back end does not have yet
   support::ProgressState state_;
 };

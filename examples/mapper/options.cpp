@@ -326,6 +326,18 @@ void add_goals(Configuration& configuration, Goals& goals) {
 
 }  // namespace
 
+const char* name_of(OdometrySourceKind source) {
+  switch (source) {
+    case OdometrySourceKind::lidar:
+      return "lidar";
+    case OdometrySourceKind::lidar_inertial:
+      return "lidar_inertial";
+    case OdometrySourceKind::fast_lio2:
+      return "fast_lio2";
+  }
+  return "";
+}
+
 support::Configuration make_configuration(MapperOptions& options) {
   support::Configuration configuration;
   add_presets(configuration, options);
@@ -342,6 +354,8 @@ support::Configuration make_configuration(MapperOptions& options) {
   add_goals(configuration, options.goals);
   return configuration;
 }
+
+std::string configuration_text(MapperOptions options) { return make_configuration(options).print(); }
 
 void configure(MapperOptions& options, const std::filesystem::path& file, const std::vector<std::string>& overrides) {
   support::Configuration configuration = make_configuration(options);

@@ -58,6 +58,12 @@ struct MapperOptions {
   Goals goals;
 };
 
+/// The configuration in force, as a file that repeats the run.
+[[nodiscard]] std::string configuration_text(MapperOptions options);
+
+/// A source as the settings write it.
+[[nodiscard]] const char* name_of(OdometrySourceKind source);
+
 /// Binds the keys of the file to `options`, which must outlive the result.
 [[nodiscard]] support::Configuration make_configuration(MapperOptions& options);
 

@@ -28,6 +28,14 @@ struct MapArguments {
   int max_scans = 0;
 };
 
+struct OdometryArguments {
+  std::filesystem::path data, truth, out, config;
+  std::vector<std::string> overrides;
+  bool overwrite = false;
+  int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  int max_scans = 0;
+};
+
 struct SimulateArguments {
   std::string preset{};  ///< or a trajectory
   std::filesystem::path out;
@@ -105,6 +113,7 @@ struct ConfigArguments {
 /// Each runs one verb. @returns what the program is to tell the shell (see exit_code.hpp), or throws.
 /// @{
 int run(const MapArguments& arguments);
+int run(const OdometryArguments& arguments);
 int run(const SimulateArguments& arguments);
 int run(const InspectArguments& arguments);
 int run(const CheckArguments& arguments);

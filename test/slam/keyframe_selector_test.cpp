@@ -38,6 +38,14 @@ TEST_SUITE("slam/keyframe_selector") {
     CHECK(select(frame_at(9, 0)).has_value());
   }
 
+  TEST_CASE("frames without a scan, as recordings have them, are never picked") {
+    KeyframeSelector select;
+    Frame bare = frame_at(0, 0);
+    bare.cloud = {};
+    CHECK_FALSE(select(bare).has_value());
+    CHECK(select(frame_at(0.1, 0)).has_value());
+  }
+
   TEST_CASE("distance 0 takes every frame; the scan is thinned, or kept whole at voxel 0") {
     KeyframeSelector all({.distance = 0, .scan_voxel = 0});
     CHECK(all(frame_at(0, 0))->cloud->size() == 3);

@@ -19,17 +19,21 @@ struct KeyframeOptions {
   /// Metres to which its points are rounded, as map files do: a map that is loaded then has the scans that it had. 0
   /// keeps them as they are.
   double scan_step = 0.01;
+
+  friend bool operator==(const KeyframeOptions&, const KeyframeOptions&) = default;
 };
 
 /// Picks frames that have moved far enough from the last one picked. Frames that odometry lost are never picked: their
-/// scans would go to the map at a guessed place.
+/// scans would go to the map at a guessed place. Neither are frames without a scan, of which a recording has only the
+/// pose.
 class KeyframeSelector {
  public:
   explicit KeyframeSelector(const KeyframeOptions& options = {}) : options_(options) {}
 
   /// @returns the frame as a keyframe without id and session, which the back end gives; nothing if it is too near.
   [[nodiscard]] std::optional<Keyframe> operator()(const Frame& frame) {
-    if (frame.health.status == FrameStatus::lost || !moved_enough(frame.T_odom_body)) return std::nullopt;
+    if (frame.health.status == FrameStatus::lost || frame.cloud.empty()) return std::nullopt;
+    if (!moved_enough(frame.T_odom_body)) return std::nullopt;
     last_ = frame.T_odom_body;
     Keyframe keyframe;
     keyframe.time = frame.time;

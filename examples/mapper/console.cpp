@@ -1,0 +1,59 @@
+#include "console.hpp"
+
+#include <cstdio>
+
+#include "support/imu_calibration.hpp"
+#include "support/summary.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+/// What may help odometry that loses scans.
+const char* remedy(OdometrySourceKind source) {
+  switch (source) {
+    case OdometrySourceKind::lidar:
+      return "run `chainslam inspect` on the data: gaps, times of points, ranges; with an IMU try --set "
+             "odometry.source=lidar_inertial";
+    case OdometrySourceKind::lidar_inertial:
+      return "run `chainslam inspect` on the data: units, clock and mounting of the IMU, gaps; try --set "
+             "odometry.source=lidar, which trusts the scans alone";
+    case OdometrySourceKind::fast_lio2:
+      return "try --set odometry.source=lidar_inertial or lidar: FAST-LIO2 needs a start at rest and a known mounting";
+  }
+  return "";
+}
+
+}  // namespace
+
+void print_notes(const char* mark, const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) std::fprintf(stderr, "%s %s\n", mark, note.c_str());
+}
+
+void print_verdict(const support::Verdict& verdict, OdometrySourceKind source) {
+  std::printf("verdict      %s\n", verdict.headline.c_str());
+  if (verdict.failed && !verdict.sentences.empty()) std::printf("  do: %s\n", remedy(source));
+}
+
+void print_imu(const support::RunSummary& summary) {
+  for (const support::SessionSummary& session : summary.sessions) {
+    const std::string use = support::text_of(session.health.imu_use);
+    if (session.loaded || use.empty()) continue;
+    std::printf("IMU          %s%s\n", summary.sessions.size() > 1 ? (session.name + ": ").c_str() : "", use.c_str());
+    if (!session.calibration) continue;
+    std::printf("             imu.time_offset by the scans: %s\n", time_offset_text(*session.calibration).c_str());
+    std::printf("             rotation of T_body_lidar by the scans: %s\n",
+                rotation_text(*session.calibration).c_str());
+  }
+}
+
+void print_errors(const RunOutcome& outcome) {
+  if (outcome.optimised_errors)
+    std::printf("error        %.3f m rmse, odometry alone %.3f m (against the truth, rigidly aligned)\n",
+                outcome.optimised_errors->translation.rmse, outcome.odometry_errors->translation.rmse);
+  if (outcome.inter_session_errors)
+    std::printf("             %.3f m between keyframes of different sessions at one place\n",
+                outcome.inter_session_errors->translation.rmse);
+}
+
+}  // namespace chainslam::mapper

@@ -1,0 +1,188 @@
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "chainslam/core/error.hpp"
+#include "chainslam/io/file_system.hpp"
+#include "chainslam/map/slam_map.hpp"
+#include "console.hpp"
+#include "datasets/odometry_recording.hpp"
+#include "exit_code.hpp"
+#include "options.hpp"
+#include "output_folder.hpp"
+#include "results.hpp"
+#include "session_front_end.hpp"
+#include "simulated_dataset.hpp"
+#include "support/interrupt.hpp"
+#include "support/progress.hpp"
+#include "trajectory_file.hpp"
+#include "verbs.hpp"
+
+namespace chainslam::mapper {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::unique_ptr<datasets::Dataset> open_data(const OdometryArguments& arguments, const MapperOptions& options) {
+  auto dataset = open_simulation(arguments.data.string());
+  if (!dataset) dataset = datasets::open_dataset(arguments.data, options.dataset);
+  if (dataset->info().has_odometry)
+    throw_input_error(arguments.data.string(), "", "a keyframe set, which has odometry",
+                      "map it: `chainslam map` takes the odometry that it has");
+  return dataset;
+}
+
+/// Runs odometry on a data set; frames and what is kept of them go to the recording, all but scans to a map.
+class Recorder {
+ public:
+  Recorder(datasets::Dataset& dataset, const MappingRun& run, datasets::OdometryRecording& recording)
+      : dataset_(dataset),
+        run_(run),
+        recording_(recording),
+        select_(keyframe_options(dataset.info(), run.options.keyframes)) {
+    state_.stage = "odometry of " + dataset.info().name;
+    state_.total = expected_scans(dataset.info(), run.max_scans);
+  }
+
+  [[nodiscard]] MappingResult record() {
+    const ThreadPool threads(run_.threads);
+    MappingResult result;
+    result.sessions.push_back(SessionFrontEnd(dataset_, run_, threads,
+                                              {.fix = [&](const GnssFix& fix) { recording_.add(fix); },
+                                               .frame = [&](const Frame& frame) { add(frame); },
+                                               .scan = [&](const SessionRun& so_far) { show(so_far); }})
+                                  .run());
+    run_.progress.finish();
+    result.sessions[0].id = session;
+    map_.sessions.push_back({.id = session,
+                             .name = result.sessions[0].name,
+                             .first_keyframe = 0,
+                             .keyframes = to_index(map_.keyframes.size()),
+                             .frame = session,
+                             .prior = {}});
+    result.map = std::make_shared<const SlamMap>(std::move(map_));
+    result.interrupted = run_.stop.stop_requested();
+    return result;
+  }
+
+ private:
+  static constexpr SessionId session{0};
+
+  void show(const SessionRun& so_far) {
+    state_.done = so_far.scans;
+    state_.keyframes = to_index(map_.keyframes.size());
+    run_.progress.update(state_);
+  }
+
+  void add(const Frame& frame) {
+    FrameRecord record = record_of(frame);
+    record.session = session;
+    std::optional<Keyframe> keyframe = select_(frame);
+    {
+      const auto measurement = run_.times.measure("write");
+      recording_.add(record, keyframe);
+    }
+    map_.frames.push_back(record);
+    state_.data_seconds = to_seconds(frame.time - map_.frames.front().time);
+    if (!keyframe) return;
+    keyframe->id = KeyframeId{to_index(map_.keyframes.size())};
+    keyframe->session = session;
+    keyframe->T_map_body = keyframe->T_odom_body;
+    keyframe->cloud.reset();  // it is in the recording
+    map_.keyframes.push_back(std::move(*keyframe));
+  }
+
+  datasets::Dataset& dataset_;
+  const MappingRun& run_;
+  datasets::OdometryRecording& recording_;
+  KeyframeSelector select_;
+  SlamMap map_;
+  support::ProgressState state_;
+};
+
+datasets::RecordingInfo description(const datasets::DatasetInfo& dataset, const SessionRun& session,
+                                    const MapperOptions& options) {
+  return {.session = session.name,
+          .odometry = name_of(options.odometry_source),
+          .source = dataset.source,
+          .truth_frame = dataset.truth_frame,
+          .scans = session.scans,
+          .keyframes = options.keyframes,
+          .notes = session.notes};
+}
+
+/// The goals that odometry alone can meet.
+Goals goals_of_odometry(const Goals& goals) {
+  return {.max_lost_share = goals.max_lost_share, .max_map_restarts = goals.max_map_restarts};
+}
+
+void print_outcome(const RunOutcome& outcome, const support::StageTimes& times, const fs::path& set,
+                   const fs::path& kept, OdometrySourceKind source) {
+  const support::RunSummary& summary = outcome.summary;
+  const support::Verdict verdict = support::verdict_of(summary);
+  print_verdict(verdict, source);
+  std::printf("scans        %d (%d lost, %d degenerate)\n", summary.scans, summary.lost_frames,
+              summary.degenerate_frames);
+  print_imu(summary);
+  std::printf("keyframes    %d over %.1f m\n", summary.keyframes, summary.path_length);
+  if (outcome.odometry_errors)
+    std::printf("error        %.3f m rmse (against the truth, rigidly aligned)\n",
+                outcome.odometry_errors->translation.rmse);
+  for (const support::StageTime& row : times.rows())
+    if (row.stage == "odometry")
+      std::printf("time         %.1f ms per scan (median), %.1f ms (99 %%)\n", 1e3 * row.p50, 1e3 * row.p99);
+  if (!kept.empty()) std::printf("kept         what was there is now %s\n", kept.c_str());
+  std::printf("recorded     %s\n", set.c_str());
+}
+
+}  // namespace
+
+int run(const OdometryArguments& arguments) {
+  MapperOptions options;
+  configure(options, arguments.config, arguments.overrides);
+  const auto dataset = open_data(arguments, options);
+  std::optional<Trajectory> truth =
+      arguments.truth.empty() ? dataset->truth() : std::optional(read_trajectory(arguments.truth).trajectory);
+  OutputFolder folder(arguments.out, arguments.overwrite);
+  print_notes("note:", dataset->info().notes);
+
+  const support::Interrupt interrupt;
+  support::Progress progress;
+  support::StageTimes times;
+  const MappingRun mapping_run{.options = options,
+                               .threads = to_index(arguments.threads),
+                               .stop = interrupt.token(),
+                               .max_scans = to_index(arguments.max_scans),
+                               .progress = progress,
+                               .times = times};
+  datasets::OdometryRecording recording(folder.path());
+  MappingResult result = Recorder(*dataset, mapping_run, recording).record();
+  SessionRun& session = result.sessions[0];
+  for (const std::string& warning : dataset->info().warnings) session.notes.push_back(warning);
+  print_notes("note:", session.notes);
+  if (result.map->keyframes.empty() && !result.interrupted)
+    throw_input_error(arguments.data.string(), "",
+                      std::to_string(session.scans) + " scans, none of which could be used",
+                      "run `chainslam inspect` on it; compare odometry.min_range and max_range with the scans' ranges");
+  recording.finish(description(dataset->info(), session, options), truth);
+  AtomicFile configuration(folder.path() / "config.toml");
+  configuration.write(configuration_text(options));
+  configuration.commit();
+  const fs::path kept = folder.commit();
+
+  session.truth = std::move(truth);
+  const bool interrupted = result.interrupted;
+  options.goals = goals_of_odometry(options.goals);
+  const RunOutcome outcome = conclude(std::move(result), arguments.data.string(), options);
+  print_outcome(outcome, times, folder.target(), kept, options.odometry_source);
+  if (interrupted) return exit_interrupted;
+  for (const support::GoalResult& goal : outcome.summary.goals)
+    if (!goal.met) return exit_goal_missed;
+  return exit_good;
+}
+
+}  // namespace chainslam::mapper

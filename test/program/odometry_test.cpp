@@ -1,0 +1,85 @@
+#include <doctest/doctest.h>
+
+#include <string>
+
+#include "program/run_program.hpp"
+#include "support/real_data.hpp"
+
+// `odometry`: what it records is a data set, and mapping that gives the map of the data themselves.
+
+namespace {
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+ProgramResult good(const ScratchFolder& scratch, const std::string& arguments) {
+  ProgramResult result = run_program(scratch.path(), arguments);
+  CAPTURE(result.output);
+  CAPTURE(result.errors);
+  REQUIRE(result.exit_code == 0);
+  return result;
+}
+
+/// Records, maps both ways with the same settings, and compares the bytes.
+void check_same_map(const std::string& data, const std::string& settings) {
+  const ScratchFolder scratch("odometry");
+  const fs::path set = scratch.path() / "set", direct = scratch.path() / "direct",
+                 recorded = scratch.path() / "recorded";
+  good(scratch, "odometry " + data + settings + " --out " + quoted(set));
+  good(scratch, "map " + data + settings + " --out " + quoted(direct));
+  good(scratch, "map " + quoted(set) + settings + " --threads 1 --out " + quoted(recorded));
+  CHECK(read_text(direct / "map.cslam").size() > 100'000);
+  CHECK(read_text(direct / "map.cslam") == read_text(recorded / "map.cslam"));
+  CHECK(read_text(direct / "odometry.tum") == read_text(recorded / "odometry.tum"));
+  CHECK(summary_of(direct)["keyframes"] == summary_of(recorded)["keyframes"]);
+  if (summary_of(direct)["errors"].contains("odometry"))
+    CHECK(rmse(summary_of(direct), "odometry") == rmse(summary_of(recorded), "odometry"));
+}
+
+}  // namespace
+
+TEST_SUITE("program/odometry") {
+  TEST_CASE("a map of recorded odometry is the map of the data, bit for bit: simulated, with fixes") {
+    check_same_map("simulate:nclt-like/small/1", " --max-scans 250 --set odometry.source=lidar");
+  }
+
+  TEST_CASE("a map of recorded odometry is the map of the data, bit for bit: KITTI with its IMU" *
+            doctest::skip(quick())) {
+    if (const auto data = real_data("kitti00_keyframes_imu/kitti00_keyframes_imu/kitti00_keyframes_imu"))
+      check_same_map(quoted(*data), " --max-scans 80");
+  }
+
+  TEST_CASE("a recording is inspected, mapped with other settings, and not recorded again") {
+    const auto data = real_data("kitti00_first101/kitti00_first101");
+    if (!data) return;
+    const ScratchFolder scratch("recording");
+    const fs::path set = scratch.path() / "set", thinned = scratch.path() / "thinned";
+    const std::string lidar = " --set odometry.source=lidar --max-scans 30 ";
+    const ProgramResult recorded =
+        good(scratch, "odometry " + quoted(*data) + lidar + "--set keyframes.distance=1 --out " + quoted(set));
+    CHECK(contains(recorded.output, "scans        30 (0 lost"));
+    CHECK(contains(recorded.output, "recorded     " + set.string()));
+    CHECK(fs::is_regular_file(set / "config.toml"));
+    const nlohmann::json description = nlohmann::json::parse(read_text(set / "odometry.json"));
+    CHECK(description["frames"] == 30);
+    CHECK(description["keyframes"]["distance"] == 1);
+
+    const std::string found = good(scratch, "inspect " + quoted(set)).output;
+    CHECK(contains(found, "odometry lidar"));
+    CHECK(contains(found, "30 frames of 30 scans, 0 of them lost"));
+
+    good(scratch, "map " + quoted(set) + " --set keyframes.distance=5 --out " + quoted(thinned));
+    const auto kept = summary_of(thinned)["keyframes"].get<int>();
+    CHECK(kept > 2);
+    CHECK(3 * kept <= static_cast<int>(std::distance(fs::directory_iterator(set / "Scans"), fs::directory_iterator())));
+
+    const ProgramResult again =
+        run_program(scratch.path(), "odometry " + quoted(set) + " --out " + quoted(scratch.path() / "b"));
+    CHECK(again.exit_code == 3);
+    CHECK(contains(again.errors, "do: map it"));
+    const ProgramResult over =
+        run_program(scratch.path(), "odometry " + quoted(*data) + lidar + "--out " + quoted(set));
+    CHECK(over.exit_code == 4);
+    CHECK(nlohmann::json::parse(read_text(set / "odometry.json")) == description);
+  }
+}
