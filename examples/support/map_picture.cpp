@@ -12,6 +12,7 @@
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/io/file_system.hpp"
+#include "support/report_parts.hpp"
 
 namespace chainslam::support {
 namespace {
@@ -21,7 +22,7 @@ struct Range {
   double max = std::numeric_limits<double>::lowest();
 
   void include(double value) {
-    if (!is_finite(value)) return;
+    if (!is_drawable(value)) return;
     min = std::min(min, value);
     max = std::max(max, value);
   }
@@ -73,7 +74,7 @@ struct HeightRaster {
     if (!is_finite(point)) return;
     const double column = std::floor((point.x() + origin.x() - view.min_x) / cell);
     const double row = std::floor((view.max_y - point.y() - origin.y()) / cell);
-    if (column < 0 || row < 0 || column >= width || row >= height) return;
+    if (!(column >= 0 && row >= 0 && column < width && row < height)) return;  // nor what is NaN
     const auto at = static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column);
     if (lowest[at] > highest[at]) ++occupied;
     ++points;
@@ -89,7 +90,7 @@ Color color_of(std::uint32_t rgb) {
          255.0F;
 }
 
-/// A picture that strokes are blended onto, in pixels, y down.
+/// A picture that strokes are blended onto, in pixels, y down. What is drawn outside of it is clipped.
 class Canvas {
  public:
   Canvas(Index width, Index height, const Color& background)
@@ -99,12 +100,12 @@ class Canvas {
         coverage_(pixels_.size(), 0.0F) {}
 
   void blend(Index column, Index row, const Color& color, float opacity) {
-    Color& pixel = pixels_[at(column, row)];
-    pixel += opacity * (color - pixel);
+    if (contains(column, row)) blend(at(column, row), color, opacity);
   }
 
   /// Marks what a line covers; `paint` blends all that was marked at once, so that joints are not painted twice.
   void mark(const Eigen::Vector2f& a, const Eigen::Vector2f& b, float line_width) {
+    if (!is_finite(a) || !is_finite(b)) return;
     const float reach = 0.5F * line_width + 1.0F;
     const Index first_column = clamp(std::min(a.x(), b.x()) - reach, width_);
     const Index last_column = clamp(std::max(a.x(), b.x()) + reach, width_);
@@ -117,8 +118,7 @@ class Canvas {
         const Eigen::Vector2f from_a = Eigen::Vector2f(float(column) + 0.5F, float(row) + 0.5F) - a;
         const float along = std::clamp(from_a.dot(direction) / squared_length, 0.0F, 1.0F);
         const float distance = (from_a - along * direction).norm();
-        float& coverage = coverage_[at(column, row)];
-        coverage = std::max(coverage, std::clamp(0.5F * line_width + 0.5F - distance, 0.0F, 1.0F));
+        cover(column, row, std::clamp(0.5F * line_width + 0.5F - distance, 0.0F, 1.0F));
       }
     }
   }
@@ -126,7 +126,7 @@ class Canvas {
   void paint(const Color& color, float opacity) {
     for (std::size_t i = 0; i < pixels_.size(); ++i) {
       if (coverage_[i] == 0.0F) continue;
-      pixels_[i] += coverage_[i] * opacity * (color - pixels_[i]);
+      blend(i, color, coverage_[i] * opacity);
       coverage_[i] = 0.0F;
     }
   }
@@ -145,6 +145,15 @@ class Canvas {
  private:
   static Index clamp(float value, Index count) {
     return static_cast<Index>(std::clamp(value, 0.0F, static_cast<float>(count - 1)));
+  }
+  [[nodiscard]] bool contains(Index column, Index row) const {
+    return column >= 0 && row >= 0 && column < width_ && row < height_;
+  }
+  void blend(std::size_t pixel, const Color& color, float opacity) {
+    pixels_[pixel] += opacity * (color - pixels_[pixel]);
+  }
+  void cover(Index column, Index row, float coverage) {
+    if (contains(column, row)) coverage_[at(column, row)] = std::max(coverage_[at(column, row)], coverage);
   }
   [[nodiscard]] std::size_t at(Index column, Index row) const {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(column);
@@ -180,8 +189,7 @@ void draw_text(Canvas& canvas, std::string_view text, Index left, Index top, Ind
     const auto rows = glyph(letter);
     for (Index y = 0; y < 7 * scale; ++y)
       for (Index x = 0; x < 5 * scale; ++x)
-        if ((rows[static_cast<std::size_t>(y / scale)] >> (4 - x / scale) & 1) != 0 && left + x < canvas.width() &&
-            top + y < canvas.height())
+        if ((rows[static_cast<std::size_t>(y / scale)] >> (4 - x / scale) & 1) != 0)
           canvas.blend(left + x, top + y, color, 1.0F);
     left += 6 * scale;
   }
@@ -212,7 +220,7 @@ class MapPainter {
 
   void path(const std::vector<Eigen::Vector3d>& positions, std::uint32_t color, float width, float opacity) {
     for (std::size_t i = 1; i < positions.size(); ++i)
-      if (is_finite(positions[i - 1]) && is_finite(positions[i]))
+      if (is_drawable(positions[i - 1]) && is_drawable(positions[i]))
         canvas_.mark(pixel(positions[i - 1]), pixel(positions[i]), width);
     canvas_.paint(color_of(color), opacity);
   }
@@ -225,8 +233,9 @@ class MapPainter {
       if (closure.kind != kind || std::min(closure.from, closure.to) < 0 ||
           std::max(closure.from, closure.to) >= std::ssize(keyframes))
         continue;
-      canvas_.mark(pixel(keyframes[static_cast<std::size_t>(closure.from)]),
-                   pixel(keyframes[static_cast<std::size_t>(closure.to)]), width);
+      const Eigen::Vector3d& from = keyframes[static_cast<std::size_t>(closure.from)];
+      const Eigen::Vector3d& to = keyframes[static_cast<std::size_t>(closure.to)];
+      if (is_drawable(from) && is_drawable(to)) canvas_.mark(pixel(from), pixel(to), width);
     }
     canvas_.paint(color_of(closure_color(kind)), 0.85F);
   }
@@ -256,7 +265,13 @@ class MapPainter {
 
 MapView view_of(const ReportData& data) {
   const Range x = shown_range(data, 0), y = shown_range(data, 1);
-  return {x.min, y.min, x.max, y.max};
+  return with_least_sides({x.min, y.min, x.max, y.max});
+}
+
+MapView with_least_sides(const MapView& view) {
+  const double least = std::max(view.width(), view.height()) / 8.0;
+  const double x = std::max(0.0, 0.5 * (least - view.width())), y = std::max(0.0, 0.5 * (least - view.height()));
+  return {view.min_x - x, view.min_y - y, view.max_x + x, view.max_y + y};
 }
 
 MapRaster rasterize(const ReportData& data, const MapView& view, Index largest_side) {

@@ -21,8 +21,12 @@ struct MapView {
   [[nodiscard]] double height() const { return max_y - min_y; }
 };
 
-/// All trajectories and nearly all points: the outermost hundredth of the points on each side has no say.
+/// All trajectories and nearly all points: the outermost hundredth of the points on each side has no say. A long thin
+/// map gets a view whose shorter side is an eighth of the longer one, so that there is a picture to look at.
 [[nodiscard]] MapView view_of(const ReportData& data);
+
+/// The view with its shorter side widened to an eighth of the longer one, about its centre.
+[[nodiscard]] MapView with_least_sides(const MapView& view);
 
 /// The map from above, as opacity: 0 where nothing is, faint ground, strong walls. Rows from the largest y down.
 struct MapRaster {

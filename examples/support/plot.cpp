@@ -6,8 +6,8 @@
 #include <iterator>
 #include <limits>
 
-#include "chainslam/core/finite.hpp"
 #include "support/encoding.hpp"
+#include "support/report_parts.hpp"
 
 namespace chainslam::support {
 namespace {
@@ -25,11 +25,11 @@ std::string coordinate(double value) {
   return {buffer, std::to_chars(buffer, std::end(buffer), value, std::chars_format::fixed, 1).ptr};
 }
 
-/// Finite values, thinned so that each stretch keeps its lowest and its highest.
+/// What can be drawn of the values, thinned so that each stretch keeps its lowest and its highest.
 ReportSeries thinned(const ReportSeries& series) {
   ReportSeries finite{.name = series.name};
   for (std::size_t i = 0; i < std::min(series.x.size(), series.y.size()); ++i) {
-    if (!is_finite(series.x[i]) || !is_finite(series.y[i])) continue;
+    if (!is_drawable(series.x[i]) || !is_drawable(series.y[i])) continue;
     finite.x.push_back(series.x[i]);
     finite.y.push_back(series.y[i]);
   }
@@ -89,7 +89,8 @@ std::vector<double> axis_ticks(double low, double high, int count) {
   for (const double factor : {5.0, 2.0, 1.0})
     if (factor * power >= rough) step = factor * power;
   std::vector<double> ticks;
-  for (double i = std::ceil(low / step); i * step <= high; i += 1.0) ticks.push_back(i * step);
+  const double first = std::ceil(low / step);  // so large, perhaps, that adding 1 does not change it
+  for (int i = 0; i <= count && (first + i) * step <= high; ++i) ticks.push_back((first + i) * step);
   return ticks;
 }
 

@@ -89,7 +89,7 @@ void add_points(const Keyframe& keyframe, const Eigen::Vector3d& offset, double 
   if (!keyframe.cloud) return;
   for (const Eigen::Vector3f& position : keyframe.cloud->positions) {
     const Eigen::Vector3d point = keyframe.T_map_body * Eigen::Vector3d(position.cast<double>());
-    const std::optional<Cell> cell = cell_of(point / voxel_size);
+    const std::optional<Cell> cell = cell_of((point - data.points_origin) / voxel_size);
     if (!cell || !cells.insert(*cell, cells.size()).second) continue;
     data.points.emplace_back((point + offset - data.points_origin).cast<float>());
     data.point_sessions.push_back(static_cast<std::uint8_t>(std::min<Index>(keyframe.session.value, 255)));

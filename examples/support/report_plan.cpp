@@ -5,7 +5,6 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/core/finite.hpp"
 #include "support/encoding.hpp"
 #include "support/map_picture.hpp"
 #include "support/report_parts.hpp"
@@ -50,7 +49,7 @@ class PlanDrawing {
     for (const ReportSession& session : data_.sessions)
       for (const std::vector<Eigen::Vector3d>& stretch : session.lost) {
         html += path("lost", stretch);
-        if (!stretch.empty() && is_finite(stretch.front()))
+        if (!stretch.empty() && is_drawable(stretch.front()))
           html += "<circle class=\"lost\" r=\"6\" cx=\"" + x(stretch.front().x()) + "\" cy=\"" +
                   y(stretch.front().y()) + "\"/>";
       }
@@ -63,7 +62,7 @@ class PlanDrawing {
       if (closure.kind != kind) continue;
       const Eigen::Vector3d& from = keyframe(closure.from);
       const Eigen::Vector3d& to = keyframe(closure.to);
-      if (!is_finite(from) || !is_finite(to)) continue;
+      if (!is_drawable(from) || !is_drawable(to)) continue;
       lines += "M" + x(from.x()) + " " + y(from.y()) + "L" + x(to.x()) + " " + y(to.y());
     }
     if (lines.empty()) return "";
@@ -81,7 +80,7 @@ class PlanDrawing {
       blots += "<path class=\"component k" + std::to_string(c % 4) + "\" d=\"" + blot(members) + "\"/>";
       if (c >= numbered) continue;
       const Eigen::Vector3d& middle = keyframe(members[members.size() / 2]);
-      if (is_finite(middle))
+      if (is_drawable(middle))
         numbers += "<text class=\"number\" x=\"" + x(middle.x()) + "\" y=\"" + y(middle.y()) +
                    "\" dx=\"9\" dy=\"-9\">" + std::to_string(c + 1) + "</text>";
     }
@@ -109,7 +108,7 @@ class PlanDrawing {
     if (positions.size() < 2) return "";
     std::string points;
     for (const Eigen::Vector3d& p : positions)
-      if (is_finite(p)) points += (points.empty() ? "" : " ") + x(p.x()) + "," + y(p.y());
+      if (is_drawable(p)) points += (points.empty() ? "" : " ") + x(p.x()) + "," + y(p.y());
     return "<polyline class=\"path " + classes + "\" points=\"" + points + "\"/>";
   }
 
@@ -119,7 +118,7 @@ class PlanDrawing {
     Index last = -2;
     for (const Index i : members) {
       const Eigen::Vector3d& p = keyframe(i);
-      if (!is_finite(p)) continue;
+      if (!is_drawable(p)) continue;
       const bool goes_on = i == last + 1 && (p - keyframe(last)).norm() < 15.0;
       path += (goes_on ? "L" : "M") + x(p.x()) + " " + y(p.y()) + (goes_on ? "" : "h0");
       last = i;
@@ -154,13 +153,13 @@ MapView view_with_odometry(const ReportData& data) {
   constexpr double margin = 5.0;
   for (const ReportSession& session : data.sessions)
     for (const Eigen::Vector3d& p : session.odometry) {
-      if (!is_finite(p)) continue;
+      if (!is_drawable(p)) continue;
       view.min_x = std::min(view.min_x, p.x() - margin);
       view.min_y = std::min(view.min_y, p.y() - margin);
       view.max_x = std::max(view.max_x, p.x() + margin);
       view.max_y = std::max(view.max_y, p.y() + margin);
     }
-  return view;
+  return with_least_sides(view);
 }
 
 }  // namespace
