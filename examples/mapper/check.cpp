@@ -1,6 +1,8 @@
 #include <cstdio>
 #include <filesystem>
+#include <string>
 
+#include "chainslam/core/printable.hpp"
 #include "exit_code.hpp"
 #include "map_file.hpp"
 #include "verbs.hpp"
@@ -11,15 +13,16 @@ int run(const CheckArguments& arguments) {
   const std::filesystem::path& path = arguments.map;
   const LoadedMap loaded = open_map(path, {.recover = true});
   const MapFileReport& report = loaded.report;
+  const std::string name = printable(path.native());
   if (report.complete) {
-    std::printf("%s: whole, format %d.%d\n  %s\n", path.c_str(), report.format_major, report.format_minor,
+    std::printf("%s: whole, format %d.%d\n  %s\n", name.c_str(), report.format_major, report.format_minor,
                 short_account(loaded.map).c_str());
     if (report.unknown_chunks > 0)
       std::printf("  %d parts of a newer version, unknown to this one\n", report.unknown_chunks);
     return exit_good;
   }
-  std::fprintf(stderr, "error: %s: not whole\n", path.c_str());
-  for (const std::string& line : losses(loaded)) std::fprintf(stderr, "  found: %s\n", line.c_str());
+  std::fprintf(stderr, "error: %s: not whole\n", name.c_str());
+  for (const std::string& line : losses(loaded)) std::fprintf(stderr, "  found: %s\n", printable(line).c_str());
   std::fprintf(stderr, "  do: `chainslam recover` saves what is left in a new file: %s\n",
                short_account(loaded.map).c_str());
   return exit_input;

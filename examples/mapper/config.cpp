@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <string>
 
+#include "chainslam/core/printable.hpp"
 #include "exit_code.hpp"
 #include "options.hpp"
 #include "verbs.hpp"
@@ -16,7 +17,7 @@ int run(const ConfigArguments& arguments) {
   if (!file.empty()) configuration.load(file);
   for (const std::string& assignment : arguments.overrides) configuration.set(assignment);
   configuration.apply();
-  if (!arguments.check.empty()) std::printf("%s: good\n", arguments.check.c_str());
+  if (!arguments.check.empty()) std::printf("%s: good\n", printable(arguments.check.native()).c_str());
   if (arguments.print) std::printf("%s", configuration.print().c_str());
   return exit_good;
 }

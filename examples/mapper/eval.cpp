@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/evaluation/ape.hpp"
 #include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/evaluation/rpe.hpp"
@@ -154,7 +155,7 @@ int verdict(const EvalArguments& options, const Evaluation& evaluation) {
 
 int run(const EvalArguments& options) {
   const Evaluation evaluation = evaluate(options);
-  std::fputs(evaluation_table(evaluation).c_str(), stdout);
+  std::fputs(printable(evaluation_table(evaluation), true).c_str(), stdout);
   if (!options.json.empty()) {
     AtomicFile file(options.json);
     file.write(evaluation_json(evaluation));

@@ -190,7 +190,7 @@ std::string evaluation_json(const Evaluation& evaluation) {
                                      {"translation", to_json(evaluation.rpe.translation)},
                                      {"rotation_deg", to_json(in_degrees(evaluation.rpe.rotation))}}},
                                    {"kitti", to_json(evaluation.kitti, evaluation.kitti_options.step)}};
-  return document.dump(2) + '\n';
+  return document.dump(2, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + '\n';
 }
 
 }  // namespace chainslam::mapper

@@ -3,6 +3,7 @@
 #include <map>
 #include <string>
 
+#include "chainslam/core/printable.hpp"
 #include "exit_code.hpp"
 #include "map_export.hpp"
 #include "map_file.hpp"
@@ -26,7 +27,7 @@ int run(const ExportArguments& arguments) {
   const bool scans = options.format == ExportFormat::ply || options.format == ExportFormat::pcd;
   const LoadedMap loaded = open_map(arguments.map, {.scans = scans});
   for (const std::filesystem::path& path : export_map(loaded.map, arguments.out, options))
-    std::printf("written      %s\n", path.c_str());
+    std::printf("written      %s\n", printable(path.native()).c_str());
   return exit_good;
 }
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "exit_code.hpp"
 #include "inspect_imu.hpp"
@@ -58,16 +59,20 @@ datasets::Inspection inspect_map(const fs::path& path) {
   return result;
 }
 
+void print(const fs::path& path, const datasets::Inspection& found) {
+  std::printf("%s: %s", printable(path.native()).c_str(), printable(to_text(found), true).c_str());
+}
+
 void print_closures(const fs::path& path) {
   InputFile file(path / "closures.csv");
-  while (const auto line = file.read_line()) std::printf("%.*s\n", static_cast<int>(line->size()), line->data());
+  while (const auto line = file.read_line()) std::printf("%s\n", printable(*line).c_str());
 }
 
 }  // namespace
 
 int run(const InspectArguments& arguments) {
   if (is_map_file(arguments.path)) {
-    std::printf("%s: %s", arguments.path.c_str(), to_text(inspect_map_file(arguments.path)).c_str());
+    print(arguments.path, inspect_map_file(arguments.path));
     if (arguments.closures) print_closures_of(arguments.path);
     return exit_good;
   }
@@ -84,7 +89,7 @@ int run(const InspectArguments& arguments) {
     inspect_imu(arguments.path, options, arguments.imu_seconds, interrupt.token(), found);
     interrupted = interrupt.requested();
   }
-  std::printf("%s: %s", arguments.path.c_str(), to_text(found).c_str());
+  print(arguments.path, found);
   if (arguments.closures) print_closures(arguments.path);
   return interrupted ? exit_interrupted : exit_good;
 }

@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "command_line.hpp"
 #include "exit_code.hpp"
 #include "support/configuration.hpp"
@@ -14,7 +15,7 @@ using namespace chainslam;
 using namespace chainslam::mapper;
 
 int report(const char* message, int code) {
-  std::fprintf(stderr, "error: %s\n", message);
+  std::fprintf(stderr, "error: %s\n", printable(message, true).c_str());
   return code;
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/io/g2o.hpp"
@@ -81,7 +82,7 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
   std::printf("poses        %zu\nedges        %zu\ncost (chi2)  %.10g -> %.10g\niterations   %d, %s\n",
               records.vertices.size(), records.edges.size(), report.initial_cost, report.final_cost, report.iterations,
               words(report.status));
-  for (const auto& [kind, count] : file.unknown) std::printf("skipped      %d lines %s\n", count, kind.c_str());
+  for (const auto& [kind, count] : file.unknown) std::printf("skipped      %d lines %s\n", count, printable(kind).c_str());
   if (!report.ok()) {
     for (const Key key : report.variables)
       std::fprintf(stderr, "vertex %lld\n", static_cast<long long>(records.vertices[static_cast<std::size_t>(key)].id));
@@ -91,7 +92,7 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
   if (!arguments.out.empty()) {
     for (std::size_t i = 0; i < records.vertices.size(); ++i) records.vertices[i].pose = graph[static_cast<Key>(i)];
     write_g2o(arguments.out, file);
-    std::printf("written      %s\n", arguments.out.c_str());
+    std::printf("written      %s\n", printable(arguments.out.native()).c_str());
   }
   return report.status == OptimizeStatus::converged ? exit_good : exit_goal_missed;
 }

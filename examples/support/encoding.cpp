@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 
+#include "chainslam/core/printable.hpp"
+
 namespace chainslam::support {
 namespace {
 
@@ -43,7 +45,7 @@ void compress(std::array<std::uint32_t, 8>& state, const unsigned char* block) {
 
 std::string escape_html(std::string_view text) {
   std::string result;
-  for (const char c : text) {
+  for (const char c : printable(text, true)) {
     switch (c) {
       case '&':
         result += "&amp;";

@@ -9,7 +9,8 @@
 
 namespace chainslam::support {
 
-/// Text as HTML text or attribute value: no character of it can open a tag, an entity or end a quote.
+/// Text as HTML text or attribute value: no character of it can open a tag, an entity or end a quote, and what is no
+/// printable text is escaped.
 [[nodiscard]] std::string escape_html(std::string_view text);
 
 /// RFC 4648, section 4, with padding.

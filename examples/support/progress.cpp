@@ -6,6 +6,8 @@
 #include <fstream>
 #include <string>
 
+#include "chainslam/core/printable.hpp"
+
 namespace chainslam::support {
 namespace {
 
@@ -87,7 +89,7 @@ void Progress::progress(const StageProgress& progress) {
 
 void Progress::warning(std::string_view text) {
   clear_line();
-  std::fprintf(stream_, "warning: %.*s\n", static_cast<int>(text.size()), text.data());
+  std::fprintf(stream_, "warning: %s\n", printable(text).c_str());
   std::fflush(stream_);
 }
 
@@ -103,7 +105,7 @@ void Progress::finish(Clock::time_point now) {
 void Progress::show(Clock::time_point now) {
   const double elapsed = std::chrono::duration<double>(now - stage_start_).count();
   clear_line();
-  std::string line = progress_line(state_, elapsed, current_memory());
+  std::string line = printable(progress_line(state_, elapsed, current_memory()));
   if (!terminal_) line += '\n';
   std::fputs(line.c_str(), stream_);
   std::fflush(stream_);

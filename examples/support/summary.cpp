@@ -194,7 +194,7 @@ std::string summary_json(const RunSummary& summary) {
     json["goals"].push_back({{"name", goal.name}, {"bound", goal.bound}, {"value", goal.value}, {"met", goal.met}});
   json["notes"] = summary.notes;
   // Names come from files: what is not UTF-8 in them is replaced, not thrown at the end of a long run.
-  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  return json.dump(2, ' ', true, Json::error_handler_t::replace) + "\n";
 }
 
 void write_summary(const std::filesystem::path& path, const RunSummary& summary) {

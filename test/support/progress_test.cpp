@@ -98,6 +98,18 @@ TEST_SUITE("support/progress") {
     CHECK(capture.text().find("\r\x1b[Kwarning: gap of 2 s in the scans\n") != std::string::npos);
   }
 
+  TEST_CASE("names that hold control characters do not reach the terminal as they are") {
+    const Capture capture;
+    Progress progress(capture.stream(), false);
+    progress.update({.stage = "mapping \x1b]0;title\x07", .done = 1, .total = 1}, start);
+    progress.warning("topic /\x1b[2J\xc2\x9b is late\nverdict      good");
+    progress.finish(start + 1s);
+    const std::string text = capture.text();
+    CHECK(text.find('\x1b') == std::string::npos);
+    CHECK(text.find("\xc2\x9b") == std::string::npos);
+    CHECK(text.find("warning: topic /\\x1B[2J\\xC2\\x9B is late\\x0Averdict      good\n") != std::string::npos);
+  }
+
   TEST_CASE("nothing to tell prints nothing") {
     const Capture capture;
     { Progress progress(capture.stream(), true); }

@@ -128,6 +128,7 @@ TEST_SUITE("support/encoding") {
   }
 
   TEST_CASE("escaped text opens no tag, entity or quote") {
+    CHECK(escape_html("a\x1b[2J\xff\n") == "a\\x1B[2J\\xFF\n");
     CHECK(escape_html("<a href=\"x\" id='y'>&amp;") == "&lt;a href=&quot;x&quot; id=&#39;y&#39;&gt;&amp;amp;");
   }
 }

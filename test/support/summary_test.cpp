@@ -120,6 +120,8 @@ TEST_SUITE("support/summary") {
   TEST_CASE("nothing found is an empty object, a figure that is none is null, and a bad name does not throw") {
     RunSummary summary{.dataset = "bad \xff name"};
     CHECK(has(summary_json(summary), "\"refusals\": {},"));
+    summary.dataset = "\x1b[2J\x7f\xc2\x9b\xe2\x80\xae";  // what a terminal obeys that shows the file
+    for (const char c : summary_json(summary)) CHECK((c == '\n' || (c >= ' ' && c <= '~')));
     summary.errors["ape"] = std::numeric_limits<double>::quiet_NaN();
     CHECK(has(summary_json(summary), "\"ape\": null"));
   }

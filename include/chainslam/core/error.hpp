@@ -4,11 +4,13 @@
 #include <string>
 #include <utility>
 
+#include "chainslam/core/printable.hpp"
+
 namespace chainslam {
 
 /// A file or device that could not be read or written as asked.
 ///
-/// `what()` is three lines: path and place; what was found; what to do.
+/// `what()` is three lines: path and place; what was found; what to do. What is not fit to be printed is escaped there.
 class IoError : public std::runtime_error {
  public:
   enum class Kind { input, output };
@@ -27,8 +29,8 @@ class IoError : public std::runtime_error {
 
  private:
   static std::string format(const Report& report) {
-    return report.path + (report.place.empty() ? "" : ", " + report.place) + "\n  found: " + report.found +
-           "\n  do: " + report.remedy;
+    return printable(report.path) + (report.place.empty() ? "" : ", " + printable(report.place)) +
+           "\n  found: " + printable(report.found) + "\n  do: " + printable(report.remedy, true);
   }
 
   Kind kind_;

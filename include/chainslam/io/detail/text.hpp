@@ -8,6 +8,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "chainslam/core/printable.hpp"
 #include "chainslam/core/timestamp.hpp"
 
 namespace chainslam::detail {
@@ -117,11 +118,11 @@ inline std::string time_remedy(std::string_view field) {
   return number_remedy(field, "the time in seconds");
 }
 
-/// At most 40 characters of a field, fit for a message.
+/// At most 40 bytes of a field, fit for a message.
 inline std::string shown(std::string_view field) {
-  std::string text = "'";
-  for (const char c : field.substr(0, 40)) text += c >= ' ' && c != '\x7F' ? c : '?';
-  return text + (field.size() > 40 ? "...'" : "'");
+  std::size_t end = 40;  // not within a character of several bytes
+  while (end < field.size() && end > 36 && (static_cast<unsigned char>(field[end]) & 0xC0U) == 0x80U) --end;
+  return "'" + printable(field.substr(0, end)) + (field.size() > end ? "...'" : "'");
 }
 
 }  // namespace chainslam::detail
