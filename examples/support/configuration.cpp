@@ -140,6 +140,63 @@ std::string place_text(const std::string& file, const toml::source_position& pos
   return file + ", line " + std::to_string(position.line) + ", column " + std::to_string(position.column);
 }
 
+constexpr std::size_t deepest_toml = 32;
+
+/// Passes over a string of TOML, from its opening quotes on. @returns its characters.
+std::size_t string_length(std::string_view text) {
+  const std::string_view quotes = text.substr(0, text.starts_with(text.front() == '"' ? "\"\"\"" : "'''") ? 3 : 1);
+  for (std::size_t i = quotes.size(); i < text.size(); ++i) {
+    if (quotes.front() == '"' && text[i] == '\\')
+      ++i;
+    else if (text.substr(i).starts_with(quotes) || (quotes.size() == 1 && text[i] == '\n'))
+      return i + quotes.size();
+  }
+  return text.size();
+}
+
+/// The first line of a TOML text that nests deeper than `deepest_toml`, by brackets or by the parts of a dotted key; the
+/// parser, which is recursive, would overflow the stack. Nothing if there is none.
+std::optional<std::size_t> too_deep_line(std::string_view text) {
+  std::size_t line = 1, brackets = 0, dots = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    switch (text[i]) {
+      case '"':
+      case '\'': {
+        const std::size_t length = string_length(text.substr(i));
+        line += static_cast<std::size_t>(std::ranges::count(text.substr(i, length), '\n'));
+        i += length - 1;
+        break;
+      }
+      case '#':
+        i = std::min(text.find('\n', i), text.size()) - 1;
+        break;
+      case '\n':
+        ++line;
+        [[fallthrough]];
+      case '=':
+      case ',':
+        dots = 0;
+        break;
+      case '[':
+      case '{':
+        ++brackets;
+        dots = 0;
+        break;
+      case ']':
+      case '}':
+        if (brackets > 0) --brackets;
+        break;
+      case '.':
+        ++dots;
+        break;
+      default:
+        break;
+    }
+    if (brackets > deepest_toml || dots >= deepest_toml) return line;
+  }
+  return std::nullopt;
+}
+
 std::string read_file(const std::filesystem::path& path) {
   const std::string name = path.string();
   std::error_code error;
@@ -200,6 +257,7 @@ class Configuration::TomlReader {
     for (auto&& [key, node] : table) {
       const std::string name = prefix + std::string(key.str());
       const toml::source_position position = key.source().begin;
+      if (errors_ > 50) return;  // a file of other things than ours: the nearest name to each would take its time
       try {
         read_node(name, node, position);
       } catch (const ConfigError& error) {
@@ -229,6 +287,7 @@ class Configuration::TomlReader {
   }
 
   void note(const ConfigError& error, const toml::source_position& position) {
+    ++errors_;
     if (first_error_ &&
         std::tie(first_position_.line, first_position_.column) <= std::tie(position.line, position.column))
       return;
@@ -241,6 +300,7 @@ class Configuration::TomlReader {
   std::vector<Assignment> assignments_;
   std::optional<ConfigError> first_error_;
   toml::source_position first_position_{};
+  std::size_t errors_ = 0;
 };
 
 // ---- registration ----
@@ -279,6 +339,10 @@ void Configuration::add_rule(std::vector<std::string> keys, std::string demand, 
 void Configuration::load(const std::filesystem::path& file) { load_text(read_file(file), file.string()); }
 
 void Configuration::load_text(std::string_view text, const std::string& name) {
+  if (const auto line = too_deep_line(text))
+    throw ConfigError(name + ", line " + std::to_string(*line), "nested too deeply",
+                      "more than " + std::to_string(deepest_toml) + " levels",
+                      "write table.key = value; `chainslam config --print` shows a whole file");
   try {
     std::vector<Assignment> read = TomlReader(*this, name).read(toml::parse(text));
     assignments_.insert(assignments_.end(), std::make_move_iterator(read.begin()), std::make_move_iterator(read.end()));
@@ -303,12 +367,12 @@ void Configuration::set(std::string_view assignment) {
   const Key* key = find(name);
   if (key == nullptr) throw unknown_key(place, name);
   std::optional<Value> value;
-  try {
-    const toml::table table = toml::parse("value = " + text);
-    if (table.size() == 1) value = value_of(*table.get("value"));
-  } catch (const toml::parse_error&) {
-    value.reset();  // text without quotes is no TOML; it is what keys that hold text take
-  }
+  if (!too_deep_line(text)) try {
+      const toml::table table = toml::parse("value = " + text);
+      if (table.size() == 1) value = value_of(*table.get("value"));
+    } catch (const toml::parse_error&) {
+      value.reset();  // text without quotes is no TOML; it is what keys that hold text take
+    }
   if (is_text_like(key->target) && !(value && std::holds_alternative<std::string>(*value))) value = text;
   check(*key, value.value_or(text), place);
   assignments_.push_back({static_cast<std::size_t>(key - keys_.data()), value.value_or(text), place});

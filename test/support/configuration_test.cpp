@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <chrono>
 #include <array>
 #include <cmath>
 #include <filesystem>
@@ -88,6 +89,13 @@ std::string complaint_of_override(std::string_view assignment) {
     return error.what();
   }
   return "";
+}
+
+/// A path that goes up as often as no TOML key has parts.
+std::string repeated_folders() {
+  std::string path;
+  for (int i = 0; i < 100; ++i) path += "../";
+  return path;
 }
 
 TEST_SUITE("support/configuration") {
@@ -225,7 +233,40 @@ pair = [4, 5]
     CHECK(twice.find("cannot redefine existing integer 'max_iterations'") != std::string::npos);
     CHECK(complaint("[icp]\n[icp]\n").starts_with("site.toml, line 2"));
     CHECK(complaint("name = \"\xff\"").find("not TOML") != std::string::npos);
-    CHECK(complaint(std::string(100'000, '[')).find("not TOML") != std::string::npos);
+  }
+
+  TEST_CASE("what nests too deeply for the parser is refused before it, in bounded time") {
+    const auto repeated = [](const std::string& part, std::size_t bytes) {
+      std::string text;
+      while (text.size() + part.size() <= bytes) text += part;
+      return text;
+    };
+    const std::string deep = "site.toml, line 2: nested too deeply\n  found: more than 32 levels\n  do: ";
+    for (const char* part : {"a.", "[", "{a=", "[[", "'a'.", "\"a\".", "a . "})
+      for (const std::size_t bytes : {std::size_t{400}, std::size_t{1'000'000}}) {
+        CAPTURE(part);
+        CHECK(complaint("\n" + repeated(part, bytes) + "a = 1").starts_with(deep));
+        CHECK(complaint("\n[" + repeated(part, bytes) + "a]").starts_with(deep));
+        CHECK(complaint("\na = " + repeated(part, bytes)).starts_with(deep));
+      }
+    CHECK(complaint_of_override("icp.max_iterations=" + std::string(100'000, '[')).find("wrong type") !=
+          std::string::npos);
+    const auto start = std::chrono::steady_clock::now();
+    for (const char* part : {"k = 1\n", "\"\"\"", "''' ", "x = '[[[[....'\n", "[a]\n", "1.", "\\\""})
+      CHECK(!complaint(repeated(part, 1'000'000)).empty());
+    std::string keys;  // unknown ones, each of which would be compared with all that are known
+    for (int i = 0; keys.size() < 1'000'000; ++i) keys += "k" + std::to_string(i) + std::string(200, 'x') + " = 1\n";
+    CHECK(complaint(keys).find("unknown key") != std::string::npos);
+    CHECK(std::chrono::steady_clock::now() - start < std::chrono::seconds(9));  // a second each
+  }
+
+  TEST_CASE("strings and remarks may hold as many brackets and points as they like") {
+    const std::string many(1000, '['), points(1000, '.');
+    CHECK(complaint("name = \"" + many + points + "\" # " + many + "\n[icp]\nmax_iterations = 3").empty());
+    CHECK(complaint("name = '" + points + many + "'\n").empty());
+    CHECK(complaint("name = \"\"\"\n" + many + "\"" + points + "\\\"\"\"\"\n").empty());
+    CHECK(complaint("name = '''\n" + many + "'" + points + "'''\n").empty());
+    CHECK(complaint_of_override("dataset=" + repeated_folders()).empty());
   }
 
   TEST_CASE("of several errors the first in the file is told") {
