@@ -12,8 +12,6 @@
 namespace chainslam::datasets {
 namespace {
 
-constexpr std::uint64_t most_bytes = std::uint64_t{256} << 20;
-
 /// What one call of a codec did.
 struct Step {
   std::size_t consumed = 0, produced = 0;
@@ -126,15 +124,22 @@ std::optional<Compression> compression_of(std::string_view name) {
   return found == names.end() ? std::nullopt : std::optional(static_cast<Compression>(found - names.begin()));
 }
 
-Unpacked unpack(Compression compression, std::span<const std::byte> packed, std::uint64_t claimed) {
+Unpacked ChunkUnpacker::unpack(Compression compression, std::span<const std::byte> packed, std::uint64_t claimed) {
   if (compression == Compression::none) {
     Unpacked out{.bytes = {packed.begin(), packed.end()}, .fault = ""};
     if (packed.size() != claimed)
       out.fault = std::to_string(packed.size()) + " of the " + std::to_string(claimed) + " bytes promised are there";
     return out;
   }
-  if (claimed > most_bytes)
+  constexpr std::uint64_t largest_ratio = 64;
+  allowed_ = std::min(allowed_ + largest_ratio * packed.size(), largest_chunk);
+  if (claimed > largest_chunk)
     return {.bytes = {}, .fault = "a chunk of " + std::to_string(claimed) + " bytes; 256 MiB are the most"};
+  if (claimed > allowed_)
+    return {.bytes = {},
+            .fault = std::to_string(packed.size()) + " bytes that claim to become " + std::to_string(claimed) +
+                     "; 64 times as many, and 16 MiB once, are the most"};
+  allowed_ -= claimed;
   switch (compression) {
     case Compression::bz2:
       return run<Bz2>(packed, claimed);

@@ -22,8 +22,20 @@ struct Unpacked {
   std::string fault;  ///< empty if all is there
 };
 
-/// Unpacks a chunk. Memory grows with what comes out, not with what is claimed, to 256 MiB at most.
-/// @param claimed  the size that the file states, which must be the size that comes out.
-[[nodiscard]] Unpacked unpack(Compression compression, std::span<const std::byte> packed, std::uint64_t claimed);
+/// Unpacks a recording's chunks one after the other.
+///
+/// A chunk may become 256 MiB at most, and all of them together 64 times their packed size and 16 MiB, which recordings
+/// of sensors do not come near: else a small file would take the time and memory of a huge one.
+class ChunkUnpacker {
+ public:
+  /// Memory grows with what comes out, not with what is claimed.
+  /// @param claimed  the size that the file states, which must be the size that comes out.
+  [[nodiscard]] Unpacked unpack(Compression compression, std::span<const std::byte> packed, std::uint64_t claimed);
+
+ private:
+  static constexpr std::uint64_t largest_chunk = std::uint64_t{256} << 20;
+
+  std::uint64_t allowed_ = std::uint64_t{16} << 20;  ///< bytes that may come out
+};
 
 }  // namespace chainslam::datasets

@@ -1,5 +1,8 @@
 #include <sqlite3.h>
 
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
 #include <map>
 #include <utility>
 
@@ -31,7 +34,11 @@ class Db3 final : public RosRecording {
     for (const int option :
          {SQLITE_DBCONFIG_ENABLE_VIEW, SQLITE_DBCONFIG_ENABLE_TRIGGER, SQLITE_DBCONFIG_TRUSTED_SCHEMA})
       sqlite3_db_config(database, option, 0, nullptr);
-    sqlite3_limit(database, SQLITE_LIMIT_LENGTH, 256 << 20);
+    bytes_left_ = static_cast<std::int64_t>(std::filesystem::file_size(path));
+    sqlite3_limit(database, SQLITE_LIMIT_LENGTH, static_cast<int>(std::min<std::int64_t>(bytes_left_ + 1, 256 << 20)));
+    // Pages that point to each other in circles hold rows without end: a row takes some ten steps, and bytes of its own.
+    steps_left_ = 100'000 + bytes_left_;
+    sqlite3_progress_handler(database, steps_at_once, count_steps, this);
     // Lets a file be read whose last pages are missing: what they held ends the reading.
     sqlite3_exec(database, "PRAGMA writable_schema = ON", nullptr, nullptr, nullptr);
     read_topics();
@@ -53,6 +60,12 @@ class Db3 final : public RosRecording {
       const std::int64_t time = sqlite3_column_int64(messages_.get(), 2);
       const void* data = sqlite3_column_blob(messages_.get(), 3);
       const int size = sqlite3_column_bytes(messages_.get(), 3);
+      if ((bytes_left_ -= size) < 0) {
+        lose("row " + std::to_string(row_) + ": the rows so far are larger than the file, which is damaged; what comes "
+             "before is used");
+        messages_.reset();
+        return std::nullopt;
+      }
       if (topic == topics_.end() || time < 0 || data == nullptr || size <= 0) {
         lose("row " + std::to_string(row_) + ": no topic, no time or no data; it is left out");
         continue;
@@ -67,6 +80,11 @@ class Db3 final : public RosRecording {
   }
 
  private:
+  static constexpr int steps_at_once = 1000;
+
+  /// What SQLite calls on its way. @returns whether to stop.
+  static int count_steps(void* self) { return (static_cast<Db3*>(self)->steps_left_ -= steps_at_once) < 0 ? 1 : 0; }
+
   [[noreturn]] void fail() const {
     throw_input_error(path_.string(), "",
                       std::string("no readable rosbag2 database: ") + sqlite3_errmsg(database_.get()),
@@ -87,6 +105,9 @@ class Db3 final : public RosRecording {
         const auto* bytes = reinterpret_cast<const char*>(sqlite3_column_text(rows.get(), column));
         return std::string(bytes == nullptr ? "" : bytes);
       };
+      if ((bytes_left_ -= sqlite3_column_bytes(rows.get(), 1) + sqlite3_column_bytes(rows.get(), 2)) < 0)
+        throw_input_error(path_.string(), "", "a table of topics that is larger than the file",
+                          "the file is damaged: copy it again, or repair it with `sqlite3 FILE .recover`");
       RosTopic topic{.name = text(1), .type = text(2), .encoding = MessageEncoding::cdr};
       if (text(3) != "cdr") topic.type += " as " + text(3);  // which is then no type that we read
       topics_.try_emplace(sqlite3_column_int64(rows.get(), 0), std::move(topic));
@@ -99,6 +120,8 @@ class Db3 final : public RosRecording {
   std::map<std::int64_t, RosTopic> topics_;
   Statement messages_;
   std::uint64_t row_ = 0;
+  std::int64_t bytes_left_ = 0;  ///< that rows may still hold: no more than the file does
+  std::int64_t steps_left_ = 0;  ///< of SQLite's virtual machine
 };
 
 }  // namespace

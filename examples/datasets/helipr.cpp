@@ -118,14 +118,15 @@ std::unique_ptr<Dataset> open_helipr(const fs::path& path, const DatasetOptions&
   set_extrinsic(options, stated, inertial, info);
   if (const fs::path ins = path / "Inertial_data/inspva.csv"; fs::is_regular_file(ins)) {
     info.sensors.push_back({"inspva.csv", SensorKind::gnss, std::nullopt, "positions of an INS; 1 m and 2 m assumed"});
-    parts.others.push_back(
-        [rows = std::make_shared<NumberRows>(ins, 3, TimeUnit::nanoseconds)]() -> std::optional<Packet> {
-          while (const auto row = rows->next()) {
-            const GeodeticPosition position{row->second[0], row->second[1], row->second[2]};
-            if (plausible(position)) return make_fix(row->first, position, {1, 2}, GnssQuality::differential);
-          }
-          return std::nullopt;
-        });
+    const auto rows = std::make_shared<NumberRows>(ins, 3, TimeUnit::nanoseconds);
+    parts.others.push_back([rows]() -> std::optional<Packet> {
+      while (const auto row = rows->next()) {
+        const GeodeticPosition position{row->second[0], row->second[1], row->second[2]};
+        if (plausible(position)) return make_fix(row->first, position, {1, 2}, GnssQuality::differential);
+      }
+      return std::nullopt;
+    });
+    parts.end.push_back([rows] { return rows->cut(); });
   }
   const fs::path poses = find_truth(path, sensor);
   info.truth_frame = "HeLiPR";

@@ -9,6 +9,7 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/line_fields.hpp"
+#include "datasets/number_rows.hpp"
 
 namespace chainslam::datasets {
 namespace {
@@ -64,6 +65,7 @@ std::optional<ImuColumns> columns_named(const std::vector<std::string>& names) {
   }
   if (!time || std::ranges::any_of(axes, [](const auto& place) { return !place; })) return std::nullopt;
   columns.time = *time;
+  columns.named = names.size();
   for (std::size_t axis = 0; axis < 3; ++axis) {
     columns.gyro[axis] = *axes[axis];
     columns.accel[axis] = *axes[axis + 3];
@@ -84,11 +86,18 @@ class ImuTable {
       if (text.empty() || text.starts_with('#')) continue;
       LineFields fields(file_, text, ',');
       if (std::exchange(first_, false) && !detail::parse_double(fields.text("first"))) continue;  // names
-      if (const auto sample = take(LineFields(file_, text, ','))) return sample;
-      ++skipped;
+      try {
+        if (const auto sample = take(LineFields(file_, text, ','))) return sample;
+        ++skipped;
+      } catch (const IoError& error) {
+        if (file_.line_ended()) throw;
+        cut_ = cut_line(file_, error);
+      }
     }
     return std::nullopt;
   }
+
+  [[nodiscard]] const std::string& cut() const { return cut_; }
 
  private:
   std::optional<ImuSample> take(LineFields fields) {
@@ -113,6 +122,10 @@ class ImuTable {
       }
     }
     sample.time = sample.time + Duration(nanoseconds);
+    if (columns_.named > 0) {
+      for (std::size_t i = last_ + 1; i < columns_.named && fields.more(); ++i) static_cast<void>(fields.text("field"));
+      fields.end("as many fields as the header names");
+    }
     if (!is_finite(sample.gyro) || !is_finite(sample.accel)) return std::nullopt;
     return sample;
   }
@@ -133,6 +146,7 @@ class ImuTable {
   ImuColumns columns_;
   std::size_t last_ = 0;  ///< column that is read
   bool first_ = true;     ///< whether no row has been read
+  std::string cut_;
 };
 
 }  // namespace
@@ -155,11 +169,14 @@ ImuColumns imu_columns(const std::filesystem::path& path) {
 void add_imu_table(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& path,
                    const ImuColumns& columns) {
   const auto skipped = std::make_shared<std::size_t>(0);
+  const auto reading = std::make_shared<std::shared_ptr<ImuTable>>();
   const std::string name = path.filename().string();
   add_imu(parts, options, name, [=] {
     *skipped = 0;
-    return [table = std::make_shared<ImuTable>(path, columns), skipped] { return table->next(*skipped); };
+    *reading = std::make_shared<ImuTable>(path, columns);
+    return [table = *reading, skipped] { return table->next(*skipped); };
   });
+  parts.end.push_back([=] { return (*reading)->cut(); });
   parts.end.push_back([=] {
     return *skipped > 0 ? std::to_string(*skipped) + " rows of " + name + " skipped that hold no number, or no time"
                         : std::string();

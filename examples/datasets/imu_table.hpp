@@ -18,6 +18,7 @@ struct ImuColumns {
   std::optional<std::size_t> nanoseconds{};  ///< a column of its own behind whole seconds
   std::array<std::size_t, 3> gyro{1, 2, 3};  ///< EuRoC's order: rates before accelerations
   std::array<std::size_t, 3> accel{4, 5, 6};
+  std::size_t named = 0;  ///< columns that the header names; 0 if there is none. A row holds no more than these
 };
 
 /// The columns that a table's header names (`gx`, `gyro_x`, `w_RS_S_x [rad s^-1]`, `angular_velocity.x`, `ax`, `acc_x`,

@@ -11,7 +11,7 @@
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
-#include "datasets/odometry_recording.hpp"
+#include "datasets/scan_files.hpp"
 
 // Keyframes with recorded odometry, as SC-A-LOAM and FAST-LIO-SAM save them:
 //   Scans/%06d.pcd, times.txt (seconds), odom_poses.txt or, if there is none, optimized_poses.txt (rows of 3x4).
@@ -83,36 +83,48 @@ class KeyframeSet final : public Dataset {
   }
 
   std::optional<Packet> next() override {
-    if (scan_ == scans_.size()) return std::nullopt;
-    const std::size_t i = scan_++;
-    return LidarScan{.time = times_[i], .end = times_[i], .cloud = cloud(i)};
+    auto cloud = next_cloud();
+    if (!cloud) return std::nullopt;
+    const Timestamp time = times_[scan_ - 1];
+    return LidarScan{.time = time, .end = time, .cloud = std::move(*cloud)};
   }
 
   std::optional<Frame> next_frame() override {
-    if (scan_ == scans_.size()) return std::nullopt;
-    const std::size_t i = scan_++;
+    auto cloud = next_cloud();
+    if (!cloud) return std::nullopt;
+    const std::size_t i = scan_ - 1;
     Frame frame;
     frame.time = times_[i];
     frame.T_odom_body = poses_[i];
     frame.covariance = assumed_covariance();
-    frame.cloud = cloud(i);
+    frame.cloud = std::move(*cloud);
     if (!fixes_.empty()) frame.gnss = fixes_[i];
     frame.health.points = frame.health.matches = to_index(frame.cloud.size());
     return frame;
   }
 
  private:
-  [[nodiscard]] PointCloud<float> cloud(std::size_t i) const {
-    PointCloud<float> cloud = read_pcd(scans_[i]);
-    cloud.time_offsets.clear();
-    return cloud;
+  /// The next cloud that can be read, number `scan_` - 1; nothing at the end.
+  std::optional<PointCloud<float>> next_cloud() {
+    while (scan_ < scans_.size()) try {
+        PointCloud<float> cloud = read_pcd(scans_[scan_++]);
+        cloud.time_offsets.clear();
+        return cloud;
+      } catch (const IoError& error) {
+        lost_.add(error);
+      }
+    if (std::string loss = lost_.sentence(); !std::exchange(noted_, true) && !loss.empty())
+      info_.warnings.push_back(std::move(loss));
+    return std::nullopt;
   }
 
   std::vector<std::filesystem::path> scans_;
   std::vector<Timestamp> times_;
   std::vector<SE3d> poses_;
   std::vector<std::optional<GnssFix>> fixes_;
-  std::size_t scan_ = 0;
+  std::size_t scan_ = 0;  ///< that is read next
+  LeftOut lost_;
+  bool noted_ = false;
 };
 
 }  // namespace

@@ -132,7 +132,7 @@ class Mcap final : public RosRecording {
       lose(place() + "a chunk packed as \"" + name + "\", which is not known; it is left out");
       return;
     }
-    Unpacked unpacked = unpack(*compression, packed, size);
+    Unpacked unpacked = unpacker_.unpack(*compression, packed, size);
     if (unpacked.fault.empty() && crc != 0 && crc32(unpacked.bytes) != crc) unpacked.fault = "its CRC is another";
     if (!unpacked.fault.empty() && !cut_) {
       lose(place() + "a chunk that does not unpack (" + unpacked.fault + "); it is left out");
@@ -195,6 +195,7 @@ class Mcap final : public RosRecording {
   InputFile file_;
   std::map<std::uint16_t, std::string> schemas_;
   std::map<std::uint16_t, RosTopic> topics_;
+  ChunkUnpacker unpacker_;
   std::vector<std::byte> chunk_;
   std::span<const std::byte> rest_;  ///< of the chunk, not yet read
   std::uint64_t at_ = 0;             ///< where the record that is being read starts

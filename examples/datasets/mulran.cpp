@@ -86,20 +86,21 @@ std::unique_ptr<Dataset> open_mulran(const fs::path& path, const DatasetOptions&
   if (const fs::path gps = find("gps.csv"); !gps.empty()) {
     info.sensors.push_back(
         {"gps.csv", SensorKind::gnss, std::nullopt, "with the covariance it states, else 3 m and 6 m"});
-    parts.others.push_back(
-        [rows = std::make_shared<NumberRows>(gps, 12, TimeUnit::nanoseconds)]() -> std::optional<Packet> {
-          while (const auto row = rows->next()) {
-            const auto& v = row->second;
-            const GeodeticPosition position{v[0], v[1], v[2]};
-            if (!plausible(position)) continue;
-            const double horizontal = 0.5 * (v[3] + v[7]);
-            const bool stated = horizontal > 0 && v[11] > 0 && is_finite(horizontal) && is_finite(v[11]);
-            return make_fix(row->first, position,
-                            stated ? GnssDeviation{std::sqrt(horizontal), std::sqrt(v[11])} : GnssDeviation{3, 6},
-                            GnssQuality::three_dimensional);
-          }
-          return std::nullopt;
-        });
+    const auto rows = std::make_shared<NumberRows>(gps, 12, TimeUnit::nanoseconds, "ns and twelve numbers");
+    parts.others.push_back([rows]() -> std::optional<Packet> {
+      while (const auto row = rows->next()) {
+        const auto& v = row->second;
+        const GeodeticPosition position{v[0], v[1], v[2]};
+        if (!plausible(position)) continue;
+        const double horizontal = 0.5 * (v[3] + v[7]);
+        const bool stated = horizontal > 0 && v[11] > 0 && is_finite(horizontal) && is_finite(v[11]);
+        return make_fix(row->first, position,
+                        stated ? GnssDeviation{std::sqrt(horizontal), std::sqrt(v[11])} : GnssDeviation{3, 6},
+                        GnssQuality::three_dimensional);
+      }
+      return std::nullopt;
+    });
+    parts.end.push_back([rows] { return rows->cut(); });
   }
   const fs::path poses = find("global_pose.csv");
   info.truth_frame = "MulRan, UTM";

@@ -16,6 +16,7 @@
 #include "datasets/imu_conversion.hpp"
 #include "datasets/merged_streams.hpp"
 #include "datasets/number_rows.hpp"
+#include "datasets/scan_files.hpp"
 
 // NCLT (Carlevaris-Bianco, Ushani and Eustice 2016). A folder holds, side by side or in the release's own folders
 // velodyne_data/<date>, sensor_data/<date> and ground_truth:
@@ -30,7 +31,7 @@ constexpr double degrees_per_radian = 180 / std::numbers::pi;
 /// utime, magnetometer x y z, accelerometer x y z, rates r p h.
 class ImuFile {
  public:
-  explicit ImuFile(const std::filesystem::path& path) : rows_(path, 9, TimeUnit::microseconds) {}
+  explicit ImuFile(const std::filesystem::path& path) : rows_(path, 9, TimeUnit::microseconds, "utime and nine numbers") {}
 
   std::optional<ImuSample> next() {
     while (const auto row = rows_.next()) {
@@ -46,6 +47,7 @@ class ImuFile {
   }
 
   [[nodiscard]] std::size_t skipped() const { return skipped_; }
+  [[nodiscard]] const std::string& cut() const { return rows_.cut(); }
 
  private:
   NumberRows rows_;
@@ -55,7 +57,7 @@ class ImuFile {
 /// utime, mode, satellites, latitude, longitude (rad), altitude (m, may be NaN), track, speed.
 class GnssFile {
  public:
-  GnssFile(const std::filesystem::path& path, bool rtk) : rows_(path, 7, TimeUnit::microseconds), rtk_(rtk) {}
+  GnssFile(const std::filesystem::path& path, bool rtk) : rows_(path, 7, TimeUnit::microseconds, "utime and seven numbers"), rtk_(rtk) {}
 
   std::optional<GnssFix> next() {
     while (const auto row = rows_.next()) {
@@ -73,6 +75,8 @@ class GnssFile {
     }
     return std::nullopt;
   }
+
+  [[nodiscard]] const std::string& cut() const { return rows_.cut(); }
 
  private:
   /// The files state none: what such receivers keep to in streets. A flat fix has the last height known.
@@ -153,7 +157,7 @@ class Nclt final : public Dataset {
     choose_axes(options);
     find_mounting(options);
     streams_.add([this] { return next_scan(); });
-    if (!layout_.imu.empty()) open_imu(ImuConversion(options));
+    if (!layout_.imu.empty()) open_imu(options);
     open_gnss(options.gnss);
   }
 
@@ -240,14 +244,20 @@ class Nclt final : public Dataset {
     set_extrinsic(options, stated, !layout_.imu.empty(), info_);
   }
 
-  void open_imu(const ImuConversion& convert) {
+  void open_imu(const DatasetOptions& options) {
     imu_.emplace(layout_.imu);
     info_.sensors.push_back({"ms25.csv", SensorKind::imu, std::nullopt, ""});
-    ImuFile beginning(layout_.imu);
+    constexpr std::size_t most = 20'000;  // samples that say what the units are
+    std::vector<ImuSample> beginning;
+    ImuFile file(layout_.imu);
+    while (beginning.size() < most) {
+      const auto sample = file.next();
+      if (!sample) break;
+      beginning.push_back(*sample);
+    }
+    const ImuConversion convert(options, beginning, info_);
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    constexpr int samples = 100;
-    for (int i = 0; i < samples; ++i)
-      if (const auto sample = beginning.next()) sum += flip(sample->accel);
+    for (std::size_t i = 0; i < std::min<std::size_t>(beginning.size(), 100); ++i) sum += flip(beginning[i].accel);
     if (sum.z() < -0.5 * sum.norm())
       info_.warnings.emplace_back("ms25.csv: at the start the specific force points down: its axes look turned over");
     ordered_imu_.emplace([this] { return imu_->next(); });
@@ -277,22 +287,30 @@ class Nclt final : public Dataset {
   }
 
   std::optional<Packet> next_scan() {
-    std::optional<LidarScan> scan;
-    if (sweeps_) {
-      scan = sweeps_->next();
-    } else if (scan_ < layout_.sync.size()) {
-      const std::filesystem::path& file = layout_.sync[scan_++];
-      const Timestamp time = *time_of_name(file.stem().string());
-      scan = LidarScan{.time = time, .end = time, .cloud = read_nclt_sync(file)};
-    }
+    std::optional<LidarScan> scan = sweeps_ ? sweeps_->next() : next_sync();
     if (!scan) return std::nullopt;
     flip(scan->cloud);
     return std::move(*scan);
   }
 
+  std::optional<LidarScan> next_sync() {
+    while (scan_ < layout_.sync.size()) try {
+        const std::filesystem::path& file = layout_.sync[scan_++];
+        const Timestamp time = *time_of_name(file.stem().string());
+        return LidarScan{.time = time, .end = time, .cloud = read_nclt_sync(file)};
+      } catch (const IoError& error) {
+        lost_.add(error);
+      }
+    return std::nullopt;
+  }
+
   /// At the end of the data: what was left out on the way.
   void note_losses() {
     if (std::exchange(noted_, true)) return;
+    for (std::string loss : {lost_.sentence(), imu_ ? imu_->cut() : "", gnss_ ? gnss_->cut() : ""})
+      if (!loss.empty()) info_.warnings.push_back(std::move(loss));
+    if (sweeps_ && !sweeps_->damage().empty())
+      info_.warnings.push_back("velodyne_hits.bin, " + sweeps_->damage());
     const auto note = [&](std::size_t count, const char* what) {
       if (count > 0) info_.warnings.push_back(std::to_string(count) + what);
     };
@@ -308,6 +326,7 @@ class Nclt final : public Dataset {
   bool flipped_ = true;
   std::optional<NcltSweeps> sweeps_;
   std::size_t scan_ = 0;
+  LeftOut lost_;  ///< files of velodyne_sync
   std::optional<ImuFile> imu_;
   std::optional<TimesThatRunOn> ordered_imu_;
   std::optional<GnssFile> gnss_;
@@ -318,7 +337,7 @@ class Nclt final : public Dataset {
 }  // namespace
 
 Trajectory read_nclt_ground_truth(const std::filesystem::path& path) {
-  NumberRows rows(path, 6, TimeUnit::microseconds);
+  NumberRows rows(path, 6, TimeUnit::microseconds, "utime and six numbers");
   const SE3d flip = half_turn_about_x();
   Trajectory trajectory;
   while (const auto row = rows.next()) {

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "chainslam/io/input_file.hpp"
@@ -25,10 +26,12 @@ struct NcltPacket {
 /// Cuts packets into sweeps where the azimuth wraps, behind the sensor (x < 0), whichever way it turns.
 ///
 /// A sweep that covers less than half a turn (the recording's first and last) is dropped and counted. A pause of more
-/// than 0.2 s ends a sweep too. Points of a packet are spread evenly over the time until the next packet; over the last
+/// than 0.2 s ends a sweep too, and so does one of more than 1 s or 2^20 points, which does not turn. Where the file is
+/// damaged or was cut, the sweeps end. Points of a packet are spread evenly over the time until the next packet; over the last
 /// such time where there is none, or a pause.
 class NcltSweeps {
  public:
+  /// @throws IoError if the file cannot be read, or not even its first packet.
   explicit NcltSweeps(const std::filesystem::path& path) : file_(path), packet_(read_nclt_packet(file_)) {}
 
   /// The next sweep, axes as recorded.
@@ -36,9 +39,12 @@ class NcltSweeps {
 
   [[nodiscard]] std::size_t dropped() const { return dropped_; }    ///< sweeps of less than half a turn
   [[nodiscard]] std::size_t backward() const { return backward_; }  ///< packets earlier than the one before
+  /// Where and why the packets end before the file does; empty if they do not.
+  [[nodiscard]] const std::string& damage() const { return damage_; }
   [[nodiscard]] const std::optional<NcltPacket>& ahead() const { return packet_; }
 
  private:
+  void read_ahead();
   void take(LidarScan& sweep);
   [[nodiscard]] bool ends_here(const LidarScan& sweep, Timestamp last);
 
@@ -50,6 +56,7 @@ class NcltSweeps {
   bool turning_ = false;  ///< whether `azimuth_` is known
   std::size_t dropped_ = 0;
   std::size_t backward_ = 0;
+  std::string damage_;
 };
 
 /// Reads a file of velodyne_sync: points of 8 bytes without a header, axes as recorded.

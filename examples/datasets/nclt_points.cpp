@@ -16,6 +16,8 @@ constexpr std::size_t hit_bytes = 8;
 constexpr std::uint16_t magic = 44444;
 constexpr std::uint32_t most_hits = 384 * 16;  // real packets hold at most 384
 constexpr Duration longest_pause = std::chrono::milliseconds(200);
+constexpr Duration longest_sweep = std::chrono::seconds(1);
+constexpr std::size_t most_points = std::size_t{1} << 20;
 constexpr Duration longest_packet = std::chrono::milliseconds(5);
 
 /// Coordinates are unsigned: read as signed, those beyond 63.84 m would wrap.
@@ -72,8 +74,21 @@ std::optional<NcltPacket> read_nclt_packet(InputFile& file) {
   return packet;
 }
 
+void NcltSweeps::read_ahead() {
+  const std::uint64_t start = file_.offset();
+  try {
+    packet_ = read_nclt_packet(file_);
+  } catch (const IoError& error) {
+    packet_.reset();
+    damage_ = error.report().place + ": " + error.report().found + "; the " +
+              std::to_string(file_.size().value_or(start) - start) + " bytes from byte " + std::to_string(start) +
+              " on are not used";
+  }
+}
+
 bool NcltSweeps::ends_here(const LidarScan& sweep, Timestamp last) {
-  if (packet_->time - last > longest_pause || last - packet_->time > longest_pause) {
+  if (packet_->time - last > longest_pause || last - packet_->time > longest_pause ||
+      (!sweep.cloud.empty() && packet_->time - sweep.time > longest_sweep) || sweep.cloud.size() >= most_points) {
     turning_ = false;
     return !sweep.cloud.empty();
   }
@@ -94,7 +109,7 @@ bool NcltSweeps::ends_here(const LidarScan& sweep, Timestamp last) {
 
 void NcltSweeps::take(LidarScan& sweep) {
   const NcltPacket packet = std::move(*packet_);
-  packet_ = read_nclt_packet(file_);
+  read_ahead();
   if (packet_ && packet_->time < packet.time) ++backward_;
   if (packet_ && packet_->time > packet.time && packet_->time - packet.time <= longest_packet)
     interval_ = packet_->time - packet.time;

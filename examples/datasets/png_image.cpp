@@ -14,6 +14,7 @@ namespace chainslam::datasets {
 namespace {
 
 constexpr png_uint_32 largest_side = 16384;
+constexpr std::size_t most_pixels = std::size_t{1} << 22;  // 1024 rings by 4096 columns
 
 /// All that libpng touches, so that its jumps out of errors leave no object behind.
 struct Decoder {
@@ -57,6 +58,7 @@ bool decode_header(Decoder& decoder) {
   if (setjmp(png_jmpbuf(decoder.png)) != 0) return false;
   png_set_read_fn(decoder.png, &decoder, Decoder::on_read);
   png_set_user_limits(decoder.png, largest_side, largest_side);
+  png_set_keep_unknown_chunks(decoder.png, PNG_HANDLE_CHUNK_NEVER, nullptr, -1);  // no texts, which may be large
   png_read_info(decoder.png, decoder.info);
   return true;
 }
@@ -83,6 +85,10 @@ GrayImage read_gray_png(const std::filesystem::path& path) {
   GrayImage image;
   image.width = static_cast<int>(png_get_image_width(decoder.png, decoder.info));
   image.height = static_cast<int>(png_get_image_height(decoder.png, decoder.info));
+  const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
+  if (pixels > most_pixels)
+    fail(std::to_string(image.width) + " x " + std::to_string(image.height) +
+         " pixels, where a range image has 2^22 at most");
   const std::size_t stride = png_get_rowbytes(decoder.png, decoder.info);
   // Deflate packs at most 1032 to 1: a larger claim is a lie, and must not cost memory.
   if (stride * static_cast<std::size_t>(image.height) / 1032 > file.size().value_or(0))
@@ -91,7 +97,6 @@ GrayImage read_gray_png(const std::filesystem::path& path) {
   for (std::size_t row = 0; row < static_cast<std::size_t>(image.height); ++row)
     decoder.rows.push_back(decoder.bytes.data() + row * stride);
   if (!decode_rows(decoder)) fail("a damaged PNG image: " + decoder.error);
-  const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
   image.pixels.reserve(pixels);
   for (std::size_t i = 0; i < pixels; ++i)
     image.pixels.push_back(depth == 8

@@ -12,6 +12,7 @@
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
 #include "datasets/merged_streams.hpp"
+#include "datasets/scan_files.hpp"
 
 namespace chainslam::datasets {
 namespace {
@@ -102,7 +103,12 @@ class RangeImages final : public Dataset {
     if (!ins_.empty()) streams_.add([this] { return next_fix(); });
   }
 
-  std::optional<Packet> next() override { return streams_.next(); }
+  std::optional<Packet> next() override {
+    auto packet = streams_.next();
+    if (std::string loss = lost_.sentence(); !packet && !std::exchange(noted_, true) && !loss.empty())
+      info_.warnings.push_back(std::move(loss));
+    return packet;
+  }
 
  private:
   SweepTimes sweep_times(const std::filesystem::path& path) const {
@@ -134,8 +140,14 @@ class RangeImages final : public Dataset {
   }
 
   std::optional<Packet> next_scan() {
-    if (image_ == images_.size()) return std::nullopt;
-    const GrayImage image = read_gray_png(images_[image_]);
+    std::optional<GrayImage> read;
+    for (; image_ < images_.size() && !read; image_ += read ? 0 : 1) try {
+        read = read_gray_png(images_[image_]);
+      } catch (const IoError& error) {
+        lost_.add(error);
+      }
+    if (!read) return std::nullopt;
+    const GrayImage& image = *read;
     const auto fits = [&](const GrayImage& i) { return i.width == geometry_.width && i.height == geometry_.height; };
     if (!fits(image) || (mask_ && !fits(*mask_)))
       throw_input_error(images_[image_].string(), "",
@@ -161,6 +173,8 @@ class RangeImages final : public Dataset {
   MergedStreams streams_;
   std::size_t image_ = 0;
   std::size_t fix_ = 0;
+  LeftOut lost_;
+  bool noted_ = false;
 };
 
 }  // namespace

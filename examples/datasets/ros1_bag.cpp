@@ -179,7 +179,7 @@ class Ros1Bag final : public RosRecording {
     if (*compression == Compression::none) {
       chunk_ = std::move(data);
     } else {
-      Unpacked unpacked = unpack(*compression, data, *size);
+      Unpacked unpacked = unpacker_.unpack(*compression, data, *size);
       if (!unpacked.fault.empty() && !cut_) {  // what came out before the fault may be wrong, too
         lose("byte " + std::to_string(at_) + ": a chunk that does not unpack (" + unpacked.fault + "); it is left out");
         return;
@@ -220,6 +220,7 @@ class Ros1Bag final : public RosRecording {
 
   InputFile file_;
   std::map<std::uint32_t, RosTopic> topics_;
+  ChunkUnpacker unpacker_;
   std::vector<std::byte> header_, chunk_;
   Bytes rest_;                  ///< of the chunk, not yet read
   std::uint64_t index_at_ = 0;  ///< where the bag's header says that its index is; 0 if it was never closed

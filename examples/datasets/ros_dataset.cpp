@@ -24,6 +24,8 @@ namespace chainslam::datasets {
 namespace {
 
 constexpr Duration look_ahead = std::chrono::seconds(3);
+constexpr std::size_t most_samples = 20'000;  ///< of an IMU that are looked at for their units
+constexpr std::size_t most_messages = 100'000;  ///< of the beginning: stamps that stand still must not make it all
 constexpr std::size_t most_tries = 10;  ///< scans looked at for the meaning of their time field
 
 /// What a topic's messages came to while reading.
@@ -129,13 +131,17 @@ class RosDataset final : public Dataset {
   Topics look(const std::filesystem::path& path) {
     RecordingParts parts(recording_files(path));
     std::optional<Timestamp> first;
-    while (const auto message = parts.next()) {
+    for (std::size_t messages = 0; messages < most_messages; ++messages) {
+      const auto message = parts.next();
+      if (!message) break;
       if (!first) first = message->time;
       if (message->time - *first > look_ahead) break;
       Topic& topic = topic_of(*message);
       const auto packet = decode(*message, topic);
       if (!packet) continue;
-      if (const auto* sample = std::get_if<ImuSample>(&*packet)) topic.beginning.push_back(*sample);
+      if (const auto* sample = std::get_if<ImuSample>(&*packet);
+          sample != nullptr && topic.beginning.size() < most_samples)
+        topic.beginning.push_back(*sample);
       if (const auto* scan = std::get_if<LidarScan>(&*packet); scan != nullptr && !info_.start)
         info_.start = scan->time;
     }

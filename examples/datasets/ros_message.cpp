@@ -12,6 +12,9 @@ namespace {
 
 using detail::ScalarType;
 
+constexpr std::size_t most_fields = 256;
+constexpr std::size_t most_points = std::size_t{1} << 22;  ///< of a scan: eight times what the largest LiDARs send
+
 /// sensor_msgs/PointField: one column of a PointCloud2.
 struct PointField {
   std::string name;
@@ -36,7 +39,10 @@ std::string text_of_fields(const std::vector<PointField>& fields) {
 }
 
 std::vector<PointField> read_fields(MessageReader& message) {
-  std::vector<PointField> fields(message.count(9, "fields"));
+  const std::uint32_t count = message.count(9, "fields");
+  if (count > most_fields)
+    throw MessageError(std::to_string(count) + " fields; " + std::to_string(most_fields) + " are the most");
+  std::vector<PointField> fields(count);
   for (PointField& field : fields) {
     field.name = message.text("fields.name");
     field.offset = message.number<std::uint32_t>("fields.offset");
@@ -67,6 +73,9 @@ void check(const PointGrid& grid, const std::vector<PointField>& fields, std::si
   if (!fits)
     throw MessageError(std::to_string(size) + " bytes of points for " + std::to_string(grid.rows) + " rows of " +
                        std::to_string(grid.columns) + " points of " + std::to_string(grid.point_step) + " bytes");
+  if (grid.columns > most_points / grid.rows)  // fields may share bytes, so that points take more than their message
+    throw MessageError(std::to_string(grid.rows) + " rows of " + std::to_string(grid.columns) +
+                       " points; 2^22 points are the most");
 }
 
 /// A Livox's tag: bits 4 and 5 say how sure the point is; 0 and 1 are good (Livox SDK, point tag).

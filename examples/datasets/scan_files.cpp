@@ -6,7 +6,6 @@
 #include <string>
 #include <utility>
 
-#include "chainslam/core/error.hpp"
 #include "datasets/files.hpp"
 #include "datasets/imu_conversion.hpp"
 
@@ -34,18 +33,14 @@ class ScanFileSet final : public Dataset {
     while (scan_ < parts_.scans) try {
         return parts_.read(scan_++);
       } catch (const IoError& error) {
-        const IoError::Report& report = error.report();
-        if (lost_++ == 0)
-          first_loss_ = report.path + (report.place.empty() ? "" : ", " + report.place) + ": " + report.found;
+        lost_.add(error);
       }
     return std::nullopt;
   }
 
   void note_losses() {
     if (std::exchange(noted_, true)) return;
-    if (lost_ > 0)
-      info_.warnings.push_back(std::to_string(lost_) + " files cannot be read and are left out; the first, " +
-                               first_loss_);
+    if (std::string loss = lost_.sentence(); !loss.empty()) info_.warnings.push_back(std::move(loss));
     for (const auto& ask : parts_.end)
       if (std::string loss = ask(); !loss.empty()) info_.warnings.push_back(std::move(loss));
     if (streams_.dropped() > 0)
@@ -54,8 +49,8 @@ class ScanFileSet final : public Dataset {
 
   ScanFiles parts_;
   MergedStreams streams_;
-  std::size_t scan_ = 0, lost_ = 0;
-  std::string first_loss_;
+  std::size_t scan_ = 0;
+  LeftOut lost_;
   bool noted_ = false;
 };
 

@@ -7,10 +7,30 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/core/error.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/merged_streams.hpp"
 
 namespace chainslam::datasets {
+
+/// The files that could not be read, and were left out.
+class LeftOut {
+ public:
+  void add(const IoError& error) {
+    const IoError::Report& report = error.report();
+    if (count_++ == 0) first_ = report.path + (report.place.empty() ? "" : ", " + report.place) + ": " + report.found;
+  }
+
+  /// How many there are, and the first's place and damage; empty if there is none.
+  [[nodiscard]] std::string sentence() const {
+    if (count_ == 0) return {};
+    return std::to_string(count_) + " files cannot be read and are left out; the first, " + first_;
+  }
+
+ private:
+  std::size_t count_ = 0;
+  std::string first_;
+};
 
 /// A data set that keeps a file for each scan and tables of its other sensors, taken apart.
 struct ScanFiles {

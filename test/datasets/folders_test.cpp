@@ -10,6 +10,7 @@
 #include "datasets/ground_check.hpp"
 #include "datasets/inspect.hpp"
 #include "datasets/png_image.hpp"
+#include "datasets/ros_bytes.hpp"
 #include "support/files.hpp"
 #include "support/real_data.hpp"
 
@@ -180,12 +181,20 @@ TEST_SUITE("datasets/range_image") {
     write_bytes(folder / "r/velodyne_config.txt", "500 5 2 180 -180 -30 0\n");
     CHECK(says(open_error(folder / "r"), "4 x 2 pixels"));
     write_range_images(folder);
-    write_bytes(folder / "r/data/0000000009.png", "PNG?");
-    CHECK(says(open_error(folder / "r"), "no PNG image"));
-    write_bytes(folder / "r/data/0000000009.png", png(1, 1, 4, std::string("\0\0", 2)));
-    CHECK(says(open_error(folder / "r"), "not grey of 8 or 16 bits"));
-    write_bytes(folder / "r/data/0000000009.png", png(16384, 16384, 16, std::string("\0\0\0", 3)));
-    CHECK(says(open_error(folder / "r"), "the file is too small for"));
+    const std::vector<std::pair<std::string, std::string>> damaged{
+        {"PNG?", "no PNG image"},
+        {png(1, 1, 4, std::string("\0\0", 2)), "not grey of 8 or 16 bits"},
+        {png(2048, 2048, 16, std::string("\0\0\0", 3)), "the file is too small for"},
+        {png(16384, 16384, 16, std::string("\0\0\0", 3)), "16384 x 16384 pixels, where a range image has 2^22"}};
+    for (const auto& [bytes, finding] : damaged) {
+      write_bytes(folder / "r/data/0000000009.png", bytes);
+      const auto dataset = open_dataset(folder / "r");
+      CHECK(counts_of(packets_of(*dataset))[1] == 1);  // the other image
+      REQUIRE(dataset->info().warnings.size() == 1);
+      CHECK(says(dataset->info().warnings[0], "1 files cannot be read and are left out; the first, "));
+      CHECK(says(dataset->info().warnings[0], "0000000009.png, byte "));
+      CHECK(says(dataset->info().warnings[0], finding));
+    }
   }
 
   TEST_CASE("any truncation of an image is refused") {

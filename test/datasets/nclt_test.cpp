@@ -289,6 +289,90 @@ TEST_SUITE("datasets/nclt") {
     CHECK(says(io_error([&] { return open_dataset(folder.path())->info().name; }), "field time\n  found: 'soon'"));
   }
 
+  TEST_CASE("a session that was cut within a packet is complete until then, and says where it ends") {
+    const TemporaryFolder folder;
+    const std::string whole = turning(0.51, 4, 1);
+    const std::size_t packet_bytes = 24 + 4 * 8, last = whole.size() - packet_bytes;
+    const auto scans_of = [&](const std::string& bytes) {
+      write_bytes(folder / "velodyne_hits.bin", bytes);
+      const auto dataset = open_dataset(folder.path());
+      std::vector<LidarScan> scans;
+      while (auto p = dataset->next()) scans.push_back(std::get<LidarScan>(std::move(*p)));
+      return std::pair(scans.size(), dataset->info().warnings);
+    };
+    const auto [scans, warnings] = scans_of(whole);
+    CHECK(warnings.empty());
+    for (const std::size_t n : {last + 1, last + 23, last + 24, last + 30, whole.size() - 1}) {
+      const auto [left, said] = scans_of(whole.substr(0, n));
+      CHECK(left == scans);
+      REQUIRE(said.size() == 1);
+      CHECK(says(said[0], "velodyne_hits.bin, byte " + std::to_string(n < last + 24 ? last : last + 24)));
+      CHECK(says(said[0], std::to_string(n - last) + " bytes from byte " + std::to_string(last) + " on are not used"));
+    }
+    std::string damaged = whole;
+    damaged[2 * packets_per_turn * packet_bytes] = 'x';
+    const auto [left, said] = scans_of(damaged);
+    CHECK(left == scans / 2);
+    CHECK(says(said.at(0), "no packet (four times 44444 expected"));
+    write_bytes(folder / "velodyne_hits.bin", whole.substr(0, 30));  // nothing is usable
+    CHECK(says(io_error([&] { return open_dataset(folder.path())->info().name; }), "velodyne_hits.bin, byte 24"));
+  }
+
+  TEST_CASE("tables and scans that were cut end there; the session goes on") {
+    const TemporaryFolder folder;
+    write_bytes(folder / "velodyne_sync/1326030975000000.bin", street(1));
+    write_bytes(folder / "velodyne_sync/1326030975100000.bin", street(1).substr(0, 101));
+    write_bytes(folder / "velodyne_sync/1326030975200000.bin", street(1));
+    write_bytes(folder / "ms25.csv", "1326030975000000,0,0,0,0,0,-9.8,0,0,0\n1326030975010000,0,0,0,0,0,-9.");
+    write_bytes(folder / "gps.csv", "1326030975000000,3,8,0.738156,-1.461009,250.5,0,0\n1326030975200");
+    const auto dataset = open_dataset(folder.path());
+    std::array<int, 3> counts{};
+    while (const auto p = dataset->next()) ++counts[p->index()];
+    CHECK(counts == std::array<int, 3>{1, 2, 1});
+    const auto said = [&](const std::string& part) {
+      return std::ranges::any_of(dataset->info().warnings, [&](const std::string& text) { return says(text, part); });
+    };
+    CHECK(said("1326030975100000.bin, byte 96: 5 bytes after the last point"));
+    CHECK(said("ms25.csv, line 2, field value, byte 68: the file ends within a line"));
+    CHECK(said("gps.csv, line 2, field value, byte 63: the file ends within a line"));
+    // A damaged line in the middle is no cut.
+    write_bytes(folder / "ms25.csv", "1326030975000000,0,0,0,0,0,-9.8,0,0\n1326030975010000,0,0,0,0,0,-9.8,0,0,0\n");
+    CHECK(says(io_error([&] { return open_dataset(folder.path())->info().name; }), "ms25.csv, line 1, field value"));
+  }
+
+  TEST_CASE("decimal commas are refused with the line; accelerations in g are converted") {
+    const TemporaryFolder folder;
+    write_bytes(folder / "velodyne_hits.bin", turning(0.51, 1.2, 1));
+    write_bytes(folder / "ms25.csv",
+                "1326030975000000,0,1,0,2,0,3,0,5,0,25,-9,75,0,01,0,02,0,03\n"
+                "1326030975010000,0,1,0,2,0,3,0,5,0,25,-9,75,0,01,0,02,0,03\n");
+    const std::string error = io_error([&] { return open_dataset(folder.path())->info().name; });
+    CHECK(says(error, "ms25.csv, line 1, field after the last"));
+    CHECK(says(error, "do: each line holds utime and nine numbers, and decimals are written with a point"));
+    std::string rows;
+    for (int i = 0; i < 400; ++i)
+      rows += std::to_string(epoch + 10'000 * i) + ",0,0,0,0.01," + (i % 2 == 0 ? "0.02" : "0.03") + ",-1.0,5.0," +
+              (i % 3 == 0 ? "20.0" : "-17.0") + ",3.0\n";
+    write_bytes(folder / "ms25.csv", rows);
+    const auto dataset = open_dataset(folder.path());
+    const auto noted = [&](const std::string& part) {
+      return std::ranges::any_of(dataset->info().notes, [&](const std::string& text) { return says(text, part); });
+    };
+    CHECK(noted("acceleration in g: turned into m/s^2"));
+    while (const auto p = dataset->next())
+      if (const auto* sample = std::get_if<ImuSample>(&*p)) CHECK(sample->accel.z() == doctest::Approx(9.80665));
+    const auto gnss = [&](const std::string& row) {
+      write_bytes(folder / "gps.csv", row);
+      return io_error([&] {
+        const auto opened = open_dataset(folder.path());
+        while (opened->next()) {
+        }
+        return 0;
+      });
+    };
+    CHECK(says(gnss("1326030975000000,3,8,0,738156,-1,461009,250,5,0,0\n"), "gps.csv, line 1, field after the last"));
+  }
+
   TEST_CASE("KITTI in NCLT's layout is read with the axes that it has") {
     if (const auto path = real_data("kitti00_first101")) {
       const auto dataset = open_dataset(*path);

@@ -285,15 +285,26 @@ TEST_SUITE("datasets/mulran") {
       const std::string whole = read_bytes(folder / name);
       const std::size_t line = whole.find('\n') + 1;  // the second line is cut short, at every comma
       for (std::size_t n = whole.find(',', line); n < whole.find('\n', line); n = whole.find(',', n + 1)) {
-        write_bytes(folder / name, whole.substr(0, n));
-        const std::string error = io_error([&] {
-          const auto cut = open_dataset(folder.path());
-          static_cast<void>(packets_of(*cut));
-          return cut->truth()->size();
-        });
         const bool enough =
             std::string(name) == "xsens_imu.csv" && std::ranges::count(whole.substr(line, n - line), ',') >= 13;
-        CHECK_MESSAGE((enough || (says(error, name) && says(error, "line 2, field"))), error);
+        const bool truth = std::string(name) == "global_pose.csv";
+        for (const char* end : {"", "\n"}) {  // the file was cut, or the line was damaged
+          write_bytes(folder / name, whole.substr(0, n) + end);
+          std::vector<std::string> warnings;
+          const std::string error = io_error([&] {
+            const auto cut = open_dataset(folder.path());
+            static_cast<void>(packets_of(*cut));
+            warnings = cut->info().warnings;
+            return cut->truth()->size();
+          });
+          if (enough) continue;
+          if (*end == '\0' && !truth)
+            CHECK_MESSAGE((error.empty() && any_says(warnings, std::string(name) + ", line 2, field") &&
+                           any_says(warnings, "byte " + std::to_string(n) + ": the file ends within a line")),
+                          error);
+          else
+            CHECK_MESSAGE((says(error, name) && says(error, "line 2, field")), error);
+        }
       }
       write_bytes(folder / name, whole);
     }

@@ -49,6 +49,7 @@ class InputFile {
         end_(other.end_),
         offset_(other.offset_),
         line_(other.line_),
+        line_ended_(other.line_ended_),
         text_(std::move(other.text_)) {}
   InputFile& operator=(InputFile&&) = delete;
   ~InputFile() { close(); }
@@ -56,6 +57,8 @@ class InputFile {
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   [[nodiscard]] std::uint64_t offset() const { return offset_; }  ///< bytes read
   [[nodiscard]] std::int64_t line() const { return line_; }       ///< number of the line read last, from 1
+  /// Whether the line read last had its line end. A file's last line without one may have been cut short.
+  [[nodiscard]] bool line_ended() const { return line_ended_; }
   /// Bytes in the whole file; nothing for pipes.
   [[nodiscard]] std::optional<std::uint64_t> size() const { return size_; }
 
@@ -98,11 +101,20 @@ class InputFile {
   /// Checks a size that a header claims against what the file still holds, before memory is taken for it.
   /// @throws IoError if `bytes` of `what` cannot be there, or if the file is a pipe.
   void require(std::uint64_t bytes, const char* what) const {
-    if (!size_) fail("", "a pipe or a device", "copy it to a plain file first");
-    const std::uint64_t left = *size_ > offset_ ? *size_ - offset_ : 0;
+    const std::uint64_t left = bytes_left();
     if (bytes > left)
       fail(place_of_byte(),
            std::to_string(left) + " bytes, where the header promises " + std::to_string(bytes) + " of " + what,
+           "the file was cut short or its header is wrong: copy or record it again");
+  }
+
+  /// The same for `count` records of `what` that take `least` bytes each or more. The product may be beyond 64 bits.
+  void require(std::uint64_t count, std::uint64_t least, const char* what) const {
+    const std::uint64_t left = bytes_left();
+    if (count > 0 && least > left / count)
+      fail(place_of_byte(),
+           std::to_string(left) + " bytes, where the header promises " + std::to_string(count) + " " + what + " of " +
+               std::to_string(least) + " bytes or more",
            "the file was cut short or its header is wrong: copy or record it again");
   }
 
@@ -126,6 +138,7 @@ class InputFile {
              "this is no text file of the kind asked for");
     }
     if (!ended && text_.empty()) return std::nullopt;
+    line_ended_ = ended;
     ++line_;
     if (!text_.empty() && text_.back() == '\r') text_.pop_back();
     std::string_view text = text_;
@@ -143,6 +156,12 @@ class InputFile {
  private:
   static constexpr std::size_t buffer_size = std::size_t{1} << 16;
   static constexpr std::size_t longest_line = std::size_t{1} << 20;
+
+  /// @throws IoError if the file is a pipe.
+  [[nodiscard]] std::uint64_t bytes_left() const {
+    if (!size_) fail("", "a pipe or a device", "copy it to a plain file first");
+    return *size_ > offset_ ? *size_ - offset_ : 0;
+  }
 
   [[noreturn]] void fail_to_open(int error) const {
     const bool missing = error == ENOENT || error == ENOTDIR;
@@ -172,6 +191,7 @@ class InputFile {
   std::size_t begin_ = 0, end_ = 0;  ///< unread part of the buffer
   std::uint64_t offset_ = 0;
   std::int64_t line_ = 0;
+  bool line_ended_ = false;
   std::string text_;
 };
 

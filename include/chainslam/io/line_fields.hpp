@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/timestamp.hpp"
@@ -64,7 +65,10 @@ class LineFields {
 
   /// @throws IoError if fields are left.
   void end(const char* layout) {
-    if (left_) fail("after the last", detail::shown(detail::trimmed(rest_)), std::string("each line holds ") + layout);
+    if (!left_) return;
+    std::string remedy = std::string("each line holds ") + layout;
+    if (separator_ == ',') remedy += ", and decimals are written with a point";
+    fail("after the last", detail::shown(detail::trimmed(rest_)), std::move(remedy));
   }
 
   [[noreturn]] void fail(const char* name, std::string found, std::string remedy) const {

@@ -33,6 +33,12 @@ struct PcdHeader {
   PcdEncoding encoding = PcdEncoding::ascii;
 
   [[nodiscard]] std::size_t bytes(std::size_t field) const { return size_of(types[field]) * counts[field]; }
+  /// Characters of a point's line at least: a digit for each value, and what separates it from the next.
+  [[nodiscard]] std::size_t least_characters() const {
+    std::size_t values = 0;
+    for (const std::size_t count : counts) values += count;
+    return 2 * values - 1;
+  }
 };
 
 class PcdHeaderReader {
@@ -63,13 +69,13 @@ class PcdHeaderReader {
     else if (keyword == "TYPE")
       while (fields.more()) letters_ += fields.text("TYPE").substr(0, 1);
     else if (keyword == "COUNT")
-      while (fields.more()) header_.counts.push_back(checked("COUNT", fields.integer("COUNT"), 1 << 16));
+      while (fields.more()) header_.counts.push_back(checked("COUNT", fields.integer("COUNT"), 1, 1 << 16));
     else if (keyword == "WIDTH")
-      width_ = checked("WIDTH", fields.integer("WIDTH"), most_points);
+      width_ = checked("WIDTH", fields.integer("WIDTH"), 0, most_points);
     else if (keyword == "HEIGHT")
-      height_ = checked("HEIGHT", fields.integer("HEIGHT"), most_points);
+      height_ = checked("HEIGHT", fields.integer("HEIGHT"), 0, most_points);
     else if (keyword == "POINTS")
-      points_ = checked("POINTS", fields.integer("POINTS"), most_points);
+      points_ = checked("POINTS", fields.integer("POINTS"), 0, most_points);
     else if (keyword != "VERSION" && keyword != "VIEWPOINT")
       fields.fail("keyword", shown(keyword), "this is no PCD file, or its header is damaged");
   }
@@ -120,8 +126,8 @@ class PcdHeaderReader {
          "use I or U with 1, 2, 4 or 8 bytes, F with 4 or 8");
   }
 
-  std::size_t checked(const char* keyword, std::int64_t value, std::int64_t most) {
-    if (value < 0 || value > most) fail(std::string(keyword) + " " + std::to_string(value), "the header is damaged");
+  std::size_t checked(const char* keyword, std::int64_t value, std::int64_t least, std::int64_t most) {
+    if (value < least || value > most) fail(std::string(keyword) + " " + std::to_string(value), "the header is damaged");
     return static_cast<std::size_t>(value);
   }
 
@@ -139,7 +145,7 @@ class PcdHeaderReader {
 };
 
 inline void read_pcd_ascii(InputFile& file, const PcdHeader& header, PointColumns& points) {
-  file.require(header.points, "points, one byte each at least");
+  file.require(header.points, header.least_characters(), "points");
   points.reserve(header.points);
   std::vector<double> values(header.names.size());
   for (std::size_t n = 0; n < header.points;) {
@@ -162,7 +168,8 @@ inline void read_pcd_ascii(InputFile& file, const PcdHeader& header, PointColumn
 }
 
 inline void read_pcd_binary(InputFile& file, const PcdHeader& header, PointColumns& points) {
-  file.require(std::uint64_t{header.points} * header.stride, "points");
+  if (header.points == 0) return;
+  file.require(header.points, header.stride, "points");
   points.reserve(header.points);
   std::vector<std::byte> record(header.stride);
   for (std::size_t n = 0; n < header.points; ++n) {
@@ -176,16 +183,17 @@ inline void read_pcd_compressed(InputFile& file, const PcdHeader& header, PointC
   std::array<std::byte, 8> sizes{};
   file.read(sizes, "the sizes of the compressed points");
   const std::uint64_t packed = load_as<std::uint32_t>(sizes.data()), plain = load_as<std::uint32_t>(sizes.data() + 4);
-  if (plain != std::uint64_t{header.points} * header.stride)
+  if (header.points == 0 ? plain != 0 : plain % header.points != 0 || plain / header.points != header.stride)
     file.fail(file.place_of_byte(),
-              std::to_string(plain) + " bytes of points, where the header asks for " +
-                  std::to_string(std::uint64_t{header.points} * header.stride),
+              std::to_string(plain) + " bytes of points, where the header asks for " + std::to_string(header.points) +
+                  " points of " + std::to_string(header.stride) + " bytes",
               "the file is damaged: copy or record it again");
   file.require(packed, "compressed points");
-  // Three bytes make at most lzf_longest_copy: a larger claim is a lie, and must not cost memory.
-  if (plain > packed * (lzf_longest_copy / 3))
+  // Coordinates hardly compress. A small file that claims to become a large one must not cost memory.
+  constexpr std::uint64_t any_file = std::uint64_t{8} << 20, largest_ratio = 16;
+  if (plain > std::max(any_file, largest_ratio * packed))
     file.fail(file.place_of_byte(), std::to_string(packed) + " bytes that claim to unpack to " + std::to_string(plain),
-              "the file is damaged: copy or record it again");
+              "the file is damaged: copy or record it again, or write the points as DATA binary");
   std::vector<std::byte> in(packed), out(plain);
   file.read(in, "compressed points");
   if (!lzf_decompress(in, out))

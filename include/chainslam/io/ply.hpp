@@ -187,7 +187,7 @@ class PlyRows {
   for (const detail::PlyElement& element : header.elements) {
     detail::PlyRows rows(file, header, element);
     const bool vertices = element.name == "vertex";
-    file.require(element.count * (header.ascii ? 1 : element.least_bytes()), element.name.c_str());
+    file.require(element.count, header.ascii ? 1 : element.least_bytes(), element.name.c_str());
     if (!vertices) {
       if (!header.ascii && !element.has_lists())
         file.skip(element.count * element.least_bytes(), element.name.c_str());
