@@ -3,6 +3,9 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -44,6 +47,28 @@ TEST_SUITE("odometry/imu_record") {
     });
     CHECK(rates == "ynnyy");
     CHECK(forces == "yyynn");
+  }
+
+  TEST_CASE("a hole takes bounded work, however far the clock jumped, and its steps make up its whole length") {
+    ImuRecord record;
+    for (int i = 0; i < 3; ++i) record.add({.time = at(0.01 * i)});
+    for (const double length : {0.5, 1.0, 9.9, 10.1, 3600.0, 1e9, 4e9}) {
+      CAPTURE(length);
+      for (const bool sample_behind : {false, true}) {
+        ImuRecord jumped = record;
+        if (sample_behind) jumped.add({.time = at(0.02 + length)});
+        std::int64_t steps = 0;
+        double sum = 0, longest_of_first = 0;
+        jumped.for_each_step(at(0.02), at(0.02 + length), [&](const ImuStep& step) {
+          CHECK(!step.reading);
+          sum += step.duration;
+          if (++steps <= 500) longest_of_first = std::max(longest_of_first, step.duration);
+        });
+        CHECK(steps == static_cast<std::int64_t>(length < 10 ? std::lround(100 * length) : 1001));
+        CHECK(longest_of_first <= 0.01 + 1e-9);  // over what a motion can be continued: as finely as ever
+        CHECK(sum == doctest::Approx(length).epsilon(1e-12));
+      }
+    }
   }
 
   TEST_CASE("a correction holds for the samples kept and for those to come, however often it is changed") {

@@ -120,6 +120,17 @@ class ImuRecord {
     return options_.unseen_share * difference.norm() * std::sqrt(interval);
   }
 
+  /// Steps without a reading. A clock that jumps leaves a hole of any length: behind so many steps that a motion could
+  /// be continued over, the rest of it is one.
+  template <class Step>
+  void pass_hole(double duration, double pieces, Step& step) const {
+    constexpr double most_pieces = 1000;
+    const double dt = pieces > most_pieces ? options_.max_step : duration / pieces;
+    const double count = std::min(pieces, most_pieces);
+    for (double k = 0; k < count; ++k) step(ImuStep{dt, std::nullopt});
+    if (pieces > most_pieces) step(ImuStep{duration - most_pieces * dt, std::nullopt});
+  }
+
   /// The piece [begin, end] before sample `next`.
   template <class Step>
   void cut(Timestamp begin, Timestamp end, std::size_t next, Step& step) const {
@@ -133,7 +144,7 @@ class ImuRecord {
     const double pieces = std::max(1.0, std::ceil(duration / options_.max_step - 1e-6));
     const double dt = duration / pieces;
     if (hole > options_.max_gap) {
-      for (double k = 0; k < pieces; ++k) step(ImuStep{dt, std::nullopt});
+      pass_hole(duration, pieces, step);
       return;
     }
     const ImuSample& first = a != nullptr ? *a : *b;
