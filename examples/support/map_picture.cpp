@@ -12,7 +12,7 @@
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/io/file_system.hpp"
-#include "support/report_parts.hpp"
+#include "support/drawable.hpp"
 
 namespace chainslam::support {
 namespace {

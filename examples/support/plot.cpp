@@ -6,8 +6,8 @@
 #include <iterator>
 #include <limits>
 
+#include "support/drawable.hpp"
 #include "support/encoding.hpp"
-#include "support/report_parts.hpp"
 
 namespace chainslam::support {
 namespace {

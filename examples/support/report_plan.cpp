@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "support/drawable.hpp"
 #include "support/encoding.hpp"
 #include "support/map_picture.hpp"
 #include "support/report_parts.hpp"
