@@ -66,7 +66,7 @@ class Db3 final : public RosRecording {
         messages_.reset();
         return std::nullopt;
       }
-      if (topic == topics_.end() || time < 0 || data == nullptr || size <= 0) {
+      if (topic == topics_.end() || time < 0 || time > latest_nanoseconds || data == nullptr || size <= 0) {
         lose("row " + std::to_string(row_) + ": no topic, no time or no data; it is left out");
         continue;
       }

@@ -75,7 +75,7 @@ std::optional<Timestamp> parse_date_time(std::string_view text) {
                                         std::chrono::day(static_cast<unsigned>(number(8, 2)))};
   const int hour = number(11, 2), minute = number(14, 2);
   const auto second = detail::parse_seconds(text.substr(17));
-  if (!day.ok() || number(0, 4) < 1900 || hour < 0 || hour > 23 || minute < 0 || minute > 59 || !second ||
+  if (!day.ok() || number(0, 4) < 1900 || number(0, 4) > 2114 || hour < 0 || hour > 23 || minute < 0 || minute > 59 || !second ||
       *second < 0 || *second >= 61'000'000'000)
     return std::nullopt;
   return Timestamp(std::chrono::sys_days(day).time_since_epoch() + std::chrono::hours(hour) +
@@ -102,12 +102,17 @@ std::vector<Timestamp> read_stamps(const std::filesystem::path& path, bool in_or
   return stamps;
 }
 
+std::optional<Timestamp> time_of_whole(std::int64_t value) {
+  constexpr std::int64_t least_microseconds = 100'000'000'000'000, least_nanoseconds = 1000 * least_microseconds;
+  if (value >= least_nanoseconds && value <= latest_nanoseconds) return Timestamp::from_nanoseconds(value);
+  if (value >= least_microseconds && value <= latest_nanoseconds / 1000) return Timestamp::from_microseconds(value);
+  return std::nullopt;
+}
+
 std::optional<Timestamp> time_of_name(const std::string& stem) {
   if (all_digits(stem)) {
     const auto value = detail::parse_integer(stem);
-    if (value && *value >= 100'000'000'000'000'000) return Timestamp::from_nanoseconds(*value);
-    if (value && *value >= 100'000'000'000'000) return Timestamp::from_microseconds(*value);
-    return std::nullopt;
+    return value ? time_of_whole(*value) : std::nullopt;
   }
   if (const std::size_t point = stem.find('.'); point != stem.npos && point >= 9) {
     const auto value = detail::parse_seconds(stem);
@@ -121,8 +126,9 @@ std::optional<Timestamp> time_of_name(const std::string& stem) {
   const std::string_view nanoseconds = std::string_view(stem).substr(last + 1);
   if (!all_digits(whole) || !all_digits(nanoseconds) || whole.size() < 9 || whole.size() > 10 || nanoseconds.size() > 9)
     return std::nullopt;
-  return Timestamp::from_nanoseconds(*detail::parse_integer(whole) * 1'000'000'000 +
-                                     *detail::parse_integer(nanoseconds));
+  const Timestamp time = Timestamp::from_nanoseconds(*detail::parse_integer(whole) * 1'000'000'000 +
+                                                     *detail::parse_integer(nanoseconds));
+  return is_recorded_time(time) ? std::optional(time) : std::nullopt;
 }
 
 std::string contents_of(const std::filesystem::path& folder) {

@@ -24,6 +24,9 @@ namespace chainslam::datasets {
 /// `YYYY-MM-DD hh:mm:ss.nnnnnnnnn` as time since 1970, exactly. Nothing if the text is none.
 [[nodiscard]] std::optional<Timestamp> parse_date_time(std::string_view text);
 
+/// A whole number as a time since 1970: nanoseconds or microseconds, by its size. Nothing if it is neither.
+[[nodiscard]] std::optional<Timestamp> time_of_whole(std::int64_t value);
+
 /// The time that a file's name states: nanoseconds or microseconds since 1970 (`1583836591182590976`), decimal seconds
 /// (`1583836591.182590976`) or `<anything>_<seconds>_<nanoseconds>`. Nothing for mere numbers such as `000042`.
 [[nodiscard]] std::optional<Timestamp> time_of_name(const std::string& stem);

@@ -9,6 +9,7 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/line_fields.hpp"
+#include "datasets/files.hpp"
 #include "datasets/number_rows.hpp"
 
 namespace chainslam::datasets {
@@ -112,7 +113,10 @@ class ImuTable {
         if (!time) return std::nullopt;
         sample.time = *time;
       } else if (i == columns_.nanoseconds) {
+        LineFields again = fields;
         nanoseconds = fields.integer("nanoseconds");
+        if (nanoseconds < 0 || nanoseconds >= 1'000'000'000)
+          again.fail("nanoseconds", std::to_string(nanoseconds), "write what is beyond the whole second, below 1e9");
       } else if (const auto axis = place_in(columns_.gyro); axis < 3) {
         sample.gyro[axis] = fields.number_or_nan("rate");
       } else if (const auto other = place_in(columns_.accel); other < 3) {
@@ -136,8 +140,8 @@ class ImuTable {
     LineFields again = fields;
     const std::string_view text = fields.text("time");
     const auto whole = detail::parse_integer(text);
-    if (whole && !columns_.nanoseconds && *whole >= 100'000'000'000'000'000) return Timestamp::from_nanoseconds(*whole);
-    if (whole && !columns_.nanoseconds && *whole >= 100'000'000'000'000) return Timestamp::from_microseconds(*whole);
+    if (whole && !columns_.nanoseconds)
+      if (const auto time = time_of_whole(*whole)) return time;
     if (detail::parse_double(text) && !detail::parse_seconds(text)) return std::nullopt;
     return again.time_in_seconds("time");
   }

@@ -27,7 +27,7 @@ struct ImuColumns {
 [[nodiscard]] ImuColumns imu_columns(const std::filesystem::path& path);
 
 /// Adds a table's samples (see `add_imu`). Rows whose numbers are not finite are left out and counted, and those whose
-/// time is none between the years 1678 and 2261.
+/// time is none between the years 1824 and 2115.
 /// Reading throws IoError naming line and field of what is no number, or missing.
 void add_imu_table(ScanFiles& parts, const DatasetOptions& options, const std::filesystem::path& path,
                    const ImuColumns& columns);

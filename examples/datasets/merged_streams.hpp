@@ -13,12 +13,13 @@
 namespace chainslam::datasets {
 
 /// Merges the packets of several files into time order, holding one packet of each. Equal times come out as IMU, LiDAR,
-/// GNSS. A packet that is earlier than its own file's last is dropped and counted.
+/// GNSS. A packet that is earlier than its own file's last is dropped and counted, and so is one that is ahead of its
+/// file's next although that runs on from the one before: one wrong time would else cost all packets after it.
 class MergedStreams {
  public:
   using Stream = std::function<std::optional<Packet>()>;
 
-  void add(Stream stream) { streams_.push_back({std::move(stream), std::nullopt, std::nullopt, false}); }
+  void add(Stream stream) { streams_.push_back({.stream = std::move(stream)}); }
 
   [[nodiscard]] std::optional<Packet> next() {
     for (Head& head : streams_) fill(head);
@@ -35,24 +36,31 @@ class MergedStreams {
 
  private:
   struct Head {
-    Stream stream;
-    std::optional<Packet> packet;
-    std::optional<Timestamp> last;
-    bool ended = false;
+    Stream stream{};
+    std::optional<Packet> packet{}, ahead{};  ///< that comes out next, and the one after it
+    std::optional<Timestamp> last{};
+    bool ended = false;  ///< nothing is ahead
+
+    [[nodiscard]] bool runs_on(Timestamp time) const { return !last || time >= *last; }
+    void read() {
+      if (!ended) ahead = stream();
+      ended = !ahead;
+    }
   };
 
   void fill(Head& head) {
-    while (!head.packet && !head.ended) {
-      head.packet = head.stream();
-      head.ended = !head.packet;
-      if (head.ended) return;
-      const Timestamp time = available_at(*head.packet);
-      if (head.last && time < *head.last) {
-        head.packet.reset();
+    if (!head.packet && !head.ahead) head.read();
+    while (!head.packet && head.ahead) {
+      Packet packet = *std::exchange(head.ahead, std::nullopt);
+      head.read();
+      const Timestamp time = available_at(packet);
+      const bool too_early = !head.runs_on(time);
+      if (too_early || (head.ahead && available_at(*head.ahead) < time && head.runs_on(available_at(*head.ahead)))) {
         ++dropped_;
-      } else {
-        head.last = time;
+        continue;
       }
+      head.last = time;
+      head.packet = std::move(packet);
     }
   }
 

@@ -27,8 +27,8 @@ struct NcltPacket {
 ///
 /// A sweep that covers less than half a turn (the recording's first and last) is dropped and counted. A pause of more
 /// than 0.2 s ends a sweep too, and so does one of more than 1 s or 2^20 points, which does not turn. Where the file is
-/// damaged or was cut, the sweeps end. Points of a packet are spread evenly over the time until the next packet; over the last
-/// such time where there is none, or a pause.
+/// damaged or was cut, the sweeps end. Points of a packet are spread evenly over the time until the next packet; over
+/// the last such time where there is none, or a pause.
 class NcltSweeps {
  public:
   /// @throws IoError if the file cannot be read, or not even its first packet.

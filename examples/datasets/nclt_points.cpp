@@ -17,7 +17,7 @@ constexpr std::uint16_t magic = 44444;
 constexpr std::uint32_t most_hits = 384 * 16;  // real packets hold at most 384
 constexpr Duration longest_pause = std::chrono::milliseconds(200);
 constexpr Duration longest_sweep = std::chrono::seconds(1);
-constexpr std::size_t most_points = std::size_t{1} << 20;
+constexpr std::size_t most_sweep_points = std::size_t{1} << 20;
 constexpr Duration longest_packet = std::chrono::milliseconds(5);
 
 /// Coordinates are unsigned: read as signed, those beyond 63.84 m would wrap.
@@ -62,7 +62,7 @@ std::optional<NcltPacket> read_nclt_packet(InputFile& file) {
   const auto hits = load_as<std::uint32_t>(header.data() + 8);
   const auto microseconds = load_as<std::uint64_t>(header.data() + 12);
   if (hits > most_hits) fail("a packet of " + std::to_string(hits) + " hits; 384 are the most");
-  if (microseconds > 9'000'000'000'000'000U) fail("the time " + std::to_string(microseconds) + " us");
+  if (microseconds > static_cast<std::uint64_t>(latest_nanoseconds) / 1000) fail("the time " + std::to_string(microseconds) + " us");
   std::vector<std::byte> bytes(hits * hit_bytes);
   file.read(bytes, "a packet's hits");
   NcltPacket packet;
@@ -88,7 +88,7 @@ void NcltSweeps::read_ahead() {
 
 bool NcltSweeps::ends_here(const LidarScan& sweep, Timestamp last) {
   if (packet_->time - last > longest_pause || last - packet_->time > longest_pause ||
-      (!sweep.cloud.empty() && packet_->time - sweep.time > longest_sweep) || sweep.cloud.size() >= most_points) {
+      (!sweep.cloud.empty() && packet_->time - sweep.time > longest_sweep) || sweep.cloud.size() >= most_sweep_points) {
     turning_ = false;
     return !sweep.cloud.empty();
   }

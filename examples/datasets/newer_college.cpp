@@ -32,7 +32,10 @@ SE3d T_imu_lidar() {
 
 Timestamp seconds_and_nanoseconds(LineFields& fields) {
   const Timestamp whole = fields.time_in_seconds("sec");
-  return whole + Duration(fields.integer("nsec"));
+  const std::int64_t nanoseconds = fields.integer("nsec");
+  if (nanoseconds < 0 || nanoseconds >= 1'000'000'000)
+    fields.fail("nsec", std::to_string(nanoseconds), "write what is beyond the whole second, below 1e9");
+  return whole + Duration(nanoseconds);
 }
 
 }  // namespace

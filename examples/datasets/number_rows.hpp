@@ -18,11 +18,11 @@
 
 namespace chainslam::datasets {
 
-/// A whole number of some unit since 1970. @throws IoError naming line and field if it lies before 1970 or after 2255.
+/// A whole number of some unit since 1970. @throws IoError naming line and field if it lies before 1970 or after 2115.
 [[nodiscard]] inline Timestamp time_field(LineFields& fields, TimeUnit unit) {
   const std::int64_t value = fields.integer("time");
   const auto nanoseconds = static_cast<std::int64_t>(nanoseconds_per(unit));
-  if (value < 0 || value > 9'000'000'000'000'000'000 / nanoseconds)
+  if (value < 0 || value > latest_nanoseconds / nanoseconds)
     fields.fail("time", std::to_string(value), std::string("write ") + unit_name(unit) + " since 1970");
   return Timestamp::from_nanoseconds(value * nanoseconds);
 }

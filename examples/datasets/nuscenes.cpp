@@ -54,7 +54,7 @@ SE3d pose_of(const JsonRow& row, const fs::path& table) {
 
 Timestamp time_of(const JsonRow& row, const fs::path& table) {
   const auto* time = row.find("timestamp", 1);
-  if (time == nullptr || !((*time)[0] >= 0 && (*time)[0] < 9e15))
+  if (time == nullptr || !((*time)[0] >= 0 && (*time)[0] <= 1e-3 * static_cast<double>(latest_nanoseconds)))
     throw_input_error(table.string(), "token " + row.text("token"), "no timestamp in microseconds",
                       "the table is damaged: copy it again");
   return Timestamp::from_microseconds(static_cast<std::int64_t>((*time)[0]));

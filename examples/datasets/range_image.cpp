@@ -68,7 +68,7 @@ Duration usual_step(const std::vector<Timestamp>& stamps) {
 /// Stamps that lie in the middle of their sweeps, as the driver of this sensor wrote them.
 SweepTimes around(const std::vector<Timestamp>& stamps) {
   SweepTimes times;
-  const Duration half = usual_step(stamps) / 2;
+  const Duration half = std::min<Duration>(usual_step(stamps), std::chrono::seconds(1)) / 2;
   for (const Timestamp stamp : stamps) {
     times.start.push_back(stamp - half);
     times.end.push_back(stamp + half);

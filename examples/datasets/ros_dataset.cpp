@@ -24,9 +24,9 @@ namespace chainslam::datasets {
 namespace {
 
 constexpr Duration look_ahead = std::chrono::seconds(3);
-constexpr std::size_t most_samples = 20'000;  ///< of an IMU that are looked at for their units
+constexpr std::size_t most_samples = 20'000;    ///< of an IMU that are looked at for their units
 constexpr std::size_t most_messages = 100'000;  ///< of the beginning: stamps that stand still must not make it all
-constexpr std::size_t most_tries = 10;  ///< scans looked at for the meaning of their time field
+constexpr std::size_t most_tries = 10;          ///< scans looked at for the meaning of their time field
 
 /// What a topic's messages came to while reading.
 struct Tally {
@@ -210,7 +210,7 @@ class RosDataset final : public Dataset {
       ++topic.tally.unplaced;
       return std::nullopt;
     }
-    if (!times.plausible) {
+    if (!times.plausible || !is_recorded_time(times.time)) {
       ++topic.tally.implausible;
       return std::nullopt;
     }
@@ -358,9 +358,18 @@ class RosDataset final : public Dataset {
       if (const std::string& name = chosen(kind); !name.empty() && !topics_.contains(name))
         info_.warnings.push_back("no messages on " + name);
     if (chosen(SensorKind::lidar).empty()) info_.warnings.emplace_back("no scans: no PointCloud2 or Livox CustomMsg");
-    std::size_t late = 0;
-    for (const std::size_t count : order_.report().late) late += count;
-    if (late > 0) info_.warnings.push_back(std::to_string(late) + " packets dropped that were recorded far too late");
+    const TimeOrderReport& report = order_.report();
+    const auto count = [&](const std::array<std::size_t, 3>& counts, const char* what) {
+      std::size_t sum = 0;
+      for (const std::size_t part : counts) sum += part;
+      if (sum > 0) info_.warnings.push_back(std::to_string(sum) + what);
+    };
+    count(report.repeated, " packets have the very time of the one before");
+    count(report.backward_jumps, " times a clock was set back");
+    if (report.hurried > 0)
+      info_.warnings.push_back(std::to_string(report.hurried) +
+                               " packets were not put in order: their times stand still");
+    count(report.late, " packets dropped that were recorded far too late");
   }
 
   DatasetOptions options_;

@@ -82,6 +82,7 @@ void set_point_times(LidarScan& scan, const PointTimeRule& rule, std::span<const
   } catch (const std::invalid_argument&) {
     fail("points of no time between the years 1678 and 2261");
   }
+  if (!is_recorded_time(of_points.time)) fail("points of no time between the years 1824 and 2115");
   if (!of_points.plausible)
     fail("points that span " + std::to_string(to_seconds(of_points.end - of_points.time)) + " s");
   scan.time = of_points.time;

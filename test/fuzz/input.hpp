@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "chainslam/core/error.hpp"
 #include "datasets/dataset.hpp"
@@ -26,11 +27,30 @@ int fuzz(const std::uint8_t* data, std::size_t size, const std::string& name, co
   return 0;
 }
 
-/// Reads a data set from its start to its end.
+/// The same for a data set of several files: the input is cut at zero bytes, a file for each name; the last one gets all
+/// that is left, and names left over get empty files. `read` takes the folder.
+template <class Read>
+int fuzz_folder(const std::uint8_t* data, std::size_t size, const std::vector<std::string>& names, const Read& read) {
+  static const TemporaryFolder folder;
+  std::string_view rest(reinterpret_cast<const char*>(data), size);
+  for (const std::string& name : names) {
+    const std::size_t end = &name == &names.back() ? std::string_view::npos : rest.find('\0');
+    write_bytes(folder / name, rest.substr(0, end));
+    rest = end == std::string_view::npos ? std::string_view() : rest.substr(end + 1);
+  }
+  try {
+    read(folder.path());
+  } catch (const IoError&) {
+  }
+  return 0;
+}
+
+/// Reads a data set from its start to its end, its truth as well.
 inline void read_all(const std::filesystem::path& path) {
   const auto dataset = datasets::open_dataset(path);
   while (dataset->next()) {
   }
+  static_cast<void>(dataset->truth());
 }
 
 }  // namespace chainslam::test

@@ -1,21 +1,48 @@
 #!/usr/bin/env bash
-# usage: test/fuzz/run.sh FUZZERS TESTS SECONDS
-# Runs every fuzzer in the folder FUZZERS for so many seconds, from the files that the tests in the folder TESTS write.
-# Input that finds a fault is left in FUZZERS.
+# usage: test/fuzz/run.sh FUZZERS TESTS SECONDS [NAME...]
+# Runs the fuzzers in the folder FUZZERS, or those of these names, for so many seconds each: from the files that the tests
+# in the folder TESTS write, and from test/fuzz/corpus. Prints each one's executions per second, and how much of our code
+# that it entered it covers. Input that finds a fault is left in FUZZERS.
 set -euo pipefail
+here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 cd "$1"
+tests="$2" seconds="$3"
+shift 3
 seeds_of_tests="$PWD/seeds"
 for test in datasets io; do
   [ -d "$seeds_of_tests/$test" ] && continue
-  CHAINSLAM_FIXTURES="$seeds_of_tests/$test" CHAINSLAM_QUICK=1 "$2/test_$test" >/dev/null
+  CHAINSLAM_FIXTURES="$seeds_of_tests/$test" CHAINSLAM_QUICK=1 "$tests/test_$test" >/dev/null
 done
 export UBSAN_OPTIONS=print_stacktrace=1
+# Files that are written and read for each input, in memory where there is such a place.
+[ -w /dev/shm ] && export TMPDIR=/dev/shm
+
+# summary NAME LOG: of the run, and of the corpus that it has built.
+summary() {
+  local rate edges
+  rate="$(sed -n 's/^stat::average_exec_per_sec: *//p' "$2")"
+  edges="$("./fuzz_$1" -runs=0 -print_coverage=1 "corpus_$1" 2>&1 |
+    awk '/^COVERED_FUNC:.* chainslam::/ { split($5, part, "/"); covered += part[1]; all += part[2]; ++functions }
+         END { if (all > 0) printf "%.0f %% of %d edges in %d functions", 100 * covered / all, all, functions }')"
+  printf '%-22s %6s executions/s, covers %s\n' "$1" "$rate" "$edges"
+  if [ "${rate:-0}" -lt 1000 ]; then echo "             slow: fewer than 1000 executions/s"; fi
+}
+
 for program in ./fuzz_*; do
   [ -x "$program" ] && [ -f "$program" ] || continue
   name="${program#./fuzz_}"
-  case "$name" in nclt_hits | nclt_sync | helipr | kitti) kind=bin ;; *) kind="$name" ;; esac
+  case " ${*:-$name} " in *" $name "*) ;; *) continue ;; esac
+  case "$name" in
+    nclt_hits | nclt_sync | helipr | kitti) kind=bin ;;
+    kitti_poses | stamps | extrinsic | kitti_calibration) kind=txt ;;
+    euroc) kind=csv ;;
+    range_image_geometry) kind=cfg ;;
+    *) kind="$name" ;;
+  esac
   seeds="$seeds_of_tests/datasets/$kind" more="$seeds_of_tests/io/$kind"
-  mkdir -p "corpus_$name" "$seeds" "$more"
-  "$program" -max_total_time="$3" -rss_limit_mb=1500 -timeout=10 -max_len=65536 -artifact_prefix="found_${name}_" \
-    -print_final_stats=1 -verbosity=0 "corpus_$name" "$seeds" "$more"
+  mkdir -p "corpus_$name" "$seeds" "$more" "$here/corpus/$name"
+  "$program" -max_total_time="$seconds" -rss_limit_mb=1500 -malloc_limit_mb=512 -timeout=10 -max_len=65536 \
+    -artifact_prefix="found_${name}_" -print_final_stats=1 -verbosity=0 "corpus_$name" "$seeds" "$more" \
+    "$here/corpus/$name" >"log_$name" 2>&1 || { tail -n 60 "log_$name"; exit 1; }
+  summary "$name" "log_$name"
 done

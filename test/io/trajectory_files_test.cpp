@@ -47,9 +47,10 @@ TEST_SUITE("io/tum") {
     CHECK(nanoseconds("7.") == 7'000'000'000);
     CHECK(nanoseconds(".25") == 250'000'000);
     CHECK(nanoseconds("+3") == 3'000'000'000);
-    CHECK(nanoseconds("9223372036.854775807") == std::numeric_limits<std::int64_t>::max());
+    CHECK(nanoseconds("4294967295.999999999") == 4'294'967'295'999'999'999);  // the last that ROS 1 can state, in 2106
+    CHECK(nanoseconds("-4600000000") == -latest_nanoseconds);
     for (const char* wrong : {"", "-", ".", "1.2.3", "1,5", "nan", "inf", "0x10", "1e", "1e999", "1 ",
-                              "9223372036.854775808", "1403715524907143168", "--1", "1e+-3"})
+                              "4600000000.000000001", "9223372036.854775808", "1403715524907143168", "--1", "1e+-3"})
       CHECK_MESSAGE(!nanoseconds(wrong), wrong);
   }
 

@@ -94,6 +94,23 @@ TEST_SUITE("sensor/time_order") {
     CHECK(order.report().hurried == 2);
   }
 
+  TEST_CASE("scans whose stamps stand still do not gather") {
+    TimeOrder order{{.scan_capacity = 3}};
+    std::size_t delivered = 0;
+    for (int i = 0; i < 50; ++i) {
+      order.push(imu(1.5));
+      order.push(scan(1.4, 1.5));
+      while (order.pop()) ++delivered;
+      CHECK(order.waiting() <= 3 + 50);
+    }
+    CHECK(order.report().hurried == delivered);
+    CHECK(order.report().repeated == std::array<std::size_t, 3>{49, 49, 0});
+    CHECK(TimeOrderOptions{}.scan_capacity * 2'000'000 < std::size_t{1} << 30);  // of the usual 2 MB: below 1 GiB
+    order.finish();
+    while (order.pop()) ++delivered;
+    CHECK(delivered == 100);
+  }
+
   TEST_CASE("gaps are reported for each sensor by its own measure, and nothing is lost") {
     TimeOrder order;
     order.push(imu(1));

@@ -42,4 +42,12 @@ class Timestamp {
   Duration since_epoch_{0};
 };
 
+/// The latest time that readers take, in nanoseconds since 1970, and the earliest if negative: the years 1824 to 2115.
+/// No difference of two such times overflows, nor their sum with what filters add.
+inline constexpr std::int64_t latest_nanoseconds = 4'600'000'000'000'000'000;
+
+[[nodiscard]] constexpr bool is_recorded_time(Timestamp time) {
+  return time.nanoseconds() >= -latest_nanoseconds && time.nanoseconds() <= latest_nanoseconds;
+}
+
 }  // namespace chainslam

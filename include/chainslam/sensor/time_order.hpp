@@ -19,6 +19,7 @@ namespace chainslam {
 struct TimeOrderOptions {
   Duration delay = std::chrono::milliseconds(200);   ///< of data time, that a packet waits for earlier ones
   std::size_t capacity = 100'000;                    ///< packets waiting; past it the earliest goes without waiting
+  std::size_t scan_capacity = 256;                   ///< the same for scans, which are large: stamps may stand still
   Duration backward_jump = std::chrono::seconds(1);  ///< a sensor's step back by more is its clock set anew
   /// A sensor's step forward by more is reported as a gap: imu, lidar, gnss.
   std::array<Duration, 3> gap = {std::chrono::milliseconds(300), std::chrono::seconds(1), std::chrono::seconds(10)};
@@ -74,6 +75,7 @@ class TimeOrder {
       return;
     }
     if (!newest_ || time > *newest_) newest_ = time;
+    if (kind == SensorKind::lidar) ++scans_;
     waiting_.push_back({epoch_, time, kind, arrivals_++, std::move(packet)});
     std::push_heap(waiting_.begin(), waiting_.end(), Later{});
   }
@@ -83,11 +85,13 @@ class TimeOrder {
     if (waiting_.empty()) return std::nullopt;
     const Waiting& first = waiting_.front();
     const bool certain = finished_ || first.epoch < epoch_ || *newest_ - first.time >= options_.delay;
-    if (!certain && waiting_.size() <= options_.capacity) return std::nullopt;
+    const bool full = waiting_.size() > options_.capacity || scans_ > options_.scan_capacity;
+    if (!certain && !full) return std::nullopt;
     if (!certain) ++report_.hurried;
     std::pop_heap(waiting_.begin(), waiting_.end(), Later{});
     Waiting next = std::move(waiting_.back());
     waiting_.pop_back();
+    if (next.kind == SensorKind::lidar) --scans_;
     delivered_ = std::pair(next.epoch, next.time);
     ++count(report_.delivered, next.kind);
     return std::move(next.packet);
@@ -164,6 +168,7 @@ class TimeOrder {
   std::optional<std::pair<Index, Timestamp>> delivered_;  ///< epoch and time of the latest delivery
   Index epoch_ = 0;                                       ///< grows when a clock is set back
   std::size_t arrivals_ = 0;
+  std::size_t scans_ = 0;  ///< that wait
   bool finished_ = false;
 };
 

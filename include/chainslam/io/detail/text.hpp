@@ -48,7 +48,7 @@ inline std::optional<std::int64_t> parse_integer(std::string_view text) {
 }
 
 /// Decimal seconds ("1403715524.907143168", "1.3050317e+09") as nanoseconds, digit by digit: no double comes between.
-/// Digits beyond the ninth are rounded, half away from zero. Nothing if it is no number or beyond 292 years.
+/// Digits beyond the ninth are rounded, half away from zero. Nothing if it is no number or no `is_recorded_time`.
 inline std::optional<std::int64_t> parse_seconds(std::string_view text) {
   const bool negative = text.starts_with('-');
   if (negative || text.starts_with('+')) text.remove_prefix(1);
@@ -79,6 +79,7 @@ inline std::optional<std::int64_t> parse_seconds(std::string_view text) {
     if (__builtin_mul_overflow(value, 10, &value) || __builtin_add_overflow(value, digit(i), &value))
       return std::nullopt;
   if (whole >= 0 && digit(whole) >= 5 && __builtin_add_overflow(value, 1, &value)) return std::nullopt;
+  if (value > latest_nanoseconds) return std::nullopt;
   return negative ? -value : value;
 }
 
@@ -113,7 +114,7 @@ inline std::string number_remedy(std::string_view field, const char* wanted) {
 
 /// As `number_remedy`, for a time in seconds.
 inline std::string time_remedy(std::string_view field) {
-  if (parse_double(field).value_or(0) > 9e9)
+  if (parse_double(field).value_or(0) > 4.6e9)
     return "write the time in seconds; this looks like nanoseconds or microseconds";
   return number_remedy(field, "the time in seconds");
 }

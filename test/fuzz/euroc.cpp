@@ -1,0 +1,7 @@
+#include "chainslam/io/euroc_csv.hpp"
+#include "fuzz/input.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  return chainslam::test::fuzz(data, size, "data.csv",
+                               [](const auto& path) { static_cast<void>(chainslam::read_euroc_csv(path)); });
+}
