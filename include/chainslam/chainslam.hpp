@@ -25,6 +25,7 @@
 #include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/lanes.hpp"
 #include "chainslam/core/observer.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/small_matrix.hpp"

@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -32,10 +34,13 @@ int fuzz(const std::uint8_t* data, std::size_t size, const std::string& name, co
 template <class Read>
 int fuzz_folder(const std::uint8_t* data, std::size_t size, const std::vector<std::string>& names, const Read& read) {
   static const TemporaryFolder folder;
+  static std::map<std::string, std::optional<std::string>> written;
   std::string_view rest(reinterpret_cast<const char*>(data), size);
   for (const std::string& name : names) {
     const std::size_t end = &name == &names.back() ? std::string_view::npos : rest.find('\0');
-    write_bytes(folder / name, rest.substr(0, end));
+    const std::string_view part = rest.substr(0, end);
+    std::optional<std::string>& there = written[name];
+    if (there != part) write_bytes(folder / name, there.emplace(part));  // most inputs change one file
     rest = end == std::string_view::npos ? std::string_view() : rest.substr(end + 1);
   }
   try {
