@@ -218,9 +218,10 @@ if [ "$mode" = full ]; then
     -DCMAKE_CXX_COMPILER=clang++-14
   run_programs clang "clang" "${modules[@]}"
   if [ "$selected" = all ]; then  # from what the tests have written
-    configure_and_build fuzz "clang, libFuzzer" fuzzers -DCMAKE_BUILD_TYPE=Sanitized -DCMAKE_CXX_FLAGS_SANITIZED=-O1 \
-      -DCMAKE_CXX_COMPILER=clang++-14 -DCHAINSLAM_SANITIZE=address -DCHAINSLAM_BUILD_FUZZERS=ON \
-      -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF -DCHAINSLAM_BUILD_EXAMPLES=OFF
+    # Coverage is printed by function, which takes line tables.
+    configure_and_build fuzz "clang, libFuzzer" fuzzers "-DCMAKE_CXX_FLAGS_SANITIZED=-O1 -gline-tables-only" \
+      -DCMAKE_BUILD_TYPE=Sanitized -DCMAKE_CXX_COMPILER=clang++-14 -DCHAINSLAM_SANITIZE=address \
+      -DCHAINSLAM_BUILD_FUZZERS=ON -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF -DCHAINSLAM_BUILD_EXAMPLES=OFF
     run_step "readers withstand what is made up" "$root/test/fuzz/run.sh" "$build/fuzz/test/fuzz" "$build/gcc/test" 10
   fi
   run_step "every bench runs" "$root/bench/run.sh" --smoke

@@ -36,7 +36,8 @@ class Db3 final : public RosRecording {
       sqlite3_db_config(database, option, 0, nullptr);
     bytes_left_ = static_cast<std::int64_t>(std::filesystem::file_size(path));
     sqlite3_limit(database, SQLITE_LIMIT_LENGTH, static_cast<int>(std::min<std::int64_t>(bytes_left_ + 1, 256 << 20)));
-    // Pages that point to each other in circles hold rows without end: a row takes some ten steps, and bytes of its own.
+    // Pages that point to each other in circles hold rows without end: a row takes some ten steps, and bytes of its
+    // own.
     steps_left_ = 100'000 + bytes_left_;
     sqlite3_progress_handler(database, steps_at_once, count_steps, this);
     // Lets a file be read whose last pages are missing: what they held ends the reading.
@@ -61,7 +62,8 @@ class Db3 final : public RosRecording {
       const void* data = sqlite3_column_blob(messages_.get(), 3);
       const int size = sqlite3_column_bytes(messages_.get(), 3);
       if ((bytes_left_ -= size) < 0) {
-        lose("row " + std::to_string(row_) + ": the rows so far are larger than the file, which is damaged; what comes "
+        lose("row " + std::to_string(row_) +
+             ": the rows so far are larger than the file, which is damaged; what comes "
              "before is used");
         messages_.reset();
         return std::nullopt;

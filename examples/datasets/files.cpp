@@ -75,8 +75,8 @@ std::optional<Timestamp> parse_date_time(std::string_view text) {
                                         std::chrono::day(static_cast<unsigned>(number(8, 2)))};
   const int hour = number(11, 2), minute = number(14, 2);
   const auto second = detail::parse_seconds(text.substr(17));
-  if (!day.ok() || number(0, 4) < 1900 || number(0, 4) > 2114 || hour < 0 || hour > 23 || minute < 0 || minute > 59 || !second ||
-      *second < 0 || *second >= 61'000'000'000)
+  if (!day.ok() || number(0, 4) < 1900 || number(0, 4) > 2114 || hour < 0 || hour > 23 || minute < 0 || minute > 59 ||
+      !second || *second < 0 || *second >= 61'000'000'000)
     return std::nullopt;
   return Timestamp(std::chrono::sys_days(day).time_since_epoch() + std::chrono::hours(hour) +
                    std::chrono::minutes(minute) + Duration(*second));
@@ -126,8 +126,8 @@ std::optional<Timestamp> time_of_name(const std::string& stem) {
   const std::string_view nanoseconds = std::string_view(stem).substr(last + 1);
   if (!all_digits(whole) || !all_digits(nanoseconds) || whole.size() < 9 || whole.size() > 10 || nanoseconds.size() > 9)
     return std::nullopt;
-  const Timestamp time = Timestamp::from_nanoseconds(*detail::parse_integer(whole) * 1'000'000'000 +
-                                                     *detail::parse_integer(nanoseconds));
+  const Timestamp time =
+      Timestamp::from_nanoseconds(*detail::parse_integer(whole) * 1'000'000'000 + *detail::parse_integer(nanoseconds));
   return is_recorded_time(time) ? std::optional(time) : std::nullopt;
 }
 

@@ -184,7 +184,8 @@ class Mcap final : public RosRecording {
              ", which is not described; such are left out");
       return std::nullopt;
     }
-    if (time > static_cast<std::uint64_t>(latest_nanoseconds)) throw MessageError("the time " + std::to_string(time) + " ns");
+    if (time > static_cast<std::uint64_t>(latest_nanoseconds))
+      throw MessageError("the time " + std::to_string(time) + " ns");
     return RosMessage{.topic = &topic->second,
                       .time = Timestamp::from_nanoseconds(static_cast<std::int64_t>(time)),
                       .data = fields.take(fields.left(), "message"),

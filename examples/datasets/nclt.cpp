@@ -31,7 +31,8 @@ constexpr double degrees_per_radian = 180 / std::numbers::pi;
 /// utime, magnetometer x y z, accelerometer x y z, rates r p h.
 class ImuFile {
  public:
-  explicit ImuFile(const std::filesystem::path& path) : rows_(path, 9, TimeUnit::microseconds, "utime and nine numbers") {}
+  explicit ImuFile(const std::filesystem::path& path)
+      : rows_(path, 9, TimeUnit::microseconds, "utime and nine numbers") {}
 
   std::optional<ImuSample> next() {
     while (const auto row = rows_.next()) {
@@ -57,7 +58,8 @@ class ImuFile {
 /// utime, mode, satellites, latitude, longitude (rad), altitude (m, may be NaN), track, speed.
 class GnssFile {
  public:
-  GnssFile(const std::filesystem::path& path, bool rtk) : rows_(path, 7, TimeUnit::microseconds, "utime and seven numbers"), rtk_(rtk) {}
+  GnssFile(const std::filesystem::path& path, bool rtk)
+      : rows_(path, 7, TimeUnit::microseconds, "utime and seven numbers"), rtk_(rtk) {}
 
   std::optional<GnssFix> next() {
     while (const auto row = rows_.next()) {
@@ -309,8 +311,7 @@ class Nclt final : public Dataset {
     if (std::exchange(noted_, true)) return;
     for (std::string loss : {lost_.sentence(), imu_ ? imu_->cut() : "", gnss_ ? gnss_->cut() : ""})
       if (!loss.empty()) info_.warnings.push_back(std::move(loss));
-    if (sweeps_ && !sweeps_->damage().empty())
-      info_.warnings.push_back("velodyne_hits.bin, " + sweeps_->damage());
+    if (sweeps_ && !sweeps_->damage().empty()) info_.warnings.push_back("velodyne_hits.bin, " + sweeps_->damage());
     const auto note = [&](std::size_t count, const char* what) {
       if (count > 0) info_.warnings.push_back(std::to_string(count) + what);
     };

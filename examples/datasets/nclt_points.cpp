@@ -62,7 +62,8 @@ std::optional<NcltPacket> read_nclt_packet(InputFile& file) {
   const auto hits = load_as<std::uint32_t>(header.data() + 8);
   const auto microseconds = load_as<std::uint64_t>(header.data() + 12);
   if (hits > most_hits) fail("a packet of " + std::to_string(hits) + " hits; 384 are the most");
-  if (microseconds > static_cast<std::uint64_t>(latest_nanoseconds) / 1000) fail("the time " + std::to_string(microseconds) + " us");
+  if (microseconds > static_cast<std::uint64_t>(latest_nanoseconds) / 1000)
+    fail("the time " + std::to_string(microseconds) + " us");
   std::vector<std::byte> bytes(hits * hit_bytes);
   file.read(bytes, "a packet's hits");
   NcltPacket packet;

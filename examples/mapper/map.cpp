@@ -135,7 +135,8 @@ void print_imu(const support::RunSummary& summary) {
   for (const support::SessionSummary& session : summary.sessions) {
     const std::string use = support::text_of(session.health.imu_use);
     if (session.loaded || use.empty()) continue;
-    std::printf("IMU          %s%s\n", summary.sessions.size() > 1 ? (printable(session.name) + ": ").c_str() : "", use.c_str());
+    std::printf("IMU          %s%s\n", summary.sessions.size() > 1 ? (printable(session.name) + ": ").c_str() : "",
+                use.c_str());
     if (!session.calibration) continue;
     std::printf("             imu.time_offset by the scans: %s\n", time_offset_text(*session.calibration).c_str());
     std::printf("             rotation of T_body_lidar by the scans: %s\n",

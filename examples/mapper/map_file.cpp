@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <cstdio>
 #include <fstream>
 #include <string_view>
 #include <system_error>
@@ -83,21 +82,6 @@ std::string short_account(const SlamMap& map) {
     }
   return how_many(map.sessions.size(), "session") + ", " + how_many(map.keyframes.size(), "keyframe") + ", " +
          how_many(scans, "scan") + " of " + how_many(points, "point") + ", " + how_many(map.closures.size(), "closure");
-}
-
-std::string printable(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (byte >= 0x20 && byte != 0x7f) {
-      result += c;
-      continue;
-    }
-    char escaped[8];
-    std::snprintf(escaped, sizeof escaped, "\\x%02x", static_cast<unsigned>(byte));
-    result += escaped;
-  }
-  return result;
 }
 
 void make_room(const fs::path& path, bool overwrite) {

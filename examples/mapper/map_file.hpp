@@ -23,9 +23,6 @@ namespace chainslam::mapper {
 /// "1 session, 20 keyframes, ..."
 [[nodiscard]] std::string short_account(const SlamMap& map);
 
-/// Text without control characters, fit for a terminal: others are written as \xNN.
-[[nodiscard]] std::string printable(const std::string& text);
-
 /// Renames what stands at `path` to the first free of PATH~1, PATH~2, ...; does nothing if nothing does.
 /// @throws IoError if something does and `overwrite` is false.
 void make_room(const std::filesystem::path& path, bool overwrite);

@@ -5,6 +5,7 @@
 #include <map>
 #include <string>
 
+#include "chainslam/core/printable.hpp"
 #include "map_export.hpp"
 #include "map_file.hpp"
 #include "support/frame_health.hpp"

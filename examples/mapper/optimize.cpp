@@ -82,7 +82,8 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
   std::printf("poses        %zu\nedges        %zu\ncost (chi2)  %.10g -> %.10g\niterations   %d, %s\n",
               records.vertices.size(), records.edges.size(), report.initial_cost, report.final_cost, report.iterations,
               words(report.status));
-  for (const auto& [kind, count] : file.unknown) std::printf("skipped      %d lines %s\n", count, printable(kind).c_str());
+  for (const auto& [kind, count] : file.unknown)
+    std::printf("skipped      %d lines %s\n", count, printable(kind).c_str());
   if (!report.ok()) {
     for (const Key key : report.variables)
       std::fprintf(stderr, "vertex %lld\n", static_cast<long long>(records.vertices[static_cast<std::size_t>(key)].id));

@@ -154,8 +154,8 @@ std::size_t string_length(std::string_view text) {
   return text.size();
 }
 
-/// The first line of a TOML text that nests deeper than `deepest_toml`, by brackets or by the parts of a dotted key; the
-/// parser, which is recursive, would overflow the stack. Nothing if there is none.
+/// The first line of a TOML text that nests deeper than `deepest_toml`, by brackets or by the parts of a dotted key;
+/// the parser, which is recursive, would overflow the stack. Nothing if there is none.
 std::optional<std::size_t> too_deep_line(std::string_view text) {
   std::size_t line = 1, brackets = 0, dots = 0;
   for (std::size_t i = 0; i < text.size(); ++i) {

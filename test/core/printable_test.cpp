@@ -18,13 +18,16 @@ TEST_SUITE("core/printable") {
 
   TEST_CASE("controls, bytes that are no UTF-8 and marks that turn the line become hexadecimal") {
     CHECK(printable("a\x1b[31mb\x07\x7F\t") == "a\\x1B[31mb\\x07\\x7F\\x09");
-    CHECK(printable("\xC2\x9B") == "\\xC2\\x9B");                   // C1's introducer, as UTF-8
-    CHECK(printable("\x9B") == "\\x9B");                            // and as a byte
-    CHECK(printable("a\xE2\x80\xAE" "b") == "a\\xE2\\x80\\xAE" "b");  // right-to-left override
+    CHECK(printable("\xC2\x9B") == "\\xC2\\x9B");  // C1's introducer, as UTF-8
+    CHECK(printable("\x9B") == "\\x9B");           // and as a byte
+    CHECK(printable("a\xE2\x80\xAE"
+                    "b") ==
+          "a\\xE2\\x80\\xAE"
+          "b");                                                               // right-to-left override
     CHECK(printable("\xC0\xAF\xE0\x80\xAF") == "\\xC0\\xAF\\xE0\\x80\\xAF");  // overlong
-    CHECK(printable("\xED\xA0\x80") == "\\xED\\xA0\\x80");          // half of a surrogate pair
-    CHECK(printable("\xF4\x90\x80\x80") == "\\xF4\\x90\\x80\\x80");  // beyond Unicode
-    CHECK(printable("\xE6\x9D") == "\\xE6\\x9D");                   // cut short
+    CHECK(printable("\xED\xA0\x80") == "\\xED\\xA0\\x80");                    // half of a surrogate pair
+    CHECK(printable("\xF4\x90\x80\x80") == "\\xF4\\x90\\x80\\x80");           // beyond Unicode
+    CHECK(printable("\xE6\x9D") == "\\xE6\\x9D");                             // cut short
     CHECK(printable("a\nb\r\n") == "a\\x0Ab\\x0D\\x0A");
     CHECK(printable("a\nb\r\n", true) == "a\nb\\x0D\n");
   }

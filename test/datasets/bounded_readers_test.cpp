@@ -136,17 +136,23 @@ std::string mcap_text_of(const std::string& text) { return little(static_cast<st
 /// Chunks that each claim, and hold, so many zeros: nine of them are an empty record of the kind 0.
 std::string mcap_bomb(std::size_t unpacked) {
   const std::string packed = zstd_packed(std::string(unpacked, '\0'));
-  const std::string chunk =
-      mcap_bytes(6, little(std::uint64_t{0}) + little(std::uint64_t{0}) + little(std::uint64_t{unpacked}) +
-                        little(std::uint32_t{0}) + mcap_text_of("zstd") + little(std::uint64_t{packed.size()}) + packed);
+  const std::string chunk = mcap_bytes(6, little(std::uint64_t{0}) + little(std::uint64_t{0}) +
+                                              little(std::uint64_t{unpacked}) + little(std::uint32_t{0}) +
+                                              mcap_text_of("zstd") + little(std::uint64_t{packed.size()}) + packed);
   return filled(std::string("\x89MCAP0\r\n", 8), chunk);
 }
 
 /// A PointCloud2 whose points share their bytes: one each.
 std::string dense_cloud() {
   return point_cloud2(MessageBytes::cdr_little, 1, 0,
-                      {{"x", 0, 2}, {"y", 0, 2}, {"z", 0, 2}, {"intensity", 0, 2}, {"time", 0, 2}, {"nx", 0, 2},
-                       {"ny", 0, 2}, {"nz", 0, 2}},
+                      {{"x", 0, 2},
+                       {"y", 0, 2},
+                       {"z", 0, 2},
+                       {"intensity", 0, 2},
+                       {"time", 0, 2},
+                       {"nx", 0, 2},
+                       {"ny", 0, 2},
+                       {"nz", 0, 2}},
                       1, std::string(900'000, '\1'));
 }
 
@@ -176,7 +182,8 @@ TEST_SUITE("datasets/bounded readers") {
                       little(static_cast<std::uint32_t>(packed.size())) + little(3 * points) + packed,
                   read_pcd_of);
     std::string fields = "VERSION 0.7\nFIELDS", eights, kinds, counts;
-    for (int i = 0; i < 90'000; ++i) fields += i < 3 ? std::string(" ") + "xyz"[i] : " a", eights += " 8", kinds += " F";
+    for (int i = 0; i < 90'000; ++i)
+      fields += i < 3 ? std::string(" ") + "xyz"[i] : " a", eights += " 8", kinds += " F";
     for (int i = 0; i < 90'000; ++i) counts += " 65536";
     check_bounded("fields.pcd",
                   (fields + "\nSIZE" + eights + "\nTYPE" + kinds + "\nWIDTH 0\nHEIGHT 1\nDATA binary\n" + counts)
@@ -231,13 +238,12 @@ TEST_SUITE("datasets/bounded readers") {
 
   TEST_CASE("points that share their bytes are bounded in number") {
     const std::string cloud = dense_cloud();
-    const std::string bytes =
-        std::string("\x89MCAP0\r\n", 8) +
-        mcap_bytes(3, little(std::uint16_t{1}) + mcap_text_of("sensor_msgs/msg/PointCloud2") + mcap_text_of("") +
-                          mcap_text_of("")) +
-        mcap_bytes(4, little(std::uint16_t{1}) + little(std::uint16_t{1}) + mcap_text_of("/p") + mcap_text_of("cdr") +
-                          little(std::uint32_t{0})) +
-        mcap_bytes(5, little(std::uint16_t{1}) + std::string(20, '\0') + cloud);
+    const std::string bytes = std::string("\x89MCAP0\r\n", 8) +
+                              mcap_bytes(3, little(std::uint16_t{1}) + mcap_text_of("sensor_msgs/msg/PointCloud2") +
+                                                mcap_text_of("") + mcap_text_of("")) +
+                              mcap_bytes(4, little(std::uint16_t{1}) + little(std::uint16_t{1}) + mcap_text_of("/p") +
+                                                mcap_text_of("cdr") + little(std::uint32_t{0})) +
+                              mcap_bytes(5, little(std::uint16_t{1}) + std::string(20, '\0') + cloud);
     check_bounded("dense.mcap", bytes, read_data);
     const std::string huge = point_cloud2(MessageBytes::cdr_little, 1, 0, {{"x", 0, 2}, {"y", 0, 2}, {"z", 0, 2}}, 1,
                                           std::string(5'000'000, '\1'));
@@ -259,24 +265,28 @@ TEST_SUITE("datasets/bounded readers") {
     };
     const char* topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)";
     const char* rows =
-        "INSERT INTO messages(topic_id, timestamp) WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT "
+        "INSERT INTO messages(topic_id, timestamp) WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n "
+        "LIMIT "
         "20000) SELECT 1, i FROM n";
     for (const char* value : {"zeroblob(250000000)", "zeroblob(300000)"}) {
       const std::string table =
-          std::string("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB "
-                      "GENERATED ALWAYS AS (") +
+          std::string(
+              "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB "
+              "GENERATED ALWAYS AS (") +
           value + "))";
-      check_bounded("zeros.db3", made({topics, "INSERT INTO topics VALUES(1, '/a', 'sensor_msgs/msg/Imu', 'cdr')",
-                                       table.c_str(), rows}),
-                    read_data);
+      check_bounded(
+          "zeros.db3",
+          made({topics, "INSERT INTO topics VALUES(1, '/a', 'sensor_msgs/msg/Imu', 'cdr')", table.c_str(), rows}),
+          read_data);
     }
-    check_bounded("names.db3",
-                  made({"CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT GENERATED ALWAYS AS "
-                        "(hex(zeroblob(300000))), type TEXT, serialization_format TEXT)",
-                        "INSERT INTO topics(type, serialization_format) WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL "
-                        "SELECT i + 1 FROM n LIMIT 10000) SELECT 'a', 'cdr' FROM n",
-                        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"}),
-                  read_data);
+    check_bounded(
+        "names.db3",
+        made({"CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT GENERATED ALWAYS AS "
+              "(hex(zeroblob(300000))), type TEXT, serialization_format TEXT)",
+              "INSERT INTO topics(type, serialization_format) WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL "
+              "SELECT i + 1 FROM n LIMIT 10000) SELECT 'a', 'cdr' FROM n",
+              "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"}),
+        read_data);
   }
 
   TEST_CASE("packets that never turn, and whose time stands still, do not become one sweep") {
@@ -290,9 +300,8 @@ TEST_SUITE("datasets/bounded readers") {
     check_bounded("velodyne_hits.bin", filled("", packet(0, 384)), read_folder);
     check_bounded("velodyne_hits.bin", packet(1, 384) + packet(2, 4'000'000'000U), read_folder);
     check_bounded("velodyne_hits.bin", filled("", packet(4'294'967'295'000'000U, 384)), read_folder);
-    check_bounded("1326030975000000.bin", filled("", hits), [](const std::filesystem::path& path) {
-      static_cast<void>(read_kitti_bin(path));
-    });
+    check_bounded("1326030975000000.bin", filled("", hits),
+                  [](const std::filesystem::path& path) { static_cast<void>(read_kitti_bin(path)); });
   }
 
   TEST_CASE("tables and texts of one line, of empty fields and of deep brackets") {
@@ -310,11 +319,19 @@ TEST_SUITE("datasets/bounded readers") {
         {"sample.json", [](const auto& p) { read_json_table(p, [](const JsonRow&) {}); }},
         {"a.pcd", [](const auto& p) { static_cast<void>(read_pcd_file(p)); }},
         {"a.ply", [](const auto& p) { static_cast<void>(read_ply_file(p)); }}};
-    const std::vector<std::string> texts{filled("", "["),          filled("", "{\"a\":"),   filled("", "1 "),
-                                         filled("", ","),          filled("", "1\n"),       filled("", "9"),
-                                         filled("", "1.0e400 "),   filled("", "0 0 0 1\n"), filled("", "\n"),
-                                         filled("Tr: ", "1e-320 "), filled("", "EDGE_SE2 1 2\n"),
-                                         filled("[{\"a\":[", "1,"), filled("ply\nformat ascii 1.0\n", "element a 1\n"),
+    const std::vector<std::string> texts{filled("", "["),
+                                         filled("", "{\"a\":"),
+                                         filled("", "1 "),
+                                         filled("", ","),
+                                         filled("", "1\n"),
+                                         filled("", "9"),
+                                         filled("", "1.0e400 "),
+                                         filled("", "0 0 0 1\n"),
+                                         filled("", "\n"),
+                                         filled("Tr: ", "1e-320 "),
+                                         filled("", "EDGE_SE2 1 2\n"),
+                                         filled("[{\"a\":[", "1,"),
+                                         filled("ply\nformat ascii 1.0\n", "element a 1\n"),
                                          filled("FIELDS ", "x ")};
     for (const auto& [name, read] : readers)
       for (const std::string& text : texts) check_bounded(name, text, read);

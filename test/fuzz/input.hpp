@@ -29,8 +29,8 @@ int fuzz(const std::uint8_t* data, std::size_t size, const std::string& name, co
   return 0;
 }
 
-/// The same for a data set of several files: the input is cut at zero bytes, a file for each name; the last one gets all
-/// that is left, and names left over get empty files. `read` takes the folder.
+/// The same for a data set of several files: the input is cut at zero bytes, a file for each name; the last one gets
+/// all that is left, and names left over get empty files. `read` takes the folder.
 template <class Read>
 int fuzz_folder(const std::uint8_t* data, std::size_t size, const std::vector<std::string>& names, const Read& read) {
   static const TemporaryFolder folder;

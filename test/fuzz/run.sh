@@ -17,14 +17,15 @@ export UBSAN_OPTIONS=print_stacktrace=1
 # Files that are written and read for each input, in memory where there is such a place.
 [ -w /dev/shm ] && export TMPDIR=/dev/shm
 
-# summary NAME LOG: of the run, and of the corpus that it has built.
+# summary NAME LOG FOLDER...: of the run, and of the inputs in the folders.
 summary() {
-  local rate edges
+  local name="$1" rate edges
   rate="$(sed -n 's/^stat::average_exec_per_sec: *//p' "$2")"
-  edges="$("./fuzz_$1" -runs=0 -print_coverage=1 "corpus_$1" 2>&1 |
+  shift 2
+  edges="$("./fuzz_$name" -runs=0 -max_len=65536 -print_coverage=1 "$@" 2>&1 |
     awk '/^COVERED_FUNC:.* chainslam::/ { split($5, part, "/"); covered += part[1]; all += part[2]; ++functions }
          END { if (all > 0) printf "%.0f %% of %d edges in %d functions", 100 * covered / all, all, functions }')"
-  printf '%-22s %6s executions/s, covers %s\n' "$1" "$rate" "$edges"
+  printf '%-22s %6s executions/s, covers %s\n' "$name" "$rate" "$edges"
   if [ "${rate:-0}" -lt 1000 ]; then echo "             slow: fewer than 1000 executions/s"; fi
 }
 
@@ -40,9 +41,11 @@ for program in ./fuzz_*; do
     *) kind="$name" ;;
   esac
   seeds="$seeds_of_tests/datasets/$kind" more="$seeds_of_tests/io/$kind"
-  mkdir -p "corpus_$name" "$seeds" "$more" "$here/corpus/$name"
+  mkdir -p "corpus_$name" "$seeds" "$more"
+  folders=("corpus_$name" "$seeds" "$more")
+  if [ -d "$here/corpus/$name" ]; then folders+=("$here/corpus/$name"); fi
   "$program" -max_total_time="$seconds" -rss_limit_mb=1500 -malloc_limit_mb=512 -timeout=10 -max_len=65536 \
-    -artifact_prefix="found_${name}_" -print_final_stats=1 -verbosity=0 "corpus_$name" "$seeds" "$more" \
-    "$here/corpus/$name" >"log_$name" 2>&1 || { tail -n 60 "log_$name"; exit 1; }
-  summary "$name" "log_$name"
+    -artifact_prefix="found_${name}_" -print_final_stats=1 -verbosity=0 "${folders[@]}" >"log_$name" 2>&1 ||
+    { tail -n 60 "log_$name"; exit 1; }
+  summary "$name" "log_$name" "${folders[@]}"
 done

@@ -45,8 +45,8 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
-/// Writes a file, its folder first. Where CHAINSLAM_FIXTURES names a folder, a copy stays there in a folder of the
-/// file's extension: what fuzzing starts from.
+/// Writes a file, its folder first. Where CHAINSLAM_FIXTURES names a folder, a copy of up to 64 KiB stays there in a
+/// folder of the file's extension: what fuzzing starts from.
 inline void write_bytes(const std::filesystem::path& path, std::string_view bytes) {
   const auto write = [&](const std::filesystem::path& place) {
     std::filesystem::create_directories(place.parent_path());
@@ -54,7 +54,8 @@ inline void write_bytes(const std::filesystem::path& path, std::string_view byte
     file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   };
   write(path);
-  if (const char* fixtures = std::getenv("CHAINSLAM_FIXTURES"); fixtures != nullptr && path.has_extension())
+  if (const char* fixtures = std::getenv("CHAINSLAM_FIXTURES");
+      fixtures != nullptr && path.has_extension() && bytes.size() <= 65536)
     write(std::filesystem::path(fixtures) / path.extension().string().substr(1) /
           std::to_string(std::hash<std::string_view>{}(bytes)));
 }

@@ -22,7 +22,8 @@ namespace chainslam {
     if (text.empty() || text.starts_with('#')) continue;
     LineFields fields(file, text, ',');
     const Timestamp time = Timestamp::from_nanoseconds(fields.integer("timestamp"));
-    if (!is_recorded_time(time)) fields.fail("timestamp", "a time beyond the year 2115", "write nanoseconds since 1970");
+    if (!is_recorded_time(time))
+      fields.fail("timestamp", "a time beyond the year 2115", "write nanoseconds since 1970");
     if (!trajectory.times.empty() && time < trajectory.times.back())
       fields.fail("timestamp", "a stamp that is earlier than the one before it", "sort the lines by time");
     const Eigen::Vector3d position = detail::read_position(fields);

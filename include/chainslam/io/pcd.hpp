@@ -127,7 +127,8 @@ class PcdHeaderReader {
   }
 
   std::size_t checked(const char* keyword, std::int64_t value, std::int64_t least, std::int64_t most) {
-    if (value < least || value > most) fail(std::string(keyword) + " " + std::to_string(value), "the header is damaged");
+    if (value < least || value > most)
+      fail(std::string(keyword) + " " + std::to_string(value), "the header is damaged");
     return static_cast<std::size_t>(value);
   }
 
