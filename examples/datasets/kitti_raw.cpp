@@ -112,9 +112,39 @@ class OxtsStream {
 
   std::optional<Packet> next() {
     if (fix_) return std::exchange(fix_, std::nullopt);
-    if (record_ == records_.files.size()) return std::nullopt;
-    const OxtsRecord record = read_oxts(records_.files[record_]);
-    const Timestamp time = times_[records_.numbers[record_++]];
+    while (record_ < records_.files.size()) try {
+        const std::size_t i = record_++;
+        return packet(read_oxts(records_.files[i]), times_[records_.numbers[i]]);
+      } catch (const IoError& error) {
+        lost_.add(error);
+      }
+    return std::nullopt;
+  }
+
+  [[nodiscard]] std::string losses() const { return lost_.sentence(); }
+
+  /// T_map_body: east, north, up about the first record.
+  [[nodiscard]] Trajectory truth() const {
+    Trajectory trajectory;
+    std::optional<GeodeticPosition> origin;
+    for (std::size_t i = 0; i < records_.files.size(); ++i) {
+      const Timestamp time = times_[records_.numbers[i]];
+      OxtsRecord record;
+      try {
+        record = read_oxts(records_.files[i]);
+      } catch (const IoError&) {
+        continue;  // left out, as `next` says
+      }
+      if (!plausible(record.position) || (!trajectory.empty() && time < trajectory.times.back())) continue;
+      if (!origin) origin = record.position;
+      trajectory.times.push_back(time);
+      trajectory.poses.push_back(SE3d(record.R_enu_body, east_north_up(*origin, record.position)));
+    }
+    return trajectory;
+  }
+
+ private:
+  ImuSample packet(const OxtsRecord& record, Timestamp time) {
     const ImuSample sample = convert_({.time = time, .gyro = record.gyro, .accel = record.accel});
     if (record.mode >= 3 && record.deviation > 0 && plausible(record.position)) {
       const GnssQuality quality = record.mode == 4   ? GnssQuality::differential
@@ -126,25 +156,10 @@ class OxtsStream {
     return sample;
   }
 
-  /// T_map_body: east, north, up about the first record.
-  [[nodiscard]] Trajectory truth() const {
-    Trajectory trajectory;
-    std::optional<GeodeticPosition> origin;
-    for (std::size_t i = 0; i < records_.files.size(); ++i) {
-      const Timestamp time = times_[records_.numbers[i]];
-      const OxtsRecord record = read_oxts(records_.files[i]);
-      if (!plausible(record.position) || (!trajectory.empty() && time < trajectory.times.back())) continue;
-      if (!origin) origin = record.position;
-      trajectory.times.push_back(time);
-      trajectory.poses.push_back(SE3d(record.R_enu_body, east_north_up(*origin, record.position)));
-    }
-    return trajectory;
-  }
-
- private:
   NumberedFiles records_;
   std::vector<Timestamp> times_;
   ImuConversion convert_;
+  LeftOut lost_;
   std::size_t record_ = 0;
   std::optional<Packet> fix_;
 };
@@ -209,6 +224,7 @@ std::unique_ptr<Dataset> open_kitti_raw(const fs::path& path, const DatasetOptio
     info.p_body_antenna = Eigen::Vector3d::Zero();
     info.notes.emplace_back("truth: the poses of the same INS that gives samples and fixes");
     parts.others.push_back([oxts] { return oxts->next(); });
+    parts.end.push_back([oxts] { return oxts->losses(); });
     set_truth(parts, options, path / "oxts", [oxts] { return oxts->truth(); });
     set_extrinsic(options, find_extrinsic(places_of_calibration(path)), true, info);
   } else {

@@ -18,6 +18,7 @@
 #include "datasets/imu_conversion.hpp"
 #include "datasets/json_table.hpp"
 #include "datasets/merged_streams.hpp"
+#include "datasets/scan_files.hpp"
 #include "datasets/statistics.hpp"
 
 // nuScenes' tables (Caesar et al. 2020, schema v1.0) as nuScenes and MARS (Li et al. 2024) have them: a scene is a
@@ -236,7 +237,7 @@ class NuscenesScene final : public Dataset {
         }
         return scan;
       } catch (const IoError& error) {
-        lose(error);
+        lost_.add(error);
       }
     }
     return std::nullopt;
@@ -251,7 +252,7 @@ class NuscenesScene final : public Dataset {
       try {
         read_json_table(data.file, [&](const JsonRow& row) { sample = take(row, data.time); });
       } catch (const IoError& error) {
-        lose(error);
+        lost_.add(error);
         continue;
       }
       if (sample) return *sample;
@@ -279,17 +280,9 @@ class NuscenesScene final : public Dataset {
     return sample;
   }
 
-  void lose(const IoError& error) {
-    const IoError::Report& report = error.report();
-    if (lost_++ == 0)
-      first_loss_ = report.path + (report.place.empty() ? "" : ", " + report.place) + ": " + report.found;
-  }
-
   void note_losses() {
     if (std::exchange(noted_, true)) return;
-    if (lost_ > 0)
-      info_.warnings.push_back(std::to_string(lost_) + " files cannot be read and are left out; the first, " +
-                               first_loss_);
+    if (std::string loss = lost_.sentence(); !loss.empty()) info_.warnings.push_back(std::move(loss));
     if (incomplete_ > 0)
       info_.warnings.push_back(std::to_string(incomplete_) + " files of " + imu_channel_ + " without avel and acc");
     if (unsteady_ > 0)
@@ -309,8 +302,8 @@ class NuscenesScene final : public Dataset {
   std::optional<Packet> fix_;
   ImuConversion convert_;
   std::optional<double> altitude_;
-  std::size_t lost_ = 0, incomplete_ = 0, unsteady_ = 0;
-  std::string first_loss_;
+  LeftOut lost_;
+  std::size_t incomplete_ = 0, unsteady_ = 0;
   bool noted_ = false;
 };
 
