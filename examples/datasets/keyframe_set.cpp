@@ -11,6 +11,7 @@
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"
+#include "datasets/odometry_recording.hpp"
 #include "datasets/scan_files.hpp"
 
 // Keyframes with recorded odometry, as SC-A-LOAM and FAST-LIO-SAM save them:
@@ -130,7 +131,7 @@ class KeyframeSet final : public Dataset {
 }  // namespace
 
 std::unique_ptr<Dataset> open_keyframes(const std::filesystem::path& path, const DatasetOptions& options) {
-  if (is_recording(path)) return open_recording(path, options);
+  if (is_recorded_odometry(path)) return open_recorded_odometry(path, options);
   return std::make_unique<KeyframeSet>(path, options);
 }
 

@@ -64,10 +64,10 @@ class OdometryRecording {
 };
 
 /// Whether a folder holds a recording, by the names in it.
-[[nodiscard]] bool is_recording(const std::filesystem::path& folder);
+[[nodiscard]] bool is_recorded_odometry(const std::filesystem::path& folder);
 
 /// Opens a recording; the frames that are no keyframes have no scan. @throws IoError naming file, line and field.
-[[nodiscard]] std::unique_ptr<Dataset> open_recording(const std::filesystem::path& folder,
+[[nodiscard]] std::unique_ptr<Dataset> open_recorded_odometry(const std::filesystem::path& folder,
                                                       const DatasetOptions& options);
 
 }  // namespace chainslam::datasets

@@ -199,11 +199,11 @@ class RecordedSet final : public Dataset {
 
 }  // namespace
 
-bool is_recording(const fs::path& folder) {
+bool is_recorded_odometry(const fs::path& folder) {
   return fs::is_regular_file(folder / recording_description) && fs::is_regular_file(folder / "frames.csv");
 }
 
-std::unique_ptr<Dataset> open_recording(const fs::path& folder, const DatasetOptions& options) {
+std::unique_ptr<Dataset> open_recorded_odometry(const fs::path& folder, const DatasetOptions& options) {
   return std::make_unique<RecordedSet>(folder, options);
 }
 

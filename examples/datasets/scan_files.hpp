@@ -24,6 +24,7 @@ class LeftOut {
   /// How many there are, and the first's place and damage; empty if there is none.
   [[nodiscard]] std::string sentence() const {
     if (count_ == 0) return {};
+    if (count_ == 1) return "1 file cannot be read and is left out: " + first_;
     return std::to_string(count_) + " files cannot be read and are left out; the first, " + first_;
   }
 

@@ -2,6 +2,7 @@
 
 #include <cstdio>
 
+#include "chainslam/core/printable.hpp"
 #include "support/imu_calibration.hpp"
 #include "support/summary.hpp"
 
@@ -27,11 +28,11 @@ const char* remedy(OdometrySourceKind source) {
 }  // namespace
 
 void print_notes(const char* mark, const std::vector<std::string>& notes) {
-  for (const std::string& note : notes) std::fprintf(stderr, "%s %s\n", mark, note.c_str());
+  for (const std::string& note : notes) std::fprintf(stderr, "%s %s\n", mark, printable(note).c_str());
 }
 
 void print_verdict(const support::Verdict& verdict, OdometrySourceKind source) {
-  std::printf("verdict      %s\n", verdict.headline.c_str());
+  std::printf("verdict      %s\n", printable(verdict.headline).c_str());
   if (verdict.failed && !verdict.sentences.empty()) std::printf("  do: %s\n", remedy(source));
 }
 
@@ -39,7 +40,8 @@ void print_imu(const support::RunSummary& summary) {
   for (const support::SessionSummary& session : summary.sessions) {
     const std::string use = support::text_of(session.health.imu_use);
     if (session.loaded || use.empty()) continue;
-    std::printf("IMU          %s%s\n", summary.sessions.size() > 1 ? (session.name + ": ").c_str() : "", use.c_str());
+    std::printf("IMU          %s%s\n", summary.sessions.size() > 1 ? (printable(session.name) + ": ").c_str() : "",
+                use.c_str());
     if (!session.calibration) continue;
     std::printf("             imu.time_offset by the scans: %s\n", time_offset_text(*session.calibration).c_str());
     std::printf("             rotation of T_body_lidar by the scans: %s\n",

@@ -79,10 +79,6 @@ void write_text(const fs::path& path, const std::string& text) {
   file.commit();
 }
 
-void print_notes(const char* mark, const std::vector<std::string>& notes) {
-  for (const std::string& note : notes) std::fprintf(stderr, "%s %s\n", mark, printable(note).c_str());
-}
-
 /// What came to nothing: nothing to map, or nothing that could be used.
 void require_keyframes(const MappingResult& mapping, const MapArguments& arguments) {
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
@@ -98,50 +94,6 @@ void require_keyframes(const MappingResult& mapping, const MapArguments& argumen
 Index frames(const SlamMap& map) {
   return to_index(
       std::ranges::count_if(map.sessions, [](const Session& session) { return session.frame == session.id; }));
-}
-
-void print_errors(const RunOutcome& outcome) {
-  if (outcome.optimised_errors)
-    std::printf("error        %.3f m rmse, odometry alone %.3f m (against the truth, rigidly aligned)\n",
-                outcome.optimised_errors->translation.rmse, outcome.odometry_errors->translation.rmse);
-  if (outcome.inter_session_errors)
-    std::printf("             %.3f m between keyframes of different sessions at one place\n",
-                outcome.inter_session_errors->translation.rmse);
-}
-
-/// What may help odometry that loses scans.
-const char* remedy(OdometrySourceKind source) {
-  switch (source) {
-    case OdometrySourceKind::lidar:
-      return "run `chainslam inspect` on the data: gaps, times of points, ranges; with an IMU try --set "
-             "odometry.source=lidar_inertial";
-    case OdometrySourceKind::lidar_inertial:
-      return "run `chainslam inspect` on the data: units, clock and mounting of the IMU, gaps; try --set "
-             "odometry.source=lidar, which trusts the scans alone";
-    case OdometrySourceKind::fast_lio2:
-      return "try --set odometry.source=lidar_inertial or lidar: FAST-LIO2 needs a start at rest and a known mounting";
-  }
-  return "";
-}
-
-/// The first lines and the last: whether the map is what was asked for, and where it is not to be trusted.
-void print_verdict(const support::Verdict& verdict, OdometrySourceKind source) {
-  std::printf("verdict      %s\n", printable(verdict.headline).c_str());
-  if (verdict.failed && !verdict.sentences.empty()) std::printf("  do: %s\n", remedy(source));
-}
-
-/// What of the IMU odometry relied on, and what the scans say of its clock and axes.
-void print_imu(const support::RunSummary& summary) {
-  for (const support::SessionSummary& session : summary.sessions) {
-    const std::string use = support::text_of(session.health.imu_use);
-    if (session.loaded || use.empty()) continue;
-    std::printf("IMU          %s%s\n", summary.sessions.size() > 1 ? (printable(session.name) + ": ").c_str() : "",
-                use.c_str());
-    if (!session.calibration) continue;
-    std::printf("             imu.time_offset by the scans: %s\n", time_offset_text(*session.calibration).c_str());
-    std::printf("             rotation of T_body_lidar by the scans: %s\n",
-                rotation_text(*session.calibration).c_str());
-  }
 }
 
 void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const fs::path& kept,

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/io/file_system.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "console.hpp"
@@ -135,8 +136,8 @@ void print_outcome(const RunOutcome& outcome, const support::StageTimes& times, 
   for (const support::StageTime& row : times.rows())
     if (row.stage == "odometry")
       std::printf("time         %.1f ms per scan (median), %.1f ms (99 %%)\n", 1e3 * row.p50, 1e3 * row.p99);
-  if (!kept.empty()) std::printf("kept         what was there is now %s\n", kept.c_str());
-  std::printf("recorded     %s\n", set.c_str());
+  if (!kept.empty()) std::printf("kept         what was there is now %s\n", printable(kept.string()).c_str());
+  std::printf("recorded     %s\n", printable(set.string()).c_str());
 }
 
 }  // namespace

@@ -191,7 +191,7 @@ TEST_SUITE("datasets/range_image") {
       const auto dataset = open_dataset(folder / "r");
       CHECK(counts_of(packets_of(*dataset))[1] == 1);  // the other image
       REQUIRE(dataset->info().warnings.size() == 1);
-      CHECK(says(dataset->info().warnings[0], "1 files cannot be read and are left out; the first, "));
+      CHECK(says(dataset->info().warnings[0], "1 file cannot be read and is left out: "));
       CHECK(says(dataset->info().warnings[0], "0000000009.png, byte "));
       CHECK(says(dataset->info().warnings[0], finding));
     }

@@ -11,6 +11,7 @@
 #include "datasets/dataset.hpp"
 #include "datasets/inspect.hpp"
 #include "datasets/png_image.hpp"
+#include "datasets/recorded_rows.hpp"
 #include "datasets/ros_bytes.hpp"
 #include "datasets/ros_message.hpp"
 #include "datasets/ros_recording.hpp"
@@ -37,7 +38,7 @@ struct DatasetCase {
 
 const std::string floats(16, '\0');
 const std::string pose_row = "1 0 0 0 0 1 0 0 0 0 1 0\n";
-const std::string one_point = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 1\nDATA ascii\n1 2 3\n";
+const std::string pcd_of_one_point = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 1\nDATA ascii\n1 2 3\n";
 
 /// Files with some added, changed or, where their text is "-", left out.
 std::map<std::string, std::string> with(std::map<std::string, std::string> files,
@@ -58,6 +59,23 @@ const std::map<std::string, std::string> kitti{{"velodyne/0.bin", floats},
 const std::map<std::string, std::string> raw{{"velodyne_points/timestamps_start.txt", "2011-09-26 13:02:25.0\n"},
                                              {"velodyne_points/timestamps_end.txt", "2011-09-26 13:02:25.1\n"},
                                              {"velodyne_points/data/0.bin", floats}};
+const std::map<std::string, std::string> recorded{
+    {"Scans/0.pcd", pcd_of_one_point},
+    {"times.txt", "1\n"},
+    {"odom_poses.txt", pose_row},
+    {"odometry.json",
+     R"({"format": "chainslam odometry", "version": 1, "session": "a", "odometry": "lidar", "source": "",
+         "truth_frame": "", "scans": 1, "frames": 1, "lost_frames": 0, "notes": [],
+         "keyframes": {"distance": 1, "angle": 1, "scan_voxel": 1, "scan_step": 1}})"}};
+
+/// `recorded` with a table of one frame.
+std::map<std::string, std::string> recorded_frame(const std::string& keyframe, const std::string& status = "good",
+                                                  const std::string& variance = "1") {
+  std::string row = "1," + keyframe + "," + status + ",0,0,all,1,1,1,0.1,0,0,0,0,0,0,1";
+  for (int i = 0; i < 21; ++i) row += "," + variance;
+  return with(recorded, {{"frames.csv", frame_table_head() + row + "\n"}});
+}
+
 const std::map<std::string, std::string> nclt{{"velodyne_sync/1326030975000000.bin", std::string(8, '\0')}};
 const std::map<std::string, std::string> images{{"data/0.png", "PNG"},
                                                 {"velodyne_config.txt", "500 4 2 180 -180 -30 0\n"},
@@ -82,6 +100,26 @@ std::vector<DatasetCase> dataset_cases() {
   };
   const std::string inspva = "Inertial_data/inspva.csv", scan = "LiDAR/Ouster/1691936500000000000.bin";
   return {
+      // Recorded odometry.
+      {with(recorded_frame("0"), {{"odometry.json", "{}"}}), "odometry.json", "", "no description of recorded odometry",
+       "record it again with `chainslam odometry`; without this file"},
+      {with(recorded_frame("0"),
+            {{"odometry.json", changed(recorded.at("odometry.json"), "version\": 1", "version\": 9")}}),
+       "odometry.json", "version", "9", "this program reads version 1: record the odometry again"},
+      {with(recorded_frame("0"),
+            {{"odometry.json", changed(recorded.at("odometry.json"), "\"scans\": 1", "\"scans\": -1")}}),
+       "odometry.json", "", "scans = -1", "the file was changed: record the odometry again"},
+      {with(recorded_frame("0"), {{"frames.csv", "time\n"}}), "frames.csv", "line 1", "other columns",
+       "record the odometry again: this table is not of this version"},
+      {recorded_frame("1"), "frames.csv", "line 2, field keyframe", "1", "keyframes are numbered from 0 on"},
+      {recorded_frame("-2"), "frames.csv", "line 2, field keyframe", "-2",
+       "write a whole number from -1 to 2147483647"},
+      {recorded_frame("0", "fine"), "frames.csv", "line 2, field status", "'fine'",
+       "write one of good, degenerate, lost"},
+      {recorded_frame("0", "good", "-1"), "frames.csv", "line 2, field covariance", "-1",
+       "write a covariance: its diagonal is not negative"},
+      {with(recorded_frame("0"), {{"frames.csv", frame_table_head()}}), "frames.csv", "",
+       "0 frames and 0 keyframes, not 1 and 1", "the recording was cut short or mixed with another: copy it again"},
       // What a path holds.
       {{}, "none", "", "no such file or folder", "check the path", "none"},
       {{{"a.xyz", "1"}},
@@ -131,12 +169,18 @@ std::vector<DatasetCase> dataset_cases() {
        "line 2, field after the last", "'8'",
        "each line holds as many fields as the header names, and decimals are written with a point"},
       // Keyframes.
-      {{{"Scans/0.pcd", one_point}, {"Scans/1.pcd", one_point}, {"times.txt", "1\n2\n"}, {"odom_poses.txt", pose_row}},
+      {{{"Scans/0.pcd", pcd_of_one_point},
+        {"Scans/1.pcd", pcd_of_one_point},
+        {"times.txt", "1\n2\n"},
+        {"odom_poses.txt", pose_row}},
        "",
        "",
        "2 scans, 2 times, 1 poses",
        "give at least one line of times.txt and of odom_poses.txt for each scan"},
-      {{{"Scans/0.pcd", one_point}, {"times.txt", "1\n"}, {"odom_poses.txt", pose_row}, {"gnss.txt", "1 2 3 4 5\n"}},
+      {{{"Scans/0.pcd", pcd_of_one_point},
+        {"times.txt", "1\n"},
+        {"odom_poses.txt", pose_row},
+        {"gnss.txt", "1 2 3 4 5\n"}},
        "gnss.txt",
        "line 1, field after the last",
        "'5'",
@@ -207,7 +251,7 @@ std::vector<DatasetCase> dataset_cases() {
        "name a LiDAR that is there: Ouster/",
        "",
        {.lidar_topic = "Avia"}},
-      {{{"raw_format/ouster_scan/cloud_1583836591_182590976.pcd", one_point},
+      {{{"raw_format/ouster_scan/cloud_1583836591_182590976.pcd", pcd_of_one_point},
         {"ground_truth/registered_poses.csv", "1,-5,0,0,0,0,0,0,1\n"}},
        "ground_truth/registered_poses.csv",
        "line 1, field nsec",

@@ -212,7 +212,7 @@ TEST_SUITE("datasets/kitti") {
       write_bytes(drive / "oxts/data/0000000001.txt", whole.substr(0, n));
       const auto dataset = open_dataset(drive);
       CHECK(counts_of(packets_of(*dataset))[0] == 3);  // the other records
-      CHECK(any_says(dataset->info().warnings, "1 files cannot be read and are left out; the first, "));
+      CHECK(any_says(dataset->info().warnings, "1 file cannot be read and is left out: "));
       CHECK(any_says(dataset->info().warnings,
                      n == 0 ? "0000000001.txt: an empty file" : "0000000001.txt, line 1, field"));
       CHECK(dataset->truth()->size() == 3);
@@ -283,7 +283,7 @@ TEST_SUITE("datasets/mulran") {
     write_bytes(folder / "Ouster" / named(mulran_start, ".bin"), std::string(35, 'x'));
     const auto dataset = open_dataset(folder.path());
     CHECK(counts_of(packets_of(*dataset))[1] == 1);
-    CHECK(any_says(dataset->info().warnings, "1 files cannot be read and are left out; the first, "));
+    CHECK(any_says(dataset->info().warnings, "1 file cannot be read and is left out: "));
     CHECK(any_says(dataset->info().warnings, "byte 32: 3 bytes after the last point"));
     for (const char* name : {"xsens_imu.csv", "gps.csv", "global_pose.csv"}) {
       const std::string whole = read_bytes(folder / name);

@@ -33,7 +33,7 @@ TEST_SUITE("program/map_file") {
     CHECK(result.exit_code == 0);
     CHECK(contains(result.output, "map file"));
     CHECK(contains(result.output, "session 1"));
-    CHECK(contains(result.output, "and a\\x0anew line"));  // a name cannot write to the terminal what it likes
+    CHECK(contains(result.output, "and a\\x0Anew line"));  // a name cannot write to the terminal what it likes
     CHECK(contains(result.output, "closures.chained"));
     CHECK(contains(result.output, "refusals."));
     CHECK(contains(result.output, "\n0,0,4,direct,accepted,-1,"));
