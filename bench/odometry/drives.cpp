@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "datasets/dataset.hpp"
 #include "odometry/drive_table.hpp"
 #include "odometry/random_starts.hpp"

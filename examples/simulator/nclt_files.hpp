@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "simulator/town_drive.hpp"
 
 namespace chainslam::simulator {

@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include "chainslam/io/bytes.hpp"
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "simulator/angle.hpp"
 #include "simulator/rig.hpp"
 

@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <string>
 
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/tum.hpp"
 #include "simulator/new_folder.hpp"

@@ -11,8 +11,7 @@
 #include <string_view>
 
 #include "chainslam/core/finite.hpp"
-#include "chainslam/io/file_system.hpp"
-#include "support/drawable.hpp"
+#include "chainslam/io/atomic_file.hpp"
 
 namespace chainslam::support {
 namespace {

@@ -11,7 +11,7 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/finite.hpp"
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "support/encoding.hpp"
 #include "support/map_picture.hpp"
 #include "support/plot.hpp"

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 
 namespace chainslam::support {
 
@@ -197,8 +197,8 @@ std::string summary_json(const RunSummary& summary) {
   return json.dump(2, ' ', true, Json::error_handler_t::replace) + "\n";
 }
 
-void write_summary(const std::filesystem::path& path, const RunSummary& summary) {
-  AtomicFile file(path);
+void write_summary(const FileTarget& target, const RunSummary& summary) {
+  AtomicFile file(target);
   file.write(summary_json(summary));
   file.commit();
 }

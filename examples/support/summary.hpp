@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "support/frame_health.hpp"
 #include "support/imu_calibration.hpp"
 #include "support/statistics.hpp"
@@ -119,6 +120,6 @@ struct Verdict {
 [[nodiscard]] std::string summary_json(const RunSummary& summary);
 
 /// Writes `summary_json` to a file that appears whole or not at all. @throws IoError
-void write_summary(const std::filesystem::path& path, const RunSummary& summary);
+void write_summary(const FileTarget& target, const RunSummary& summary);
 
 }  // namespace chainslam::support

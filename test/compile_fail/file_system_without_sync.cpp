@@ -1,6 +1,6 @@
-// expect: BasicAtomicFile: System needs create, write, sync, close, rename, sync_directory and remove
+// expect: BasicAtomicFile: System needs create, write, sync, close, rename, rename_new, link, sync_directory and remove
 // A file system that cannot make the disk keep what was written.
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 
 #ifdef CHAINSLAM_RIGHT
 using MySystem = chainslam::RealFileSystem;

@@ -108,6 +108,10 @@ class FaultyFiles {
   int rename(const fs::path& from, const fs::path& to) {
     return fails(Operation::rename) ? fault_->error : real_.rename(from, to);
   }
+  int rename_new(const fs::path& from, const fs::path& to) {
+    return fails(Operation::rename) ? fault_->error : real_.rename_new(from, to);
+  }
+  int link(const fs::path& from, const fs::path& to) { return real_.link(from, to); }
   int sync_directory(const fs::path&) { return fails(Operation::sync_directory) ? fault_->error : 0; }
   int remove(const fs::path& path) { return real_.remove(path); }
 

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/detail/pose_fields.hpp"
-#include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/lie/se2.hpp"
@@ -142,8 +142,9 @@ inline void append_g2o_pose(std::string& line, const SE3d& pose) {
 }
 
 template <class Pose>
-void write_g2o_vertices(AtomicFile& file, const G2oRecords<Pose>& records) {
+void write_g2o_vertices(const FileTarget& target, AtomicFile& file, const G2oRecords<Pose>& records) {
   for (const G2oVertex<Pose>& vertex : records.vertices) {
+    require_finite(target, "vertex", vertex.id, vertex.pose);
     std::string line(G2oNames<Pose>::vertex);
     append_number(line += ' ', vertex.id);
     append_g2o_pose(line, vertex.pose);
@@ -152,8 +153,10 @@ void write_g2o_vertices(AtomicFile& file, const G2oRecords<Pose>& records) {
 }
 
 template <class Pose>
-void write_g2o_edges(AtomicFile& file, const G2oRecords<Pose>& records) {
+void write_g2o_edges(const FileTarget& target, AtomicFile& file, const G2oRecords<Pose>& records) {
   for (const G2oEdge<Pose>& edge : records.edges) {
+    require_finite(target, "edge to vertex", edge.to, edge.measurement);
+    if (!is_finite(edge.information)) throw_not_finite(target, "edge to vertex", edge.to);
     std::string line(G2oNames<Pose>::edge);
     append_number(line += ' ', edge.from);
     append_number(line += ' ', edge.to);
@@ -193,14 +196,14 @@ void write_g2o_edges(AtomicFile& file, const G2oRecords<Pose>& records) {
 }
 
 /// Writes a pose graph: vertices, FIX, edges; numbers as short as reads back the same. `unknown` is not written.
-/// @throws IoError if it cannot be written; the old file then stays.
-inline void write_g2o(const std::filesystem::path& path, const G2oFile& graph) {
-  AtomicFile file(path);
-  detail::write_g2o_vertices(file, graph.planar);
-  detail::write_g2o_vertices(file, graph.spatial);
+/// @throws IoError if a number is not finite or it cannot be written; the old file then stays.
+inline void write_g2o(const FileTarget& target, const G2oFile& graph) {
+  AtomicFile file(target);
+  detail::write_g2o_vertices(target, file, graph.planar);
+  detail::write_g2o_vertices(target, file, graph.spatial);
   for (const std::int64_t id : graph.fixed) file.write("FIX " + std::to_string(id) + '\n');
-  detail::write_g2o_edges(file, graph.planar);
-  detail::write_g2o_edges(file, graph.spatial);
+  detail::write_g2o_edges(target, file, graph.planar);
+  detail::write_g2o_edges(target, file, graph.spatial);
   file.commit();
 }
 

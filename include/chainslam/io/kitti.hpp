@@ -5,10 +5,10 @@
 #include <string>
 
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/bytes.hpp"
 #include "chainslam/io/detail/point_records.hpp"
 #include "chainslam/io/detail/pose_fields.hpp"
-#include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
@@ -46,12 +46,13 @@ namespace chainslam {
 }
 
 /// Writes poses as KITTI does; times are not written.
-/// @throws IoError if it cannot be written; the old file then stays.
-inline void write_kitti_poses(const std::filesystem::path& path, const Trajectory& trajectory) {
-  AtomicFile file(path);
+/// @throws IoError if a pose is not finite or it cannot be written; the old file then stays.
+inline void write_kitti_poses(const FileTarget& target, const Trajectory& trajectory) {
+  AtomicFile file(target);
   std::string line;
-  for (const SE3d& pose : trajectory.poses) {
-    const Eigen::Matrix4d matrix = pose.matrix();
+  for (std::size_t pose = 0; pose < trajectory.size(); ++pose) {
+    detail::require_finite(target, "pose", pose, trajectory.poses[pose]);
+    const Eigen::Matrix4d matrix = trajectory.poses[pose].matrix();
     line.clear();
     for (int i = 0; i < 12; ++i) {
       detail::append_number(line, matrix(i / 4, i % 4));

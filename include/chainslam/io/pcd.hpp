@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/detail/lzf.hpp"
 #include "chainslam/io/detail/text.hpp"
-#include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/point_file.hpp"
@@ -278,14 +278,14 @@ inline std::string pcd_header(const PointCloud<float>& cloud, PcdEncoding encodi
 /// @throws std::invalid_argument if the cloud is too large for the format; IoError if it cannot be written, the old
 /// file
 ///   then stays.
-inline void write_pcd(const std::filesystem::path& path, const PointCloud<float>& cloud,
+inline void write_pcd(const FileTarget& target, const PointCloud<float>& cloud,
                       PcdEncoding encoding = PcdEncoding::binary) {
   const std::size_t count = cloud.size();
   static_cast<void>(to_index(count, "write_pcd: the number of points"));
   const std::size_t fields = detail::pcd_names(cloud).size();
   if (encoding == PcdEncoding::binary_compressed && count > std::numeric_limits<std::uint32_t>::max() / (8 * fields))
     throw std::invalid_argument("write_pcd: binary_compressed holds at most 4 GiB; use binary");
-  AtomicFile file(path);
+  AtomicFile file(target);
   file.write(detail::pcd_header(cloud, encoding));
   std::array<float, 8> values{};
   std::vector<std::byte> bytes;

@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/detail/text.hpp"
-#include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/point_file.hpp"
@@ -224,11 +224,10 @@ using Color = std::array<std::uint8_t, 3>;
 /// Writes a cloud as binary little-endian PLY: x y z and, where present, intensity, nx ny nz and red green blue.
 /// @param colors  none, or one for each point.
 /// @throws std::invalid_argument if their number is another; IoError if it cannot be written, the old file then stays.
-inline void write_ply(const std::filesystem::path& path, const PointCloud<float>& cloud,
-                      std::span<const Color> colors = {}) {
+inline void write_ply(const FileTarget& target, const PointCloud<float>& cloud, std::span<const Color> colors = {}) {
   if (!colors.empty() && colors.size() != cloud.size())
     throw std::invalid_argument("write_ply: give one colour for each point, or none");
-  AtomicFile file(path);
+  AtomicFile file(target);
   std::string header = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(cloud.size()) +
                        "\nproperty float x\nproperty float y\nproperty float z\n";
   if (cloud.has_intensities()) header += "property float intensity\n";

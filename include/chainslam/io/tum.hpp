@@ -4,8 +4,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/detail/pose_fields.hpp"
-#include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
@@ -38,13 +38,15 @@ namespace chainslam {
 }
 
 /// Writes a trajectory in TUM's format: stamps with nine decimals, exact; the rest as short as reads back the same.
-/// @throws std::invalid_argument if poses have no times; IoError if it cannot be written, the old file then stays.
-inline void write_tum(const std::filesystem::path& path, const Trajectory& trajectory) {
+/// @throws std::invalid_argument if poses have no times; IoError if a pose is not finite or it cannot be written, the
+/// old file then stays.
+inline void write_tum(const FileTarget& target, const Trajectory& trajectory) {
   if (trajectory.times.size() != trajectory.poses.size())
     throw std::invalid_argument("write_tum: the trajectory needs one time for each pose");
-  AtomicFile file(path);
+  AtomicFile file(target);
   std::string line;
   for (std::size_t i = 0; i < trajectory.size(); ++i) {
+    detail::require_finite(target, "pose", i, trajectory.poses[i]);
     line.clear();
     detail::append_seconds(line, trajectory.times[i]);
     detail::append_position(line, trajectory.poses[i].translation());

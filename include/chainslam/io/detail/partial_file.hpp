@@ -16,19 +16,11 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/io/detail/final_name.hpp"
 #include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
 
 namespace chainslam::detail {
-
-/// The first of PATH~1, PATH~2, ... that is free.
-[[nodiscard]] inline std::filesystem::path kept_name(const std::filesystem::path& path) {
-  for (int number = 1;; ++number) {
-    std::filesystem::path candidate = path;
-    candidate += "~" + std::to_string(number);
-    if (!std::filesystem::exists(std::filesystem::symlink_status(candidate))) return candidate;
-  }
-}
 
 /// "process 123" that holds a lock on the file, as Linux lists locks: `1: FLOCK ADVISORY WRITE 123 08:01:4711 0 EOF`.
 [[nodiscard]] inline std::string lock_holder(const std::filesystem::path& path) {
@@ -61,13 +53,13 @@ class PartialFile {
       : target_(std::move(target)), partial_(target_), overwrite_(overwrite), files_(std::move(files)) {
     partial_ += ".partial";
     require_free_target();
-    file_ = files_.create(partial_);
+    file_ = create();
     if (file_ == -EEXIST) {
       set_leftover_aside();
-      file_ = files_.create(partial_);
+      file_ = create();
     }
     if (file_ < 0) fail("creating the file", -std::exchange(file_, -1));
-    if (const int error = files_.lock(file_)) {
+    if (const int error = uninterrupted([&] { return files_.lock(file_); })) {
       files_.close(std::exchange(file_, -1));
       if (error == EWOULDBLOCK) throw_locked();
       files_.remove(partial_);
@@ -101,28 +93,31 @@ class PartialFile {
   /// Makes the disk keep what was written. @throws IoError
   void sync() {
     flush();
-    if (const int error = files_.sync_data(file_)) fail("making the disk keep the file", error);
+    if (const int error = uninterrupted([&] { return files_.sync_data(file_); }))
+      fail("making the disk keep the file", error);
     if (!synced_)
-      if (const int error = files_.sync_directory(folder())) fail("making the disk keep the folder's entry", error);
+      if (const int error = uninterrupted([&] { return files_.sync_directory(folder()); }))
+        fail("making the disk keep the folder's entry", error);
     synced_ = true;
+  }
+
+  /// Deletes the file. Nothing can follow.
+  void remove() {
+    if (file_ < 0) return;
+    files_.remove(partial_);
+    files_.close(std::exchange(file_, -1));
   }
 
   /// Gives the file its name; what had it is kept as TARGET~1. @throws IoError; the partial file then stays.
   void finish() {
     sync();
-    if (const int error = files_.sync(file_)) fail("making the disk keep the file", error);
-    require_free_target();
-    std::filesystem::path kept;
-    if (exists(target_)) {
-      kept = kept_name(target_);
-      if (const int error = files_.rename(target_, kept)) fail("keeping the old file as " + kept.string(), error);
-    }
-    if (const int error = files_.rename(partial_, target_)) {
-      if (!kept.empty()) files_.rename(kept, target_);
-      fail("giving the file its name", error);
-    }
+    if (const int error = uninterrupted([&] { return files_.sync(file_); }))
+      fail("making the disk keep the file", error);
+    const Naming naming = give_name(files_, partial_, target_, overwrite_);
+    if (naming.error == EEXIST) throw_taken(target_);
+    if (naming.error != 0) fail(naming.doing, naming.error);
     files_.close(std::exchange(file_, -1));  // the lock ends here; the bytes are on the disk already
-    if (const int error = files_.sync_directory(folder()))
+    if (const int error = uninterrupted([&] { return files_.sync_directory(folder()); }))
       throw_output_error(target_.string(), "making the disk keep the folder's entry", reason(error),
                          "the file is whole and has its name, but a power cut now could undo that: check the disk");
   }
@@ -130,10 +125,6 @@ class PartialFile {
  private:
   static constexpr std::size_t buffer_size = std::size_t{1} << 18;
 
-  static bool exists(const std::filesystem::path& path) {
-    std::error_code error;
-    return std::filesystem::exists(std::filesystem::symlink_status(path, error));
-  }
   static std::string reason(int error) { return std::generic_category().message(error); }
 
   std::filesystem::path folder() const {
@@ -144,10 +135,11 @@ class PartialFile {
     std::error_code error;
     if (std::filesystem::is_directory(target_, error))
       throw_output_error(target_.string(), "", "a folder", "choose a file's name");
-    if (!overwrite_ && exists(target_))
-      throw_output_error(target_.string(), "", "something is there already",
-                         "choose another name, or allow overwriting: what is there is then kept as " +
-                             kept_name(target_).filename().string());
+    if (!overwrite_ && is_taken(target_)) throw_taken(target_);
+  }
+
+  [[nodiscard]] int create() {
+    return uninterrupted([&] { return files_.create(partial_); });
   }
 
   [[noreturn]] void throw_locked() const {
@@ -167,7 +159,8 @@ class PartialFile {
       throw_output_error(partial_.string(), "", "what a run left that did not finish",
                          "save it by `chainslam recover`, or remove it; or allow overwriting: it is then kept as " +
                              kept.filename().string());
-    if (const int error = files_.rename(partial_, kept)) fail("keeping it as " + kept.string(), error);
+    if (const int error = uninterrupted([&] { return files_.rename_new(partial_, kept); }))
+      fail("keeping it as " + kept.string(), error);
   }
 
   void flush() {

@@ -5,8 +5,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <string>
 
+#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/detail/text.hpp"
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -63,6 +67,18 @@ inline SE3d read_matrix_3x4(LineFields& fields) {
     fields.fail("r11..r33", "a matrix that is no rotation (R^T R differs from I by " + std::to_string(defect) + ")",
                 "write row-major 3x4 poses [R | t] with R orthonormal and right-handed");
   return SE3d(SO3d::from_matrix(R), t);
+}
+
+[[noreturn]] inline void throw_not_finite(const FileTarget& target, const char* what, std::int64_t number) {
+  throw_output_error(target.path.string(), std::string(what) + " " + std::to_string(number),
+                     "a number that is NaN or infinite, which is never written",
+                     "what was estimated came to nothing there: run `chainslam inspect` on the data");
+}
+
+/// @throws IoError if a pose that is to be written is not finite.
+template <class Pose>
+void require_finite(const FileTarget& target, const char* what, auto number, const Pose& pose) {
+  if (!is_finite(pose.matrix())) throw_not_finite(target, what, static_cast<std::int64_t>(number));
 }
 
 inline void append_position(std::string& text, const Eigen::Vector3d& p) {

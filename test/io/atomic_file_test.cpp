@@ -1,4 +1,4 @@
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 
 #include <doctest/doctest.h>
 
@@ -35,6 +35,10 @@ class FaultyFileSystem {
   int rename(const std::filesystem::path& from, const std::filesystem::path& to) {
     return fails(Operation::rename) ? state_->error : real_.rename(from, to);
   }
+  int rename_new(const std::filesystem::path& from, const std::filesystem::path& to) {
+    return fails(Operation::rename) ? state_->error : real_.rename_new(from, to);
+  }
+  int link(const std::filesystem::path& from, const std::filesystem::path& to) { return real_.link(from, to); }
   int sync_directory(const std::filesystem::path& path) {
     return fails(Operation::sync_directory) ? state_->error : real_.sync_directory(path);
   }
@@ -66,7 +70,7 @@ std::string write_faulty(const std::filesystem::path& path, const FaultyFileSyst
 
 }  // namespace
 
-TEST_SUITE("io/file_system") {
+TEST_SUITE("io/atomic_file") {
   TEST_CASE("a committed file holds all that was written and leaves no temporary") {
     const TemporaryFolder folder;
     AtomicFile file(folder / "a.txt");
