@@ -67,6 +67,9 @@
 //                     stated), u8 0, i32 points, i32 matches, i32 iterations, f32 residual (m), pose T_odom_body, 21
 //                     f32 covariance of it: the upper triangle, row by row, tangent [translation; rotation]. Sessions
 //                     follow one another; times increase in each.
+//   000E fixes *      112 bytes, as gnss, keyframe -1: one measured fix. In input journals only, as the next.
+//   000F loaded       u64 hash of a map file's chunk headers, then its path (UTF-8): a map that the back end was given
+//                     before all else
 //   800A commit       i32 sessions, keyframes, scans, odometry, closures, refusals before it; u64 0
 //   000B index        16 bytes for each chunk before: u64 offset, u16 type, u16 version, u32 count
 //   800C end          u64 offset of the index, u64 bytes of the whole file; the file's last 128 bytes
@@ -76,6 +79,10 @@
 // sequence does not fit, or whose payload would pass the file's end. A damaged payload (hash) of a scan, refusals,
 // poses, gnss, frames, the index or an unknown chunk loses only that; of another chunk, all from the last commit before
 // it on. Keyframes without a pose are placed by odometry from the keyframe before.
+//
+// Input journals (input_journal.hpp) are files of this format without poses, measurements and closures: what a back end
+// is given, in that order, each session, keyframe (with its gnss and scan behind it), fix and batch of frames in a
+// chunk of its own. They never get an end. As a map, they have every keyframe at its place by odometry.
 //
 // Writing is appending only: commit, then fdatasync. A file grows as NAME.partial and is renamed when it has its end.
 //

@@ -11,12 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/io/detail/map_chunk.hpp"
-#include "chainslam/io/detail/map_records.hpp"
-#include "chainslam/io/detail/partial_file.hpp"
-#include "chainslam/io/detail/scan_codec.hpp"
+#include "chainslam/io/detail/chunk_writer.hpp"
 #include "chainslam/io/loaded_map.hpp"
-#include "chainslam/io/zstd_codec.hpp"
 #include "chainslam/map/slam_map.hpp"
 
 namespace chainslam {
@@ -44,7 +40,7 @@ class MapJournal {
   /// @throws IoError if NAME exists and may not be overwritten, if another process writes it (named by its number), if
   /// a run that did not finish left NAME.partial, or if it cannot be made.
   explicit MapJournal(std::filesystem::path path, MapArchiveOptions options = {}, Files files = {})
-      : options_(std::move(options)), file_(std::move(path), options_.overwrite, std::move(files)) {
+      : options_(std::move(options)), writer_(std::move(path), options_.overwrite, std::move(files)) {
     for (const UnknownChunk& chunk : options_.unknown)
       if (detail::is_known_chunk(chunk.type) || (chunk.type & detail::critical) != 0)
         throw std::invalid_argument("MapJournal: an unknown chunk of a kind that is known, or critical");
@@ -70,8 +66,8 @@ class MapJournal {
         append_poses(map, 0, count(map.keyframes));
       else
         append_first_poses(map, fresh);
-      append_commit();
-      file_.sync();
+      writer_.append_commit(counts_);
+      writer_.file().sync();
     }
     in_doubt_ = false;
   }
@@ -83,35 +79,29 @@ class MapJournal {
     in_doubt_ = true;
     append_new(map, 0);
     for (const UnknownChunk& unknown : options_.unknown)
-      append_payload({.type = unknown.type,
+      writer_.append({.type = unknown.type,
                       .version = unknown.version,
                       .codec = unknown.codec,
                       .count = unknown.count,
                       .raw_bytes = unknown.raw_bytes},
                      unknown.stored);
     append_poses(map, 0, count(map.keyframes));
-    append_commit();
-    append_index_and_end();
-    file_.finish();
+    writer_.append_commit(counts_);
+    writer_.append_index_and_end();
+    writer_.file().finish();
   }
 
+  /// Ends the journal without a map and deletes its file.
+  void remove() { writer_.file().remove(); }
+
   /// Where the file grows until it is finished.
-  [[nodiscard]] const std::filesystem::path& partial_path() const { return file_.partial(); }
+  [[nodiscard]] const std::filesystem::path& partial_path() const { return writer_.file().partial(); }
   /// Bytes written so far.
-  [[nodiscard]] std::uint64_t size() const { return file_.size(); }
+  [[nodiscard]] std::uint64_t size() const { return writer_.file().size(); }
 
  private:
   using Type = detail::ChunkType;
   static constexpr Index gnss_window = 256;
-  static constexpr Index most_records = 65536;  ///< in one chunk
-  static constexpr std::size_t prelude_bytes = 16;
-
-  struct Place {
-    std::uint64_t offset;
-    std::uint16_t type;
-    std::uint16_t version;
-    std::uint32_t count;
-  };
 
   template <class T>
   static Index count(const std::vector<T>& records) {
@@ -131,7 +121,7 @@ class MapJournal {
 
   /// Checks all that is to be written: what is new, fixes and poses from the keyframes given on.
   void check(const SlamMap& map, Index first_gnss, Index first_pose) const {
-    if (!file_.writable() || in_doubt_)
+    if (!writer_.file().writable() || in_doubt_)
       throw std::invalid_argument("MapJournal: the file is finished, or writing it failed before");
     const detail::MapCounts counts = {count(map.sessions), count(map.keyframes), 0,
                                       count(map.odometry), count(map.closures),  count(map.refusals)};
@@ -200,28 +190,31 @@ class MapJournal {
 
   /// @returns whether anything was.
   bool append_new(const SlamMap& map, Index first_gnss) {
-    const std::uint64_t before = chunks_;
-    if (chunks_ == 0) append_start(map);
+    const std::uint64_t before = writer_.chunks();
+    if (writer_.chunks() == 0) append_start(map);
     append_sessions(map);
     const Index fresh = std::exchange(counts_.keyframes, count(map.keyframes));
-    append_records(Type::keyframes, detail::keyframe_bytes, fresh, counts_.keyframes,
-                   [&](auto& out, Index i) { detail::append_keyframe(out, at(map.keyframes, i)); });
+    writer_.append_records(Type::keyframes, detail::keyframe_bytes, fresh, counts_.keyframes,
+                           [&](auto& out, Index i) { detail::append_keyframe(out, at(map.keyframes, i)); });
     append_gnss(map, first_gnss);
     const Index odometry = std::exchange(counts_.odometry, count(map.odometry));
-    append_records(Type::odometry, detail::odometry_bytes, odometry, counts_.odometry,
-                   [&](auto& out, Index i) { detail::append_odometry(out, at(map.odometry, i)); });
+    writer_.append_records(Type::odometry, detail::odometry_bytes, odometry, counts_.odometry,
+                           [&](auto& out, Index i) { detail::append_odometry(out, at(map.odometry, i)); });
     const Index closures = std::exchange(counts_.closures, count(map.closures));
-    append_records(Type::closures, detail::closure_bytes, closures, counts_.closures,
-                   [&](auto& out, Index i) { detail::append_closure(out, at(map.closures, i)); });
+    writer_.append_records(Type::closures, detail::closure_bytes, closures, counts_.closures,
+                           [&](auto& out, Index i) { detail::append_closure(out, at(map.closures, i)); });
     const Index refusals = std::exchange(counts_.refusals, count(map.refusals));
-    append_records(Type::refusals, detail::closure_bytes, refusals, counts_.refusals,
-                   [&](auto& out, Index i) { detail::append_closure(out, at(map.refusals, i)); });
+    writer_.append_records(Type::refusals, detail::closure_bytes, refusals, counts_.refusals,
+                           [&](auto& out, Index i) { detail::append_closure(out, at(map.refusals, i)); });
     const Index frames = std::exchange(frames_, count(map.frames));
-    append_records(Type::frames, detail::frame_bytes, frames, frames_,
-                   [&](auto& out, Index i) { detail::append_frame(out, at(map.frames, i)); });
+    writer_.append_records(Type::frames, detail::frame_bytes, frames, frames_,
+                           [&](auto& out, Index i) { detail::append_frame(out, at(map.frames, i)); });
     for (Index i = fresh; i < counts_.keyframes; ++i)
-      if (at(map.keyframes, i).cloud) append_scan(at(map.keyframes, i));
-    return chunks_ != before;
+      if (const Keyframe& keyframe = at(map.keyframes, i); keyframe.cloud) {
+        writer_.append_scan(keyframe.id, *keyframe.cloud);
+        ++counts_.scans;
+      }
+    return writer_.chunks() != before;
   }
 
   /// The file's header and its parameters. The file's id comes from these and the map's beginning, so that the same run
@@ -229,13 +222,9 @@ class MapJournal {
   void append_start(const SlamMap& map) {
     std::vector<std::byte> beginning = parameters();
     for (const Session& session : map.sessions) detail::append_session(beginning, session);
-    for (Index i = 0; i < std::min(count(map.keyframes), most_records); ++i)
+    for (Index i = 0; i < std::min(count(map.keyframes), detail::ChunkWriter<Files>::most_records); ++i)
       detail::append_keyframe(beginning, at(map.keyframes, i));
-    file_id_ = detail::hash_of(beginning);
-    std::vector<std::byte> header;
-    detail::append_map_header(header, {.file_id = file_id_});
-    file_.write(header);
-    append_payload({.type = static_cast<std::uint16_t>(Type::parameters), .count = 1}, parameters());
+    writer_.start(detail::hash_of(beginning), parameters());
   }
 
   [[nodiscard]] std::vector<std::byte> parameters() const {
@@ -249,7 +238,7 @@ class MapJournal {
       if (i < counts_.sessions && same(at(sessions_, i), session)) continue;
       std::vector<std::byte> payload;
       detail::append_session(payload, session);
-      append_payload({.type = static_cast<std::uint16_t>(Type::session), .count = 1}, std::move(payload));
+      writer_.append(Type::session, 1, std::move(payload));
     }
     sessions_ = map.sessions;
     counts_.sessions = count(map.sessions);
@@ -266,32 +255,16 @@ class MapJournal {
     std::vector<Index> fixed;
     for (Index i = first; i < count(map.keyframes); ++i)
       if (at(map.keyframes, i).gnss && !has_gnss_[static_cast<std::size_t>(i)]) fixed.push_back(i);
-    append_records(Type::gnss, detail::gnss_bytes, 0, count(fixed), [&](auto& out, Index i) {
+    writer_.append_records(Type::gnss, detail::gnss_bytes, 0, count(fixed), [&](auto& out, Index i) {
       const Keyframe& keyframe = at(map.keyframes, at(fixed, i));
       detail::append_gnss(out, keyframe.id, *keyframe.gnss);
       has_gnss_[static_cast<std::size_t>(keyframe.id.value)] = true;
     });
   }
 
-  void append_scan(const Keyframe& keyframe) {
-    std::vector<std::byte> raw;
-    detail::append_scan(raw, keyframe.id, *keyframe.cloud);
-    detail::ChunkHeader header{.type = static_cast<std::uint16_t>(Type::scan),
-                               .count = static_cast<std::uint32_t>(keyframe.cloud->size()),
-                               .raw_bytes = raw.size()};
-    std::vector<std::byte> packed = ZstdCodec{}.compress(raw);
-    // What packs too well is kept as it is: a file's size bounds the memory that opening it takes.
-    if (packed.size() < raw.size() && raw.size() <= packed.size() * detail::most_raw_per_stored) {
-      header.codec = ZstdCodec::id;
-      raw = std::move(packed);
-    }
-    append_payload(header, std::move(raw));
-    ++counts_.scans;
-  }
-
   void append_poses(const SlamMap& map, Index first, Index end) {
-    append_records(Type::poses, detail::pose_bytes, first, end,
-                   [&](auto& out, Index i) { detail::append_pose(out, at(map.keyframes, i).T_map_body); });
+    writer_.append_records(Type::poses, detail::pose_bytes, first, end,
+                           [&](auto& out, Index i) { detail::append_pose(out, at(map.keyframes, i).T_map_body); });
     if (first == 0) posed_ = end;
   }
 
@@ -301,67 +274,8 @@ class MapJournal {
       if (at(map.keyframes, i).session != at(map.keyframes, i - 1).session) append_poses(map, i, i + 1);
   }
 
-  // ---- chunks ----
-
-  /// Records [first, end) in blocks: the number of the first one, the size of each, then they themselves.
-  template <class Append>
-  void append_records(Type type, std::size_t record_bytes, Index first, Index end, Append&& append) {
-    for (Index begin = first; begin < end; begin += most_records) {
-      const Index stop = std::min(end, begin + most_records);
-      std::vector<std::byte> payload;
-      payload.reserve(prelude_bytes + static_cast<std::size_t>(stop - begin) * record_bytes);
-      append_bytes(payload, begin);
-      append_bytes(payload, static_cast<std::uint32_t>(record_bytes));
-      append_bytes(payload, std::uint64_t{0});
-      for (Index i = begin; i < stop; ++i) append(payload, i);
-      append_payload({.type = static_cast<std::uint16_t>(type), .count = static_cast<std::uint32_t>(stop - begin)},
-                     std::move(payload));
-    }
-  }
-
-  void append_commit() {
-    std::vector<std::byte> payload;
-    for (const Index number :
-         {counts_.sessions, counts_.keyframes, counts_.scans, counts_.odometry, counts_.closures, counts_.refusals})
-      append_bytes(payload, number);
-    append_bytes(payload, std::uint64_t{0});
-    append_payload({.type = static_cast<std::uint16_t>(Type::commit), .count = 1}, std::move(payload));
-  }
-
-  void append_index_and_end() {
-    const std::uint64_t index_offset = file_.size();
-    std::vector<std::byte> index;
-    for (const Place& place : places_) {
-      append_bytes(index, place.offset);
-      append_bytes(index, place.type);
-      append_bytes(index, place.version);
-      append_bytes(index, place.count);
-    }
-    append_payload(
-        {.type = static_cast<std::uint16_t>(Type::index), .count = static_cast<std::uint32_t>(places_.size())},
-        std::move(index));
-    std::vector<std::byte> end;
-    append_bytes(end, index_offset);
-    append_bytes(end, file_.size() + 2 * detail::chunk_alignment);
-    append_payload({.type = static_cast<std::uint16_t>(Type::end), .count = 1}, std::move(end));
-  }
-
-  /// @param header  as `append_chunk` needs it, without sequence and id; raw bytes for packed payloads only.
-  void append_payload(detail::ChunkHeader header, std::vector<std::byte> payload) {
-    if (header.raw_bytes == 0) header.raw_bytes = payload.size();
-    header.sequence = chunks_++;
-    header.file_id = file_id_;
-    places_.push_back({file_.size(), header.type, header.version, header.count});
-    std::vector<std::byte> chunk;
-    detail::append_chunk(chunk, header, std::move(payload));
-    file_.write(chunk);
-  }
-
   MapArchiveOptions options_;
-  detail::PartialFile<Files> file_;
-  std::uint64_t file_id_ = 0;
-  std::uint64_t chunks_ = 0;
-  std::vector<Place> places_;
+  detail::ChunkWriter<Files> writer_;
   detail::MapCounts counts_;  ///< written so far
   std::vector<Session> sessions_;
   std::vector<bool> has_gnss_;

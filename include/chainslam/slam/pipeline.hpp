@@ -13,9 +13,7 @@
 
 #include "chainslam/core/channel.hpp"
 #include "chainslam/core/executor.hpp"
-#include "chainslam/map/frame_record.hpp"
-#include "chainslam/map/keyframe.hpp"
-#include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/map/map_input.hpp"
 
 namespace chainslam {
 
@@ -54,10 +52,16 @@ class Pipeline {
   /// @throws what a call before has thrown in the back end, which then has stopped; std::invalid_argument after that,
   /// and after `finish`.
   /// @{
-  void begin_session(std::string name) { push(BeginSession{std::move(name)}); }
+  void begin_session(std::string name) { push(SessionStart{std::move(name)}); }
   void add(Keyframe keyframe) { push(std::move(keyframe)); }
   void add(const GnssFix& fix) { push(fix); }
   void add(std::vector<FrameRecord> frames) { push(std::move(frames)); }
+  /// Any of these.
+  void push(MapInput input) {
+    if (items_.push(std::move(input))) return;
+    finish();
+    throw std::invalid_argument("Pipeline: nothing can be added once it has finished");
+  }
   /// @}
 
   /// Items that wait.
@@ -71,22 +75,11 @@ class Pipeline {
   }
 
  private:
-  struct BeginSession {
-    std::string name;
-  };
-  using Item = std::variant<BeginSession, Keyframe, GnssFix, std::vector<FrameRecord>>;
-
-  void push(Item item) {
-    if (items_.push(std::move(item))) return;
-    finish();
-    throw std::invalid_argument("Pipeline: nothing can be added once it has finished");
-  }
-
   void run(BackEnd& back_end, const E& executor, AfterEach& after_each) {
     const std::stop_token stop = stop_.get_token();
     try {
       while (auto item = items_.pop(stop)) {
-        if (auto* session = std::get_if<BeginSession>(&*item))
+        if (auto* session = std::get_if<SessionStart>(&*item))
           back_end.begin_session(std::move(session->name));
         else if (auto* keyframe = std::get_if<Keyframe>(&*item))
           back_end.add(std::move(*keyframe), executor);
@@ -102,7 +95,7 @@ class Pipeline {
     }
   }
 
-  Channel<Item> items_;
+  Channel<MapInput> items_;
   std::stop_source stop_;
   std::exception_ptr failure_;
   std::jthread thread_;

@@ -46,21 +46,24 @@ enum class ChunkType : std::uint16_t {
   index = 11,
   end = critical | 12,
   frames = 13,
+  fixes = 14,  // these two in input journals only
+  loaded = 15,
 };
 
 [[nodiscard]] constexpr bool is_known_chunk(std::uint16_t type) {
   const unsigned number = type & ~static_cast<unsigned>(critical);
-  const bool may_be_skipped = number == static_cast<unsigned>(ChunkType::refusals) ||
-                              number == static_cast<unsigned>(ChunkType::index) ||
-                              number == static_cast<unsigned>(ChunkType::frames);
-  return number >= 1 && number <= 13 && may_be_skipped == ((type & critical) == 0);
+  const bool may_be_skipped =
+      number == static_cast<unsigned>(ChunkType::refusals) || number == static_cast<unsigned>(ChunkType::index) ||
+      number == static_cast<unsigned>(ChunkType::frames) || number == static_cast<unsigned>(ChunkType::fixes) ||
+      number == static_cast<unsigned>(ChunkType::loaded);
+  return number >= 1 && number <= 15 && may_be_skipped == ((type & critical) == 0);
 }
 
 /// What a chunk's type is called in messages.
 [[nodiscard]] inline const char* chunk_name(std::uint16_t type) {
-  constexpr std::array<const char*, 14> names = {"unknown kind", "parameters", "session",  "keyframes", "scan",
-                                                 "odometry",     "closures",   "refusals", "poses",     "gnss",
-                                                 "commit",       "index",      "end",      "frames"};
+  constexpr std::array<const char*, 16> names = {
+      "unknown kind", "parameters", "session", "keyframes", "scan", "odometry", "closures", "refusals",
+      "poses",        "gnss",       "commit",  "index",     "end",  "frames",   "fixes",    "loaded"};
   return names[is_known_chunk(type) ? type & ~static_cast<unsigned>(critical) : 0U];
 }
 

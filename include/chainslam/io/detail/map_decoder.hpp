@@ -115,6 +115,9 @@ class MapDecoder {
       case ChunkType::commit:
         check_commit(number, *payload);
         break;
+      case ChunkType::fixes:
+      case ChunkType::loaded:
+        break;  // what a back end was given, which is no part of a map
       case ChunkType::index:
       case ChunkType::end:
         fail(number, "", "the end of the map, with more behind it");
@@ -259,11 +262,7 @@ class MapDecoder {
   void set_gnss(std::size_t number, std::size_t i, Index, ByteReader in) {
     const Index id = in.take<Index>();
     check(number, i, fault_of_number("keyframe", id, 0, keyframes(), "keyframes"));
-    GnssFix fix;
-    fix.quality = static_cast<GnssQuality>(in.take<std::uint32_t>());
-    fix.time = Timestamp::from_nanoseconds(in.take<std::int64_t>());
-    for (Eigen::Index k = 0; k < 3; ++k) fix.position_ecef[k] = in.take<double>();
-    fix.covariance_ecef = read_matrix<3>(in);
+    const GnssFix fix = read_gnss(in);
     check(number, i, fault_of(fix));
     loaded_.map.keyframes[static_cast<std::size_t>(id)].gnss = fix;
   }

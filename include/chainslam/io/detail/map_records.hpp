@@ -221,6 +221,16 @@ inline void append_gnss(std::vector<std::byte>& out, KeyframeId keyframe, const 
   append_matrix<3>(out, fix.covariance_ecef);
 }
 
+/// The record but for the keyframe's number.
+inline GnssFix read_gnss(ByteReader& in) {
+  GnssFix fix;
+  fix.quality = static_cast<GnssQuality>(in.take<std::uint32_t>());
+  fix.time = Timestamp::from_nanoseconds(in.take<std::int64_t>());
+  for (Eigen::Index k = 0; k < 3; ++k) fix.position_ecef[k] = in.take<double>();
+  fix.covariance_ecef = read_matrix<3>(in);
+  return fix;
+}
+
 inline void append_frame(std::vector<std::byte>& out, const FrameRecord& frame) {
   const FrameHealth& health = frame.health;
   append_bytes(out, frame.time.nanoseconds());
