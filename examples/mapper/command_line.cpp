@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -31,7 +32,9 @@ void add_map(CLI::App& program, int& exit_code) {
       "odometry.tum, graph.g2o, keyframes.csv, closures.csv, config.toml, summary.json and map.png; of several data\n"
       "sets a trajectory each. Ctrl-C finishes the scan at hand and saves what there is; a second Ctrl-C stops at "
       "once,\n"
-      "and so may a crash: `chainslam recover DIR.partial/map.cslam.partial` then has all but the last keyframe.\n"
+      "and so may a crash or a loss of power: `chainslam recover DIR.partial -o NEW` then makes the map of all that "
+      "the\n"
+      "progress line had shown, but for at most the last second of data.\n"
       "`chainslam config --print` shows everything that can be configured.");
   verb->add_option("DATA", arguments->data,
                    "folders of data sets, one session each (see chainslam inspect), or "
@@ -53,6 +56,11 @@ void add_map(CLI::App& program, int& exit_code) {
   verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
       ->check(CLI::Range(1, 1024))
       ->option_text("N");
+  verb->add_option("--max-memory", arguments->max_memory,
+                   "end the run, save the map and exit with 4 where it needs more, as in 6GB; default: half of the\n"
+                   "machine's memory. Maps of --load that need more are refused")
+      ->transform(CLI::AsSizeValue(true).description(""))
+      ->option_text("SIZE");
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
@@ -211,12 +219,23 @@ void add_recover(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<RecoverArguments>();
   CLI::App* verb = program.add_subcommand("recover", "save what is whole of a damaged or unfinished map in a new file");
   verb->footer(
-      "Takes all up to the last commit that can be read; scans that are damaged are left out, their keyframes stay.\n"
-      "Keyframes after the last optimised poses are placed by odometry. MAP is only read; NEW is read again to check "
-      "it.");
-  verb->add_option("MAP", arguments->map, "map file (.cslam, .cslam.partial)")->required()->option_text(" ");
+      "MAP is what `chainslam map --out DIR` left when it was killed: the folder DIR.partial. Every keyframe that the\n"
+      "progress line had shown is there, but for the last second of data, and loops are closed again with the run's "
+      "own\n"
+      "configuration: the map is the one that the run would have made of these data. That takes the time that closing\n"
+      "loops took; with --no-replay it takes what the run had closed so far, at once.\n"
+      "Of a map file, takes all up to the last commit that can be read; scans that are damaged are left out, their\n"
+      "keyframes stay. Keyframes after the last optimised poses are placed by odometry.\n"
+      "MAP is only read; NEW is read again to check it.");
+  verb->add_option("MAP", arguments->map, "DIR.partial, or a map file (.cslam, .cslam.partial)")
+      ->required()
+      ->option_text(" ");
   verb->add_option("-o,--out", arguments->out, "map file to write")->required()->option_text("NEW");
   verb->add_flag("--overwrite", arguments->overwrite, "if NEW is there, keep that as NEW~1");
+  verb->add_flag("!--no-replay", arguments->replay, "of an unfinished run: only what it had closed so far");
+  verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
@@ -308,6 +327,7 @@ void add_eval(CLI::App& program, int& exit_code) {
                         "unit, as this program's maps have them",
                         {{"stated", NcltPoses::stated}, {"imu", NcltPoses::imu}});
   verb->add_option("--json", options->json, "write all figures to this file as well")->option_text("FILE");
+  verb->add_flag("--overwrite", options->overwrite, "if that file is there, keep it as FILE~1");
   verb->add_option("--max-ape", options->max_ape, "exit with 5 if the APE's rmse exceeds this")->option_text("METRES");
   verb->add_option("--max-rpe", options->max_rpe, "exit with 5 if the RPE's rmse exceeds this")->option_text("METRES");
   verb->callback([options, &exit_code] {
@@ -322,6 +342,7 @@ void add_optimize(CLI::App& program, int& exit_code) {
   CLI::App* verb = program.add_subcommand("optimize", "optimise a pose graph in g2o's format");
   verb->add_option("FILE", arguments->input, "pose graph")->required()->option_text(" ");
   verb->add_option("--out", arguments->out, "write the optimised graph here")->option_text("FILE");
+  verb->add_flag("--overwrite", arguments->overwrite, "if that file is there, keep it as FILE~1");
   verb->add_option("--max-iterations", arguments->max_iterations, "default 100")
       ->check(CLI::Range(1, 100000))
       ->option_text("N");
@@ -367,7 +388,12 @@ int run_command_line(int argc, const char* const* argv) {
     program.parse(argc, argv);
     return exit_code;
   } catch (const CLI::ParseError& error) {
-    return program.exit(error) == 0 ? exit_good : exit_usage;
+    if (error.get_exit_code() == 0) return program.exit(error);
+    const std::vector<CLI::App*> verbs = program.get_subcommands();
+    const std::string verb = verbs.empty() ? "" : " " + verbs.front()->get_name();
+    std::fprintf(stderr, "error: chainslam%s\n  found: %s\n  do: `chainslam%s --help` says what it takes\n",
+                 verb.c_str(), error.what(), verb.c_str());
+    return exit_usage;
   }
 }
 

@@ -13,9 +13,10 @@
 #include "chainslam/evaluation/ape.hpp"
 #include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/evaluation/rpe.hpp"
-#include "chainslam/io/file_system.hpp"
+#include "end_on_interrupt.hpp"
 #include "evaluation_report.hpp"
 #include "exit_code.hpp"
+#include "output.hpp"
 #include "trajectory_file.hpp"
 #include "verbs.hpp"
 
@@ -154,14 +155,18 @@ int verdict(const EvalArguments& options, const Evaluation& evaluation) {
 }  // namespace
 
 int run(const EvalArguments& options) {
+  require_free(options.json, options.overwrite);
+  const EndOnInterrupt interrupt(options.json);
   const Evaluation evaluation = evaluate(options);
-  std::fputs(printable(evaluation_table(evaluation), true).c_str(), stdout);
-  if (!options.json.empty()) {
-    AtomicFile file(options.json);
-    file.write(evaluation_json(evaluation));
-    file.commit();
-  }
-  return verdict(options, evaluation);
+  std::fputs(evaluation_table(evaluation).c_str(), stdout);
+  Output output(options.overwrite);
+  if (!options.json.empty())
+    output.file(options.json, [&](const FileTarget& target) {
+      AtomicFile file(target);
+      file.write(evaluation_json(evaluation));
+      file.commit();
+    });
+  return output.exit_code(verdict(options, evaluation));
 }
 
 }  // namespace chainslam::mapper

@@ -1,10 +1,7 @@
-#include <cstdio>
-#include <filesystem>
 #include <map>
 #include <string>
 
-#include "chainslam/core/printable.hpp"
-#include "exit_code.hpp"
+#include "end_on_interrupt.hpp"
 #include "map_export.hpp"
 #include "map_file.hpp"
 #include "verbs.hpp"
@@ -22,13 +19,12 @@ const std::map<std::string, ExportFormat> formats = {{"tum", ExportFormat::tum},
 }  // namespace
 
 int run(const ExportArguments& arguments) {
+  const EndOnInterrupt interrupt(arguments.out);
   ExportOptions options = arguments.options;
   options.format = formats.at(arguments.format);
   const bool scans = options.format == ExportFormat::ply || options.format == ExportFormat::pcd;
   const LoadedMap loaded = open_map(arguments.map, {.scans = scans});
-  for (const std::filesystem::path& path : export_map(loaded.map, arguments.out, options))
-    std::printf("written      %s\n", printable(path.native()).c_str());
-  return exit_good;
+  return export_map(loaded.map, arguments.out, options);
 }
 
 }  // namespace chainslam::mapper

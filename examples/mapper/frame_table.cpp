@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <string>
 
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/detail/pose_fields.hpp"
 
 namespace chainslam::mapper {
 
@@ -67,10 +67,13 @@ std::string row(const FrameRecord& frame) {
 
 }  // namespace
 
-void write_frames(const std::filesystem::path& path, const SlamMap& map) {
-  AtomicFile file(path);
+void write_frames(const FileTarget& target, const SlamMap& map) {
+  AtomicFile file(target);
   file.write(head());
-  for (const FrameRecord& frame : map.frames) file.write(row(frame));
+  for (std::size_t i = 0; i < map.frames.size(); ++i) {
+    detail::require_finite(target, "frame", i, map.frames[i].T_odom_body);
+    file.write(row(map.frames[i]));
+  }
   file.commit();
 }
 

@@ -4,26 +4,28 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
-#include <stdexcept>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
+#include "chainslam/io/input_journal.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "console.hpp"
 #include "datasets/dataset.hpp"
 #include "exit_code.hpp"
+#include "map_file.hpp"
 #include "mapping.hpp"
 #include "options.hpp"
-#include "output_folder.hpp"
+#include "output.hpp"
 #include "results.hpp"
 #include "simulated_dataset.hpp"
 #include "support/interrupt.hpp"
 #include "support/progress.hpp"
 #include "support/summary.hpp"
 #include "trajectory_file.hpp"
+#include "unfinished_run.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {
@@ -46,9 +48,10 @@ Datasets open_datasets(const MapArguments& arguments, const MapperOptions& optio
 
 std::vector<std::optional<Trajectory>> read_truths(const MapArguments& arguments, const Datasets& datasets) {
   if (!arguments.truths.empty() && arguments.truths.size() != datasets.size())
-    throw std::invalid_argument("--truth names " + std::to_string(arguments.truths.size()) + " files for " +
-                                std::to_string(datasets.size()) +
-                                " data sets\n  found: too few or too many\n  do: give one for each, in their order");
+    throw support::ConfigError(
+        "--truth", "each data set needs one, or none has any",
+        std::to_string(arguments.truths.size()) + " files for " + std::to_string(datasets.size()) + " data sets",
+        "give one for each, in their order");
   std::vector<std::optional<Trajectory>> truths;
   for (std::size_t i = 0; i < datasets.size(); ++i)
     truths.push_back(arguments.truths.empty() ? datasets[i]->truth()
@@ -57,11 +60,19 @@ std::vector<std::optional<Trajectory>> read_truths(const MapArguments& arguments
 }
 
 /// Saved maps, given by their file or by the folder of results that holds it.
-std::vector<SlamMap> load_maps(const MapArguments& arguments) {
+struct SavedMaps {
   std::vector<SlamMap> maps;
-  for (const fs::path& path : arguments.maps)
-    maps.push_back(load_map(fs::is_directory(path) ? path / "map.cslam" : path).map);
-  return maps;
+  std::vector<LoadedReference> references;  ///< for whoever does the run's work again
+};
+
+SavedMaps load_maps(const MapArguments& arguments, std::uint64_t max_memory) {
+  SavedMaps saved;
+  for (const fs::path& given : arguments.maps) {
+    const fs::path path = fs::is_directory(given) ? given / map_name : given;
+    saved.maps.push_back(open_map(path, {.max_memory = max_memory}).map);
+    saved.references.push_back({fs::absolute(path).string(), content_of(path)});
+  }
+  return saved;
 }
 
 std::string title(const Datasets& datasets) {
@@ -73,20 +84,61 @@ std::string title(const Datasets& datasets) {
   return names;
 }
 
-void write_text(const fs::path& path, const std::string& text) {
-  AtomicFile file(path);
+/// The configuration in force, as a file that repeats the run.
+std::string configuration_text(MapperOptions options) { return make_configuration(options).print(); }
+
+void write_text(const FileTarget& target, const std::string& text) {
+  AtomicFile file(target);
   file.write(text);
   file.commit();
 }
 
-/// What came to nothing: nothing to map, or nothing that could be used.
-void require_keyframes(const MappingResult& mapping, const MapArguments& arguments) {
+void print_notes(const char* mark, const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) std::fprintf(stderr, "%s %s\n", mark, note.c_str());
+}
+
+IoError without_use(const SessionRun& session, const fs::path& data) {
+  return {IoError::Kind::input,
+          {data.string(), "", std::to_string(session.scans) + " scans, none of which could be used",
+           "run `chainslam inspect` on it; compare odometry.min_range and max_range with the scans' ranges"}};
+}
+
+/// Says which data sets came to nothing, where others did not. @returns whether any did.
+bool has_empty_session(const MappingResult& mapping, const MapArguments& arguments) {
+  bool any = false;
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
-    const SessionRun& session = mapping.sessions[i];
-    if (mapping.interrupted || !session.odometry.empty()) continue;
-    throw_input_error(arguments.data[i].string(), "",
-                      std::to_string(session.scans) + " scans, none of which could be used",
-                      "run `chainslam inspect` on it; compare odometry.min_range and max_range with the scans' ranges");
+    if (mapping.interrupted || !mapping.sessions[i].odometry.empty()) continue;
+    std::fprintf(stderr, "error: %s\n", without_use(mapping.sessions[i], arguments.data[i]).what());
+    any = true;
+  }
+  return any;
+}
+
+[[noreturn]] void throw_without_keyframes(const MappingResult& mapping, const MapArguments& arguments) {
+  if (mapping.failure) throw IoError(*mapping.failure);
+  throw without_use(mapping.sessions.front(), arguments.data.front());
+}
+
+std::string memory_text(std::uint64_t max_memory, bool at_once, const fs::path& out) {
+  char text[96];
+  std::snprintf(text, sizeof text, "memory\n  found: more than %.0f MB in use (--max-memory)\n  do: ",
+                1e-6 * static_cast<double>(max_memory));
+  if (at_once) return text + std::string("allow more, or load smaller maps: there was no room for a keyframe");
+  return text + ("the map of what came before is saved: go on with --load " + (out / map_name).string() +
+                 " where there is more, or raise keyframes.distance or keyframes.voxel_size");
+}
+
+/// Whatever ends mapping before its time, what the back end was given is kept, and the user learns how to get it.
+MappingResult map_or_say_what_is_left(const Datasets& datasets, std::span<const SlamMap> saved, const MappingRun& run,
+                                      const OutputFolder& folder, const InputJournal<>& input) {
+  try {
+    return run_mapping(datasets, saved, run);
+  } catch (...) {
+    run.progress.finish();
+    if (input.keyframes() > 0)
+      std::fprintf(stderr, "note: %d keyframes are kept: `chainslam recover %s -o NEW.cslam` makes the map of them\n",
+                   input.keyframes(), folder.path().c_str());
+    throw;
   }
 }
 
@@ -126,6 +178,14 @@ void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const 
   if (verdict.failed) print_verdict(verdict, source);
 }
 
+int exit_code_of(const support::RunSummary& summary, bool data_failed, bool memory_full) {
+  if (memory_full) return exit_output;
+  if (data_failed) return exit_input;
+  if (summary.interrupted) return exit_interrupted;
+  const bool met = std::ranges::all_of(summary.goals, &support::GoalResult::met);
+  return met ? exit_good : exit_goal_missed;
+}
+
 }  // namespace
 
 int run(const MapArguments& arguments) {
@@ -133,25 +193,32 @@ int run(const MapArguments& arguments) {
   configure(options, arguments.config, arguments.overrides);
   const Datasets datasets = open_datasets(arguments, options);
   std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
-  const std::vector<SlamMap> maps = load_maps(arguments);
+  const std::uint64_t max_memory = arguments.max_memory > 0 ? arguments.max_memory : machine_memory() / 2;
+  const SavedMaps saved = load_maps(arguments, max_memory);
+  const support::Interrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
-  folder.keep_unfinished("map.cslam.partial");
   const std::string configuration = configuration_text(options);
   for (const auto& dataset : datasets) print_notes("note:", dataset->info().notes);
 
   const auto start = std::chrono::steady_clock::now();
-  const support::Interrupt interrupt;
   support::Progress progress;
   support::StageTimes times;
-  MapJournal journal(folder.path() / "map.cslam", {.parameters = configuration});
+  InputJournal input(folder.path() / inputs_name, configuration, saved.references);
+  MapJournal journal(folder.path() / map_name, {.parameters = configuration});
   const MappingRun mapping_run{.options = options,
                                .threads = to_index(arguments.threads),
                                .stop = interrupt.token(),
                                .max_scans = to_index(arguments.max_scans),
+                               .max_memory = max_memory,
                                .progress = progress,
                                .times = times,
+                               .record =
+                                   [&](std::span<const MapInput> inputs) {
+                                     for (const MapInput& one : inputs) input.append(one);
+                                     input.commit();
+                                   },
                                .journal = [&](const SlamMap& map) { journal.update(map); }};
-  MappingResult mapping = run_mapping(datasets, maps, mapping_run);
+  MappingResult mapping = map_or_say_what_is_left(datasets, saved.maps, mapping_run, folder, input);
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     SessionRun& session = mapping.sessions[i];
     session.truth = std::move(truths[i]);
@@ -162,27 +229,45 @@ int run(const MapArguments& arguments) {
     mapping.truths_share_frame &= !frame.empty() && frame == datasets[0]->info().truth_frame;
   }
   print_notes("warning:", mapping.notes);
-  require_keyframes(mapping, arguments);
+  if (mapping.failure) std::fprintf(stderr, "error: %s\n", mapping.failure->what());
+  if (mapping.memory_full)
+    std::fprintf(stderr, "error: %s\n",
+                 memory_text(max_memory, mapping.map->keyframes.empty(), folder.target()).c_str());
+  if (mapping.map->keyframes.empty()) {
+    input.remove();
+    journal.remove();
+    if (mapping.memory_full) return exit_output;
+    if (!mapping.failure && interrupt.requested()) {
+      std::fprintf(stderr, "interrupted before the first keyframe: there is nothing to save\n");
+      return exit_interrupted;
+    }
+    throw_without_keyframes(mapping, arguments);
+  }
 
+  // The map first: it is on the disk and has its name before anything else can fail.
+  fs::path kept;
+  {
+    const auto measurement = times.measure("save");
+    journal.finish(*mapping.map);
+    input.remove();
+    kept = folder.commit();
+  }
+  const bool memory_full = mapping.memory_full;
+  const bool data_failed = mapping.failure.has_value() || has_empty_session(mapping, arguments);
   RunOutcome outcome = conclude(std::move(mapping), title(datasets), options);
   {
     const auto measurement = times.measure("write");
-    write_results(folder.path(), outcome, options);
-    write_text(folder.path() / "config.toml", configuration);
-    journal.finish(*outcome.mapping.map);
+    write_results(folder, outcome, options);
+    folder.file("config.toml", [&](const FileTarget& target) { write_text(target, configuration); });
   }
   outcome.summary.stages = times.rows();
   outcome.summary.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   outcome.summary.peak_memory = support::peak_memory();
-  write_run_report(folder.path(), outcome, options.map_voxel);
-  support::write_summary(folder.path() / "summary.json", outcome.summary);
-  const fs::path kept = folder.commit();
+  write_run_report(folder, outcome, options.map_voxel);
+  folder.file("summary.json", [&](const FileTarget& target) { support::write_summary(target, outcome.summary); });
   print_outcome(outcome, folder, kept, options.odometry_source);
 
-  if (outcome.summary.interrupted) return exit_interrupted;
-  for (const support::GoalResult& goal : outcome.summary.goals)
-    if (!goal.met) return exit_goal_missed;
-  return exit_good;
+  return folder.exit_code(exit_code_of(outcome.summary, data_failed, memory_full));
 }
 
 }  // namespace chainslam::mapper

@@ -1,7 +1,9 @@
 #include "map_export.hpp"
 
 #include <algorithm>
+#include <cstdio>
 #include <numeric>
+#include <string>
 
 #include "chainslam/cloud/transform.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
@@ -10,9 +12,9 @@
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
 #include "chainslam/io/tum.hpp"
+#include "exit_code.hpp"
 #include "frame_table.hpp"
-#include "map_file.hpp"
-#include "output_folder.hpp"
+#include "output.hpp"
 
 namespace chainslam::mapper {
 
@@ -24,36 +26,38 @@ const Session& session_of(const SlamMap& map, SessionId id) { return map.session
 
 const Keyframe& keyframe_of(const SlamMap& map, Index i) { return map.keyframes[static_cast<std::size_t>(i)]; }
 
-void write_trajectory(const fs::path& path, const Trajectory& trajectory, ExportFormat format) {
+void write_trajectory(const FileTarget& target, const Trajectory& trajectory, ExportFormat format) {
   if (format == ExportFormat::tum)
-    write_tum(path, trajectory);
+    write_tum(target, trajectory);
   else
-    write_kitti_poses(path, trajectory);
+    write_kitti_poses(target, trajectory);
 }
 
-std::vector<fs::path> export_trajectories(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+void print_written(const fs::path& path) { std::printf("written      %s\n", path.c_str()); }
+
+int export_trajectories(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
   const std::string ending = options.format == ExportFormat::tum ? ".tum" : ".kitti.txt";
   OutputFolder folder(out, options.overwrite);
   std::vector<std::string> names;
   const auto write = [&](const std::string& name, const std::vector<SessionId>& sessions) {
-    names.push_back(name + ending);
-    write_trajectory(folder.path() / names.back(), keyframe_trajectory(map, sessions), options.format);
+    const Trajectory trajectory = keyframe_trajectory(map, sessions);
+    if (folder.file(name + ending,
+                    [&](const FileTarget& target) { write_trajectory(target, trajectory, options.format); }))
+      names.push_back(name + ending);
   };
   for (const Session& session : map.sessions) write("session_" + std::to_string(session.id.value), {session.id});
   const std::vector<FrameGroup> groups = frames_of(map);
   for (const FrameGroup& group : groups)
     write(groups.size() == 1 ? "joint" : "joint_frame_" + std::to_string(group.frame.value), group.sessions);
-  if (!map.frames.empty()) {
+  if (!map.frames.empty() && folder.file("frames.csv", [&](const FileTarget& target) { write_frames(target, map); }))
     names.emplace_back("frames.csv");
-    write_frames(folder.path() / names.back(), map);
-  }
+  if (names.empty()) return folder.exit_code(exit_output);
   folder.commit();
-  std::vector<fs::path> paths;
-  for (const std::string& name : names) paths.push_back(folder.target() / name);
-  return paths;
+  for (const std::string& name : names) print_written(folder.target() / name);
+  return folder.exit_code(exit_good);
 }
 
-std::vector<fs::path> export_graph(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+int export_graph(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
   G2oFile graph;
   const auto add_edge = [&](KeyframeId from, KeyframeId to, const SE3d& T_from_to, const SqrtInformation<6>& root) {
     graph.spatial.edges.push_back(
@@ -67,28 +71,29 @@ std::vector<fs::path> export_graph(const SlamMap& map, const fs::path& out, cons
     add_edge(step.from, step.to, step.T_from_to, step.sqrt_information);
   for (const LoopClosure& closure : map.closures)
     add_edge(closure.from, closure.to, closure.T_from_to, closure.sqrt_information);
-  make_room(out, options.overwrite);
-  write_g2o(out, graph);
-  return {out};
+  Output output(options.overwrite);
+  if (output.file(out, [&](const FileTarget& target) { write_g2o(target, graph); })) print_written(out);
+  return output.exit_code(exit_good);
 }
 
-std::vector<fs::path> export_clouds(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+int export_clouds(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
   const std::vector<FrameGroup> groups = frames_of(map);
-  std::vector<fs::path> paths;
+  Output output(options.overwrite);
   for (const FrameGroup& group : groups) {
     fs::path path = out;
     if (groups.size() > 1)
       path.replace_filename(out.stem().string() + "_frame_" + std::to_string(group.frame.value) +
                             out.extension().string());
     const PointCloud<float> cloud = assembled_cloud(map, group.sessions, options.voxel_size);
-    make_room(path, options.overwrite);
-    if (options.format == ExportFormat::ply)
-      write_ply(path, cloud);
-    else
-      write_pcd(path, cloud);
-    paths.push_back(path);
+    const auto write = [&](const FileTarget& target) {
+      if (options.format == ExportFormat::ply)
+        write_ply(target, cloud);
+      else
+        write_pcd(target, cloud);
+    };
+    if (output.file(path, write)) print_written(path);
   }
-  return paths;
+  return output.exit_code(exit_good);
 }
 
 }  // namespace
@@ -140,7 +145,7 @@ PointCloud<float> assembled_cloud(const SlamMap& map, const std::vector<SessionI
   return points;
 }
 
-std::vector<fs::path> export_map(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+int export_map(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
   switch (options.format) {
     case ExportFormat::tum:
     case ExportFormat::kitti:
@@ -151,7 +156,7 @@ std::vector<fs::path> export_map(const SlamMap& map, const fs::path& out, const 
     case ExportFormat::pcd:
       return export_clouds(map, out, options);
   }
-  return {};
+  return exit_good;
 }
 
 }  // namespace chainslam::mapper

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <filesystem>
-#include <string>
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
@@ -40,8 +39,8 @@ struct FrameGroup {
 /// - g2o: keyframes, odometry and closures with their information; the first keyframe of each frame is fixed
 /// - ply, pcd: all scans, thinned, in one file
 /// Where sessions were not merged, each frame has a file of its own, `..._frame_N`, but for g2o's.
-/// @returns what was written. @throws IoError
-std::vector<std::filesystem::path> export_map(const SlamMap& map, const std::filesystem::path& out,
-                                              const ExportOptions& options);
+/// What cannot be written is reported, and the rest is written.
+/// @returns what to tell the shell. @throws IoError if nothing can be written.
+[[nodiscard]] int export_map(const SlamMap& map, const std::filesystem::path& out, const ExportOptions& options);
 
 }  // namespace chainslam::mapper

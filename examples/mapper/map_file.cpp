@@ -33,7 +33,7 @@ bool is_map_file(const fs::path& path) {
   return file.read(begin.data(), static_cast<std::streamsize>(begin.size())) && begin == mark;
 }
 
-std::uint64_t memory_limit() {
+std::uint64_t machine_memory() {
   const long pages = ::sysconf(_SC_PHYS_PAGES), page_bytes = ::sysconf(_SC_PAGESIZE);
   std::uint64_t bytes = pages > 0 && page_bytes > 0
                             ? static_cast<std::uint64_t>(pages) * static_cast<std::uint64_t>(page_bytes)
@@ -42,11 +42,11 @@ std::uint64_t memory_limit() {
     std::ifstream file(group);
     if (std::uint64_t allowed = 0; file >> allowed) bytes = std::min(bytes, allowed);
   }
-  return bytes / 5 * 4;
+  return bytes;
 }
 
 LoadedMap open_map(const fs::path& path, MapLoadOptions options) {
-  options.max_memory = memory_limit();
+  if (options.max_memory == 0) options.max_memory = machine_memory() / 5 * 4;
   return load_map(path, options);
 }
 
@@ -84,18 +84,19 @@ std::string short_account(const SlamMap& map) {
          how_many(scans, "scan") + " of " + how_many(points, "point") + ", " + how_many(map.closures.size(), "closure");
 }
 
-void make_room(const fs::path& path, bool overwrite) {
-  if (!fs::exists(fs::symlink_status(path))) return;
-  fs::path kept;
-  for (int number = 1; kept.empty() || fs::exists(fs::symlink_status(kept)); ++number)
-    kept = path.string() + '~' + std::to_string(number);
-  if (!overwrite)
-    throw_output_error(
-        path.string(), "", "something is there already",
-        "choose another name, or pass --overwrite: what is there is then kept as " + kept.filename().string());
-  std::error_code error;
-  fs::rename(path, kept, error);
-  if (error) throw_output_error(path.string(), "", error.message(), "rename it by hand and run again");
+std::string printable(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (byte >= 0x20 && byte != 0x7f) {
+      result += c;
+      continue;
+    }
+    char escaped[8];
+    std::snprintf(escaped, sizeof escaped, "\\x%02x", static_cast<unsigned>(byte));
+    result += escaped;
+  }
+  return result;
 }
 
 }  // namespace chainslam::mapper

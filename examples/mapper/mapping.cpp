@@ -55,12 +55,7 @@ class MeteredBackEnd {
     figures_.keyframe_alignments.back() += back_end_.counts().alignments - before;
     publish();
   }
-  /// What comes without a keyframe is kept from a crash, too.
-  void add(std::span<const FrameRecord> frames) {
-    back_end_.add(frames);
-    if (frames.size() >= most_frames) publish();
-  }
-  static constexpr std::size_t most_frames = 64;
+  void add(std::span<const FrameRecord> frames) { back_end_.add(frames); }
 
   /// @name For the front end's thread.
   /// @{
@@ -105,6 +100,8 @@ class MeteredBackEnd {
 
 using MapperPipeline = Pipeline<MeteredBackEnd, ThreadPool>;
 
+bool memory_is_full(const MappingRun& run) { return run.max_memory > 0 && support::current_memory() > run.max_memory; }
+
 /// Maps one data set: what odometry says of each scan goes to the trajectory, what the selector picks to the back end.
 class SessionMapper {
  public:
@@ -121,19 +118,38 @@ class SessionMapper {
   }
 
   [[nodiscard]] SessionRun map() {
-    pipeline_.begin_session(dataset_.info().name);
-    SessionRun session = SessionFrontEnd(dataset_, run_, threads_,
-                                         {.fix = [&](const GnssFix& fix) { pipeline_.add(fix); },
-                                          .frame = [&](const Frame& frame) { add(frame); },
-                                          .scan = [&](const SessionRun& so_far) { show(so_far); }})
-                             .run();
-    pass_frames();
-    return session;
+    waiting_.emplace_back(SessionStart{session_.name});
+    try {
+      if (dataset_.info().has_odometry)
+        map_recorded();
+      else
+        map_packets();
+    } catch (const IoError& error) {  // of an input that cannot be read on: what came before is a map all the same
+      if (error.kind() != IoError::Kind::input || session_.odometry.empty()) throw;
+      session_.failure = error;
+    }
+    pass();
+    if (const std::string lost = support::health_sentence(account_of_scans()); !lost.empty())
+      run_.progress.warning(lost);
+    return std::move(session_);
   }
 
  private:
-  void show(const SessionRun& session) {
-    state_.done = session.scans;
+  /// Recorded keyframes were selected by whoever recorded them.
+  [[nodiscard]] KeyframeOptions keyframe_options() const {
+    KeyframeOptions keyframes = run_.options.keyframes;
+    if (dataset_.info().has_odometry) keyframes.distance = 0;
+    return keyframes;
+  }
+
+  [[nodiscard]] bool wants_more() const {
+    return !run_.stop.stop_requested() && !memory_is_full(run_) &&
+           (run_.max_scans == 0 || session_.scans < run_.max_scans);
+  }
+
+  void count_scan() {
+    ++session_.scans;
+    state_.done = session_.scans;
     state_.keyframes = back_end_.keyframes();
     state_.direct_closures = back_end_.direct_closures();
     state_.chained_closures = back_end_.chained_closures();
@@ -145,13 +161,99 @@ class SessionMapper {
     state_.data_seconds = to_seconds(frame.time - *first_);
     frames_.push_back(record_of(frame));
     auto keyframe = select_(frame);
-    if (keyframe || frames_.size() >= MeteredBackEnd::most_frames) pass_frames();
-    if (keyframe) pipeline_.add(std::move(*keyframe));
+    if (!keyframe && frame.time - frames_.front().time < most_waiting) return;
+    waiting_.emplace_back(std::exchange(frames_, {}));
+    if (keyframe) waiting_.emplace_back(std::move(*keyframe));
+    pass();
   }
 
-  void pass_frames() {
-    if (!frames_.empty()) pipeline_.add(std::exchange(frames_, {}));
+  /// What the session's last line tells.
+  [[nodiscard]] support::SessionSummary account_of_scans() const {
+    support::SessionSummary summary{.name = session_.name,
+                                    .scans = session_.scans,
+                                    .frames = to_index(session_.odometry.size()),
+                                    .lost_frames = lost_.frames};
+    summary.health.restarts = lost_.restarts;
+    if (lost_.frames > 0) summary.health.intervals.push_back(lost_);
+    return summary;
   }
+
+  void count_lost(const Frame& frame) {
+    if (frame.health.map_restarted) ++lost_.restarts;
+    if (frame.health.status != FrameStatus::lost) return;
+    const double time = to_seconds(frame.time - session_.odometry.times.front());
+    if (lost_.frames++ == 0) lost_.begin = lost_.end = time;
+  }
+
+  /// What has come goes to the back end, but not before it is safe.
+  void pass() {
+    if (!frames_.empty()) waiting_.emplace_back(std::exchange(frames_, {}));
+    if (run_.record) {
+      const auto measurement = run_.times.measure("journal");
+      run_.record(waiting_);
+    }
+    for (MapInput& input : waiting_) pipeline_.push(std::move(input));
+    waiting_.clear();
+  }
+
+  void map_recorded() {
+    RecordedOdometry odometry([&] {
+      const auto measurement = run_.times.measure("read");
+      return dataset_.next_frame();
+    });
+    while (wants_more()) {
+      const std::optional<Frame> frame = odometry.next();
+      if (!frame) break;
+      count_scan();
+      add(*frame);
+    }
+    note(odometry.not_finite(), "frames left out: their poses are not finite");
+    note(odometry.out_of_order(), "frames left out: not later than the one before");
+  }
+
+  void map_packets() {
+    const std::unique_ptr<SessionOdometry> odometry = make_session_odometry(run_.options, dataset_.info());
+    double spent = 0;  // seconds since the last scan
+    while (wants_more()) {
+      const std::optional<Packet> packet = [&] {
+        const auto measurement = run_.times.measure("read");
+        return dataset_.next();
+      }();
+      if (!packet) break;
+      if (const auto* fix = std::get_if<GnssFix>(&*packet)) waiting_.emplace_back(*fix);
+      if (run_.options.imu.use == ImuUse::none && std::holds_alternative<ImuSample>(*packet)) continue;
+      // A filter answers a scan when the readings up to its end have come: with a packet after it.
+      const auto begin = std::chrono::steady_clock::now();
+      const std::optional<Frame> frame = odometry->process(*packet, threads_);
+      spent += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+      if (std::holds_alternative<LidarScan>(*packet)) {
+        run_.times.add("odometry", std::exchange(spent, 0.0));
+        count_scan();
+      }
+      if (frame) add(*frame);
+    }
+    while (const std::optional<Frame> frame = odometry->flush(threads_)) add(*frame);
+    note_counts(odometry->counts());
+    session_.calibration = odometry->calibration();
+    if (!session_.calibration) return;
+    for (std::string& note : support::calibration_notes(*session_.calibration))
+      session_.notes.push_back(std::move(note));
+  }
+
+  void note(std::int64_t count, const std::string& what) {
+    if (count > 0) session_.notes.push_back(std::to_string(count) + " " + what);
+  }
+
+  void note_counts(const LidarOdometryCounts& counts) {
+    note(counts.points.not_finite, "points left out: NaN or infinite");
+    note(counts.empty_scans, "scans left out: too few usable points");
+    note(counts.out_of_order_scans, "scans left out: not later than the one before");
+    note(counts.gaps, "gaps in time too long to predict the motion over");
+    session_.imu = counts.imu;
+    for (std::string& finding : datasets::imu_findings(counts.imu)) session_.notes.push_back(std::move(finding));
+  }
+
+  static constexpr Duration most_waiting = std::chrono::milliseconds(500);
 
   datasets::Dataset& dataset_;
   const MappingRun& run_;
@@ -159,8 +261,10 @@ class SessionMapper {
   const MeteredBackEnd& back_end_;
   MapperPipeline& pipeline_;
   KeyframeSelector select_;
-  std::optional<Timestamp> first_;   ///< time of the first frame
-  std::vector<FrameRecord> frames_;  ///< that the back end does not have yet
+  SessionRun session_;
+  support::FrameInterval lost_;      ///< all scans that were, from the first on
+  std::vector<FrameRecord> frames_;  ///< that the back end does not have yet,
+  std::vector<MapInput> waiting_;    ///< and what else it gets before these
   support::ProgressState state_;
 };
 
@@ -201,22 +305,45 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
     MeteredBackEnd metered(back_end, run);
     MapperPipeline pipeline(metered, back_end_threads, {}, 128);  // a keyframe comes with the frames up to it
     for (const auto& dataset : datasets) {
-      if (run.stop.stop_requested()) break;
+      result.memory_full = memory_is_full(run);
+      if (run.stop.stop_requested() || result.memory_full) break;
       SessionRun session = SessionMapper(*dataset, run, front_end_threads, metered, pipeline).map();
       session.id = SessionId{first + to_index(result.sessions.size())};
       result.sessions.push_back(std::move(session));
+      result.failure = result.sessions.back().failure;
+      if (result.failure) break;
     }
+    result.memory_full |= memory_is_full(run);
     await(pipeline, metered, run.progress);
     const auto measurement = run.times.measure("final optimisation");
     result.map = back_end.finish();
     result.figures = metered.figures();
   }
   run.progress.finish();
-  result.interrupted = run.stop.stop_requested();
+  result.interrupted = run.stop.stop_requested() || result.failure || result.memory_full;
   if (result.figures.failed_optimisations > 0)
     result.notes.push_back(std::to_string(result.figures.failed_optimisations) +
                            " optimisations failed; the estimates before were kept");
   return result;
+}
+
+std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::span<const SlamMap> loaded,
+                                         const MappingRun& run) {
+  MapperBackEnd back_end = make_back_end(run.options.back_end);
+  for (const SlamMap& map : loaded) back_end.load(map);
+  const ThreadPool threads(run.threads);
+  MeteredBackEnd metered(back_end, run);
+  MapperPipeline pipeline(metered, threads);
+  support::ProgressState state{.stage = "recovering", .total = to_index(inputs.size())};
+  for (MapInput& input : inputs) {
+    pipeline.push(std::move(input));
+    ++state.done;
+    state.keyframes = metered.keyframes();
+    run.progress.update(state);
+  }
+  pipeline.finish();
+  run.progress.finish();
+  return back_end.finish();
 }
 
 }  // namespace chainslam::mapper

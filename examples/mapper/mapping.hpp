@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
+#include "chainslam/map/map_input.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "datasets/dataset.hpp"
 #include "mapping_result.hpp"
@@ -19,12 +20,16 @@ namespace chainslam::mapper {
 /// What a run is given besides the data.
 struct MappingRun {
   const MapperOptions& options;
-  Index threads = 1;     ///< of the front end and the back end together
-  std::stop_token stop;  ///< Ctrl-C: the scan at hand is finished, and the run ends as if the data did
-  Index max_scans = 0;   ///< of each data set; 0: all
+  Index threads = 1;             ///< of the front end and the back end together
+  std::stop_token stop{};          ///< Ctrl-C: the scan at hand is finished, and the run ends as if the data did
+  Index max_scans = 0;           ///< of each data set; 0: all
+  std::uint64_t max_memory = 0;  ///< bytes of the process, at which the run ends as if the data did; 0: any
   support::Progress& progress;
   support::StageTimes& times;  ///< "read", "odometry", "back end", "final optimisation"
-  /// Called after each step of the back end, on its thread, with the map as it is: keeps what a crash would lose.
+  /// Called with what the back end gets next, on the front end's thread: once it has returned, no crash loses that. At
+  /// the latest when 0.5 s of data have come since the last call.
+  std::function<void(std::span<const MapInput>)> record{};
+  /// Called after each step of the back end, on its thread, with the map as it is.
   std::function<void(const SlamMap&)> journal{};
 };
 
@@ -32,5 +37,9 @@ struct MappingRun {
 /// merges, pose graph.
 [[nodiscard]] MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets,
                                         std::span<const SlamMap> loaded, const MappingRun& run);
+
+/// Does the back end's work of a run again. @returns the map that the run would have had, bit for bit.
+[[nodiscard]] std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::span<const SlamMap> loaded,
+                                                       const MappingRun& run);
 
 }  // namespace chainslam::mapper

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/core/error.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/sensor/imu_check.hpp"
@@ -22,6 +23,7 @@ struct SessionRun {
   ImuCheckCounts imu;                                    ///< what became of the IMU's samples
   std::optional<support::ImuCalibration> calibration{};  ///< none if the IMU is taken as given, or there is none
   std::optional<Trajectory> truth;                       ///< T_truth_body; none if nothing states it
+  std::optional<IoError> failure{};                      ///< of reading: the session ends before its data do
   std::vector<std::string> notes;  ///< what the user should know: scans and points left out, and why
 };
 
@@ -41,6 +43,8 @@ struct MappingResult {
   std::vector<SessionRun> sessions;    ///< of this run, in the order in which they were read
   std::vector<std::string> notes;      ///< of no session in particular
   bool interrupted = false;            ///< the data were not read to their end
+  std::optional<IoError> failure{};    ///< why, if they could not be; the map is that of what came before
+  bool memory_full = false;            ///< why, if that was it
   bool truths_share_frame = true;  ///< the sessions' truths are in one frame: errors between sessions mean something
   BackEndFigures figures;
 };

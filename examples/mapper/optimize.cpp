@@ -9,7 +9,9 @@
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/io/g2o.hpp"
+#include "end_on_interrupt.hpp"
 #include "exit_code.hpp"
+#include "output.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {
@@ -92,8 +94,10 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
   }
   if (!arguments.out.empty()) {
     for (std::size_t i = 0; i < records.vertices.size(); ++i) records.vertices[i].pose = graph[static_cast<Key>(i)];
-    write_g2o(arguments.out, file);
-    std::printf("written      %s\n", printable(arguments.out.native()).c_str());
+    Output output(arguments.overwrite);
+    if (!output.file(arguments.out, [&](const FileTarget& target) { write_g2o(target, file); }))
+      return output.exit_code(exit_good);
+    std::printf("written      %s\n", arguments.out.c_str());
   }
   return report.status == OptimizeStatus::converged ? exit_good : exit_goal_missed;
 }
@@ -101,6 +105,8 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
 }  // namespace
 
 int run(const OptimizeArguments& arguments) {
+  require_free(arguments.out, arguments.overwrite);
+  const EndOnInterrupt interrupt(arguments.out);
   G2oFile file = read_g2o(arguments.input);
   if (file.planar.edges.empty() == file.spatial.edges.empty())
     throw_input_error(arguments.input.string(), "",

@@ -1,12 +1,17 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <optional>
+#include <string>
 #include <system_error>
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/map_archive.hpp"
+#include "end_on_interrupt.hpp"
 #include "exit_code.hpp"
 #include "map_file.hpp"
+#include "output.hpp"
+#include "unfinished_run.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {
@@ -28,19 +33,37 @@ void check_copy(const std::filesystem::path& path, const SlamMap& map) {
     throw_output_error(path.string(), "", "another map than was written", "check the disk, and do not use this file");
 }
 
+int recover_file(const std::filesystem::path& path, const RecoverArguments& arguments) {
+  const LoadedMap loaded = open_map(path, {.recover = true});
+  Output output(arguments.overwrite);
+  const bool saved = output.guarded(arguments.out, [&] {
+    save_map(arguments.out, loaded, arguments.overwrite);
+    check_copy(arguments.out, loaded.map);
+  });
+  if (!saved) return output.exit_code(exit_good);
+  for (const std::string& line : losses(loaded)) std::printf("lost         %s\n", line.c_str());
+  if (loaded.report.complete) std::printf("nothing was lost: the map was whole\n");
+  std::printf("saved        %s\nwritten      %s\n", short_account(loaded.map).c_str(), arguments.out.c_str());
+  return exit_good;
+}
+
 }  // namespace
 
 int run(const RecoverArguments& arguments) {
   std::error_code ignored;
-  if (std::filesystem::equivalent(arguments.map, arguments.out, ignored))
-    throw_output_error(arguments.out.string(), "", "the map that is to be recovered itself",
-                       "choose another name: nothing is ever recovered in place");
-  const LoadedMap loaded = open_map(arguments.map, {.recover = true});
-  save_map(arguments.out, loaded, arguments.overwrite);
-  check_copy(arguments.out, loaded.map);
-  for (const std::string& line : losses(loaded)) std::printf("lost         %s\n", line.c_str());
-  if (loaded.report.complete) std::printf("nothing was lost: the map was whole\n");
-  std::printf("saved        %s\nwritten      %s\n", short_account(loaded.map).c_str(), arguments.out.c_str());
+  const UnfinishedRun unfinished = find_unfinished(arguments.map);
+  for (const std::filesystem::path& source : {unfinished.map, unfinished.inputs})
+    if (std::filesystem::equivalent(source, arguments.out, ignored))
+      throw_output_error(arguments.out.string(), "", "the map that is to be recovered itself",
+                         "choose another name: nothing is ever recovered in place");
+  require_free(arguments.out, arguments.overwrite);
+  const EndOnInterrupt interrupt(arguments.out);
+  if (unfinished.inputs.empty() || !arguments.replay) return recover_file(unfinished.map, arguments);
+  const std::optional<RepeatedRun> repeated = repeat(unfinished, arguments);
+  if (!repeated) return recover_file(unfinished.map, arguments);
+  check_copy(arguments.out, *repeated->map);
+  std::printf("recovered    %s\nsaved        %s\nwritten      %s\n", repeated->account.c_str(),
+              short_account(*repeated->map).c_str(), arguments.out.c_str());
   return exit_good;
 }
 

@@ -12,7 +12,7 @@
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/evaluation/ape.hpp"
 #include "chainslam/evaluation/kitti_errors.hpp"
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/g2o.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/ply.hpp"
@@ -151,7 +151,7 @@ void take_errors(RunOutcome& outcome) {
 }
 
 /// All scans of the sessions that lie in one frame.
-void write_map(const fs::path& path, const SlamMap& map, SessionId frame, double voxel_size) {
+void write_map(const FileTarget& target, const SlamMap& map, SessionId frame, double voxel_size) {
   // Folded now and then, so that memory holds the map and not all scans at once.
   constexpr std::size_t fold_at = 8'000'000;
   PointCloud<float> points;
@@ -165,10 +165,10 @@ void write_map(const fs::path& path, const SlamMap& map, SessionId frame, double
       folded = points.size();
     }
   }
-  write_ply(path, voxel_downsample(points, voxel_size, VoxelMode::first));
+  write_ply(target, voxel_downsample(points, voxel_size, VoxelMode::first));
 }
 
-void write_graph(const fs::path& path, const SlamMap& map) {
+void write_graph(const FileTarget& target, const SlamMap& map) {
   G2oFile graph;
   const auto add_edge = [&](const auto& edge) {
     if (edge.sqrt_information.isZero(0)) return;  // no factor
@@ -183,7 +183,7 @@ void write_graph(const fs::path& path, const SlamMap& map) {
     if (session.keyframes > 0 && session.frame == session.id) graph.fixed.push_back(session.first_keyframe);
   for (const OdometryMeasurement& step : map.odometry) add_edge(step);
   for (const LoopClosure& closure : map.closures) add_edge(closure);
-  write_g2o(path, graph);
+  write_g2o(target, graph);
 }
 
 std::string pose_fields(const SE3d& T) {
@@ -194,12 +194,14 @@ std::string pose_fields(const SE3d& T) {
   return text;
 }
 
-void write_keyframes(const fs::path& path, const SlamMap& map) {
-  AtomicFile file(path);
+void write_keyframes(const FileTarget& target, const SlamMap& map) {
+  AtomicFile file(target);
   file.write(
       std::string_view("id,session,time_ns,x,y,z,qx,qy,qz,qw,odom_x,odom_y,odom_z,odom_qx,odom_qy,odom_qz,"
                        "odom_qw,points,ecef_x,ecef_y,ecef_z,frame\n"));
   for (const Keyframe& keyframe : map.keyframes) {
+    detail::require_finite(target, "keyframe", keyframe.id.value, keyframe.T_map_body);
+    detail::require_finite(target, "keyframe", keyframe.id.value, keyframe.T_odom_body);
     std::string line = std::to_string(keyframe.id.value) + ',' + std::to_string(keyframe.session.value) + ',' +
                        std::to_string(keyframe.time.nanoseconds()) + ',' + pose_fields(keyframe.T_map_body) + ',' +
                        pose_fields(keyframe.T_odom_body) + ',' +
@@ -215,8 +217,8 @@ void write_keyframes(const fs::path& path, const SlamMap& map) {
   file.commit();
 }
 
-void write_closures(const fs::path& path, const SlamMap& map) {
-  AtomicFile file(path);
+void write_closures(const FileTarget& target, const SlamMap& map) {
+  AtomicFile file(target);
   file.write(
       std::string_view("from,to,kind,verdict,mean_squared_error_m2,inlier_ratio,x,y,z,qx,qy,qz,qw,"
                        "from_session,to_session,cause\n"));
@@ -225,6 +227,7 @@ void write_closures(const fs::path& path, const SlamMap& map) {
   };
   for (const auto* closures : {&map.closures, &map.refusals}) {
     for (const LoopClosure& closure : *closures) {
+      detail::require_finite(target, "closure to keyframe", closure.to.value, closure.T_from_to);
       char text[160];
       std::snprintf(text, sizeof text, "%d,%d,%s,%s,%.6g,%.4f,", closure.from.value, closure.to.value,
                     support::name_of(closure.kind).c_str(), support::name_of(closure.verdict).c_str(),
@@ -284,25 +287,30 @@ RunOutcome conclude(MappingResult mapping, const std::string& dataset, const Map
   return outcome;
 }
 
-void write_results(const fs::path& folder, const RunOutcome& outcome, const MapperOptions& options) {
+void write_results(OutputFolder& folder, const RunOutcome& outcome, const MapperOptions& options) {
   const SlamMap& map = *outcome.mapping.map;
   const std::vector<std::string> tags = file_tags(outcome.mapping.sessions);
+  const auto write_trajectory = [&](const std::string& name, const Trajectory& trajectory) {
+    folder.file(name, [&](const FileTarget& target) { write_tum(target, trajectory); });
+  };
   for (std::size_t i = 0; i < tags.size(); ++i) {
     const Trajectory& trajectory = outcome.sessions[i].trajectory;
-    write_tum(folder / ("trajectory" + tags[i] + ".tum"), trajectory);
-    write_kitti_poses(folder / ("trajectory" + tags[i] + ".kitti.txt"), trajectory);
-    write_tum(folder / ("odometry" + tags[i] + ".tum"), outcome.mapping.sessions[i].odometry);
+    write_trajectory("trajectory" + tags[i] + ".tum", trajectory);
+    folder.file("trajectory" + tags[i] + ".kitti.txt",
+                [&](const FileTarget& target) { write_kitti_poses(target, trajectory); });
+    write_trajectory("odometry" + tags[i] + ".tum", outcome.mapping.sessions[i].odometry);
   }
   if (tags.size() > 1)
-    if (const auto joint = joint_trajectory(outcome)) write_tum(folder / "trajectory.tum", *joint);
-  write_keyframes(folder / "keyframes.csv", map);
-  write_frames(folder / "frames.csv", map);
-  write_closures(folder / "closures.csv", map);
-  write_graph(folder / "graph.g2o", map);
-  for (const Session& session : map.sessions)
-    if (session.frame == session.id)
-      write_map(folder / (session.id.value == 0 ? "map.ply" : "map." + std::to_string(session.id.value) + ".ply"), map,
-                session.frame, options.map_voxel);
+    if (const auto joint = joint_trajectory(outcome)) write_trajectory("trajectory.tum", *joint);
+  folder.file("keyframes.csv", [&](const FileTarget& target) { write_keyframes(target, map); });
+  folder.file("frames.csv", [&](const FileTarget& target) { write_frames(target, map); });
+  folder.file("closures.csv", [&](const FileTarget& target) { write_closures(target, map); });
+  folder.file("graph.g2o", [&](const FileTarget& target) { write_graph(target, map); });
+  for (const Session& session : map.sessions) {
+    if (session.frame != session.id) continue;
+    const std::string name = session.id.value == 0 ? "map.ply" : "map." + std::to_string(session.id.value) + ".ply";
+    folder.file(name, [&](const FileTarget& target) { write_map(target, map, session.frame, options.map_voxel); });
+  }
 }
 
 }  // namespace chainslam::mapper

@@ -11,6 +11,7 @@
 #include "chainslam/trajectory/trajectory.hpp"
 #include "mapping_result.hpp"
 #include "options.hpp"
+#include "output.hpp"
 #include "support/summary.hpp"
 
 namespace chainslam::mapper {
@@ -63,10 +64,10 @@ struct RunOutcome {
 /// - `graph.g2o`: keyframes, odometry and closures with their information
 /// - `keyframes.csv`, `closures.csv`: every keyframe; every closure tried, with its verdict
 /// - `frames.csv`: every frame's status, what it rests on, and the covariance of its pose
-/// @throws IoError
-void write_results(const std::filesystem::path& folder, const RunOutcome& outcome, const MapperOptions& options);
+/// What cannot be written is reported, and the rest is written.
+void write_results(OutputFolder& folder, const RunOutcome& outcome, const MapperOptions& options);
 
-/// Writes `report.html` and `map.png`. @throws IoError
-void write_run_report(const std::filesystem::path& folder, const RunOutcome& outcome, double map_voxel);
+/// Writes `report.html` and `map.png`, as `write_results` does.
+void write_run_report(OutputFolder& folder, const RunOutcome& outcome, double map_voxel);
 
 }  // namespace chainslam::mapper

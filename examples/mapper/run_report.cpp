@@ -120,7 +120,7 @@ void add_rows(const support::RunSummary& summary, support::ReportData& data) {
 
 }  // namespace
 
-void write_run_report(const std::filesystem::path& folder, const RunOutcome& outcome, double map_voxel) {
+void write_run_report(OutputFolder& folder, const RunOutcome& outcome, double map_voxel) {
   const support::RunSummary& summary = outcome.summary;
   support::ReportData data = support::report_data(*outcome.mapping.map, map_voxel);
   data.title = summary.dataset;
@@ -139,8 +139,8 @@ void write_run_report(const std::filesystem::path& folder, const RunOutcome& out
   data.plots.push_back(support::match_plot(*outcome.mapping.map));
   data.plots.push_back(support::back_end_plot(outcome.mapping.figures.keyframe_seconds));
   std::erase_if(data.plots, [](const support::ReportPlot& plot) { return plot.series.empty(); });
-  support::write_report(folder / "report.html", data);
-  support::write_map_picture(folder / "map.png", data);
+  folder.file("report.html", [&](const FileTarget& target) { support::write_report(target.path, data); });
+  folder.file("map.png", [&](const FileTarget& target) { support::write_map_picture(target.path, data); });
 }
 
 }  // namespace chainslam::mapper

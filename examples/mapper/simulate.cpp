@@ -9,7 +9,7 @@
 
 #include "chainslam/core/thread_pool.hpp"
 #include "exit_code.hpp"
-#include "output_folder.hpp"
+#include "output.hpp"
 #include "recorded_simulation.hpp"
 #include "simulator/recorded_files.hpp"
 #include "support/configuration.hpp"
@@ -56,6 +56,7 @@ std::optional<simulator::SimulationReport> make_with_progress(const OutputFolder
 int simulate_recorded(const SimulateArguments& arguments) {
   const RecordedSimulation simulation = make_recorded_simulation(arguments);
   OutputFolder folder(arguments.out, arguments.overwrite);
+  folder.drop_all_unless_committed();  // a data set without some of its files is of no use
   const ThreadPool pool(to_index(arguments.threads));
   const auto report = make_with_progress(folder, [&](const simulator::SimulationProgress& progress) {
     return simulator::write_recorded_drive(
@@ -93,6 +94,7 @@ int run(const SimulateArguments& arguments) {
     preset->sessions.resize(*arguments.sessions);
   }
   OutputFolder folder(arguments.out, arguments.overwrite);
+  folder.drop_all_unless_committed();  // a data set without some of its files is of no use
   const auto made = make_with_progress(folder, [&](const simulator::SimulationProgress& progress) {
     return simulator::simulate(*preset, arguments.seed, folder.path(), ThreadPool(to_index(arguments.threads)),
                                progress);

@@ -26,6 +26,7 @@ struct MapArguments {
   bool overwrite = false;
   int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   int max_scans = 0;
+  std::uint64_t max_memory = 0;  ///< bytes; 0: half of the machine's
 };
 
 struct OdometryArguments {
@@ -73,6 +74,8 @@ struct CheckArguments {
 struct RecoverArguments {
   std::filesystem::path map, out;
   bool overwrite = false;
+  bool replay = true;  ///< do the back end's work again where its inputs were kept
+  int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
 };
 
 struct ExportArguments {
@@ -93,12 +96,14 @@ struct EvalArguments {
   PairChoice pairs = PairChoice::consecutive;
   int kitti_step = KittiOptions{}.step;
   std::filesystem::path json;
+  bool overwrite = false;         ///< of `json`
   std::optional<double> max_ape;  ///< metres, of the rmse
   std::optional<double> max_rpe;  ///< metres, of the rmse
 };
 
 struct OptimizeArguments {
   std::filesystem::path input, out;
+  bool overwrite = false;
   int max_iterations = 100;
 };
 

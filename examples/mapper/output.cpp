@@ -1,0 +1,112 @@
+#include "output.hpp"
+
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "chainslam/core/error.hpp"
+#include "exit_code.hpp"
+
+namespace chainslam::mapper {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+[[noreturn]] void fail(const fs::path& path, const std::error_code& error, const std::string& remedy) {
+  throw_output_error(path.string(), "", error.message(), remedy);
+}
+
+bool holds_something(const fs::path& path) {
+  std::error_code error;
+  if (!detail::is_taken(path)) return false;
+  return !fs::is_directory(path, error) || !fs::is_empty(path, error);
+}
+
+/// Where a path leads if it is a symbolic link. A trailing slash would make `parent_path` the folder itself.
+fs::path resolved(const fs::path& path) {
+  fs::path target = fs::absolute(path).lexically_normal();
+  if (!target.has_filename()) target = target.parent_path();
+  std::error_code error;
+  for (int links = 0; links < 32 && fs::is_symlink(target, error); ++links) {
+    const fs::path next = fs::read_symlink(target, error);
+    target = (target.parent_path() / next).lexically_normal();
+    if (!target.has_filename()) target = target.parent_path();
+  }
+  return target;
+}
+
+/// Makes `wanted`, or `wanted`~1, ... : a folder that was not there before.
+fs::path make_folder(const fs::path& wanted) {
+  fs::path folder = detail::is_taken(wanted) ? detail::kept_name(wanted) : wanted;
+  std::error_code error;
+  while (!fs::create_directory(folder, error)) {
+    if (error && error != std::errc::file_exists) fail(folder, error, "choose a folder that you may write to");
+    folder = detail::kept_name(wanted);
+  }
+  return folder;
+}
+
+}  // namespace
+
+void require_free(const fs::path& path, bool overwrite) {
+  if (!path.empty() && !overwrite && detail::is_taken(path)) detail::throw_taken(path);
+}
+
+int Output::exit_code(int otherwise) const { return failures_ > 0 ? exit_output : otherwise; }
+
+void Output::report(const fs::path& path, const std::exception& error) {
+  ++failures_;
+  if (dynamic_cast<const IoError*>(&error) != nullptr)
+    std::fprintf(stderr, "error: %s\n", error.what());
+  else
+    std::fprintf(stderr, "error: %s\n  found: %s\n  do: the other results are whole; run again with more memory\n",
+                 path.c_str(), error.what());
+}
+
+OutputFolder::OutputFolder(fs::path target, bool overwrite) : target_(resolved(target)), overwrite_(overwrite) {
+  if (!overwrite && holds_something(target_)) detail::throw_taken(target_);
+  std::error_code error;
+  fs::create_directories(target_.parent_path(), error);
+  if (error) fail(target_.parent_path(), error, "choose a folder that you may write to");
+  staging_ = target_;
+  staging_ = make_folder(staging_ += ".partial");
+  try {
+    AtomicFile trial(staging_ / "writable");
+    trial.write(std::string_view("yes\n"));
+    trial.commit();
+  } catch (...) {
+    fs::remove(staging_, error);
+    throw;
+  }
+  fs::remove(staging_ / "writable", error);
+}
+
+OutputFolder::~OutputFolder() {
+  if (committed_ || keeps_all_) return;
+  std::error_code ignored;
+  if (drops_all_) fs::remove_all(staging_, ignored);
+  for (const fs::path& file : output_.written()) fs::remove(file, ignored);
+  fs::remove(staging_, ignored);  // only if nothing is in it
+}
+
+fs::path OutputFolder::commit() {
+  keeps_all_ = true;  // whatever happens now, the results are whole
+  RealFileSystem files;
+  std::error_code ignored;
+  detail::Naming naming{.error = EEXIST};
+  if (fs::is_directory(target_, ignored)) naming.error = files.rename(staging_, target_);  // fits if it is empty
+  if (naming.error != 0) naming = detail::give_name(files, staging_, target_, overwrite_);
+  if (naming.error != 0)
+    throw_output_error(target_.string(), naming.doing, std::generic_category().message(naming.error),
+                       "the results are whole in " + staging_.string() + ": rename that by hand");
+  committed_ = true;
+  if (const int error = files.sync_directory(target_.parent_path()))
+    throw_output_error(
+        target_.string(), "making the disk keep the folder's entry", std::generic_category().message(error),
+        "the results are whole and have their name, but a power cut now could undo that: check the disk");
+  return naming.kept;
+}
+
+}  // namespace chainslam::mapper

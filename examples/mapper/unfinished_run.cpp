@@ -1,0 +1,98 @@
+#include "unfinished_run.hpp"
+
+#include <cstdio>
+#include <utility>
+#include <vector>
+
+#include "chainslam/core/error.hpp"
+#include "chainslam/io/input_journal.hpp"
+#include "chainslam/io/map_archive.hpp"
+#include "map_file.hpp"
+#include "mapping.hpp"
+#include "options.hpp"
+#include "support/progress.hpp"
+#include "support/statistics.hpp"
+
+namespace chainslam::mapper {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+fs::path partial(const fs::path& folder, const char* name) { return folder / (std::string(name) + ".partial"); }
+
+bool is_file(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+/// The maps that a run had loaded: where they were, and what they were.
+std::vector<SlamMap> loaded_maps(const RecordedInput& recorded, const fs::path& inputs) {
+  std::vector<SlamMap> maps;
+  for (const LoadedReference& reference : recorded.loaded) {
+    if (!is_file(reference.path) || content_of(reference.path) != reference.content)
+      throw_input_error(inputs.string(), "",
+                        "a run that had loaded " + reference.path +
+                            (is_file(reference.path) ? ", which is another map now" : ", which is not there any more"),
+                        "put that map back, or pass --no-replay: that takes what the run had closed so far");
+    maps.push_back(open_map(reference.path).map);
+  }
+  return maps;
+}
+
+MapperOptions options_of(const RecordedInput& recorded, const fs::path& inputs) {
+  MapperOptions options;
+  support::Configuration configuration = make_configuration(options);
+  configuration.load_text(recorded.parameters, inputs.string() + ", parameters");
+  configuration.apply();
+  return options;
+}
+
+Index keyframes_in(const fs::path& map) {
+  try {
+    return to_index(open_map(map, {.recover = true, .scans = false}).map.keyframes.size());
+  } catch (const IoError&) {
+    return 0;  // nothing of it was committed yet
+  }
+}
+
+}  // namespace
+
+UnfinishedRun find_unfinished(const fs::path& path) {
+  std::error_code error;
+  const bool is_folder = fs::is_directory(path, error);
+  const fs::path folder = is_folder ? path : path.parent_path();
+  const fs::path inputs = partial(folder, inputs_name);
+  // A map that has its name is whole: nothing has to be done again for it.
+  if (is_folder && is_file(folder / map_name)) return {{}, folder / map_name};
+  const bool of_run =
+      is_folder || path.filename() == inputs.filename() || path.filename() == partial(folder, map_name).filename();
+  if (of_run && is_file(inputs)) return {inputs, partial(folder, map_name)};
+  return {{}, is_folder ? partial(folder, map_name) : path};
+}
+
+std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArguments& arguments) {
+  RecordedInput recorded = read_input_journal(run.inputs);
+  const std::vector<SlamMap> loaded = loaded_maps(recorded, run.inputs);
+  Index known = recorded.keyframes;
+  for (const SlamMap& map : loaded) known += to_index(map.keyframes.size());
+  if (keyframes_in(run.map) > known) return std::nullopt;
+
+  const MapperOptions options = options_of(recorded, run.inputs);
+  support::Progress progress;
+  support::StageTimes times;
+  MapJournal journal(arguments.out, {.overwrite = arguments.overwrite, .parameters = recorded.parameters});
+  const MappingRun again{.options = options,
+                         .threads = to_index(arguments.threads),
+                         .progress = progress,
+                         .times = times,
+                         .journal = [&](const SlamMap& map) { journal.update(map); }};
+  RepeatedRun repeated;
+  repeated.account = std::to_string(recorded.keyframes) + " keyframes of the run" +
+                     (recorded.problems.empty() ? ", all that it had shown" : "; " + recorded.problems.front());
+  repeated.map = run_again(std::move(recorded.inputs), loaded, again);
+  journal.finish(*repeated.map);
+  return repeated;
+}
+
+}  // namespace chainslam::mapper

@@ -1,0 +1,171 @@
+#include <csignal>
+#include <string>
+#include <vector>
+
+#include "chainslam/io/input_journal.hpp"
+#include "chainslam/io/map_archive.hpp"
+#include "io/maps.hpp"
+#include "program/keyframe_data.hpp"
+#include "program/running.hpp"
+
+#include <doctest/doctest.h>
+
+namespace {
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+bool three_lines_of(const std::string& errors) {
+  return contains(errors, "error: ") && contains(errors, "\n  found: ") && contains(errors, "\n  do: ");
+}
+
+/// Waits until a run has acknowledged so many keyframes.
+void await_keyframes(const fs::path& left, Index count) {
+  for (int i = 0; i < 2000; ++i) {
+    sleep_for(0.003);
+    try {
+      if (read_input_journal(left / "input.cslam.partial").keyframes >= count) return;
+    } catch (const IoError&) {  // it is not there yet
+    }
+  }
+}
+
+}  // namespace
+
+TEST_SUITE("program/limits") {
+  TEST_CASE("a run that needs more memory than it may ends in order: the map is saved, exit code 4") {
+    const ScratchFolder scratch("limits_memory");
+    const fs::path data = scratch.path() / "data", out = scratch.path() / "out";
+    write_keyframes(data, 36, false, 5, 1500);
+    const std::string command = "map " + quoted(data) + " --set keyframes.voxel_size=0 --threads 1 --out ";
+    const ProgramResult full = run_program(scratch.path(), command + quoted(out) + " --max-memory 16MB");
+    CAPTURE(full.errors);
+    CHECK(full.exit_code == 4);
+    CHECK(contains(full.errors, "more than 16 MB in use (--max-memory)"));
+    const auto keyframes = load_map(out / "map.cslam").map.keyframes.size();
+    CHECK(keyframes > 0);
+    CHECK(keyframes < 36);
+    CHECK(fs::exists(out / "trajectory.tum"));
+    const ProgramResult none =
+        run_program(scratch.path(), command + quoted(scratch.path() / "no") + " --max-memory 1MB");
+    CHECK(none.exit_code == 4);
+    CHECK(three_lines_of(none.errors));
+    CHECK(!fs::exists(scratch.path() / "no"));
+    CHECK(!fs::exists(scratch.path() / "no.partial"));
+    const ProgramResult load = run_program(
+        scratch.path(), command + quoted(scratch.path() / "no") + " --load " + quoted(out) + " --max-memory 2MB");
+    CHECK(load.exit_code == 3);
+    CHECK(contains(load.errors, "bytes of memory, where 2000000 are allowed"));
+    CHECK(!fs::exists(scratch.path() / "no.partial"));
+  }
+
+  TEST_CASE("Ctrl-C, SIGTERM and SIGHUP end a run with its map saved; the second signal ends it at once") {
+    const ScratchFolder scratch("limits_signals");
+    const fs::path data = scratch.path() / "data", out = scratch.path() / "out", left = scratch.path() / "out.partial";
+    write_keyframes(data, 150, true);
+    const std::vector<std::string> command{"map", data.string(), "--out", out.string(), "--threads", "1"};
+    for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
+      CAPTURE(number);
+      Running run(command, scratch.path() / "errors");
+      await_keyframes(left, 5);
+      run.signal(number);
+      const int code = run.wait();
+      CHECK((code == 130 || (code == 0 && load_map(out / "map.cslam").map.keyframes.size() == 150)));
+      CHECK(load_map(out / "map.cslam").map.keyframes.size() >= 5);
+      CHECK(fs::exists(out / "trajectory.tum"));
+      fs::remove_all(out);
+    }
+    {
+      Running run(command, scratch.path() / "errors");
+      await_keyframes(left, 5);
+      run.signal(SIGINT);
+      sleep_for(0.01);
+      run.signal(SIGINT);
+      const auto begin = Clock::now();
+      CHECK(run.wait() == 130);
+      CHECK(seconds_since(begin) < 1);
+    }
+    if (fs::exists(out)) return;  // it had saved by then
+    const fs::path map = scratch.path() / "recovered.cslam";
+    CHECK(run_program(scratch.path(), "recover " + quoted(left) + " --out " + quoted(map)).exit_code == 0);
+    CHECK(load_map(map).map.keyframes.size() >= 5);
+  }
+
+  TEST_CASE("every other verb ends within a second of Ctrl-C, and leaves nothing half-written") {
+    const ScratchFolder scratch("limits_verbs");
+    const fs::path map = scratch.path() / "a.cslam", result = scratch.path() / "result";
+    save_map(map, random_map(1, 300, 3000));
+    const std::vector<std::vector<std::string>> verbs = {
+        {"recover", map.string(), "--out", result.string()},
+        {"export", map.string(), "--format", "ply", "--out", result.string()},
+        {"check", map.string()},
+        {"inspect", map.string()},
+        {"simulate", "town", "--out", result.string()}};
+    for (const std::vector<std::string>& verb : verbs)
+      for (const double wait : {0.02, 0.1, 0.4}) {
+        CAPTURE(verb.front());
+        CAPTURE(wait);
+        Running run(verb, scratch.path() / "errors");
+        sleep_for(wait);
+        run.signal(SIGINT);
+        const auto begin = Clock::now();
+        const int code = run.wait();
+        CHECK(seconds_since(begin) < 1);
+        CHECK((code == 0 || code == 130));  // 128 + SIGINT: it had nothing to tidy up
+        if (code == 130 && fs::exists(result)) CHECK(verb.front() != "simulate");  // a file that has its name is whole
+        fs::remove_all(result);
+        for (const auto& entry : fs::directory_iterator(scratch.path()))
+          CHECK_MESSAGE(!contains(entry.path().filename().string(), "result"), entry.path().string());
+      }
+  }
+
+  TEST_CASE("a limit on file sizes, no inodes and a full or closed output are errors like others") {
+    const ScratchFolder scratch("limits_files");
+    const fs::path data = scratch.path() / "data", out = scratch.path() / "out", map = scratch.path() / "a.cslam";
+    write_keyframes(data, 6);
+    save_map(map, random_map(1, 12));
+    const std::string command = "map " + quoted(data) + " --out " + quoted(out);
+    const ProgramResult limited =
+        run_program(scratch.path(), command, "ulimit -f 24;");  // SIGXFSZ kills who does not expect it
+    CHECK(limited.exit_code == 4);
+    CHECK(three_lines_of(limited.errors));
+    CHECK(contains(limited.errors, "ulimit -f"));
+    for (const char* fault : {"mkdir:out.partial:28:0", "create:writable:28:0", "create:input.cslam:28:0"}) {
+      CAPTURE(std::string(fault));
+      const ProgramResult none = run_program(
+          scratch.path(), command, "LD_PRELOAD=" CHAINSLAM_FAULTS " CHAINSLAM_FAULT='" + std::string(fault) + "'");
+      CHECK(none.exit_code == 4);
+      CHECK(three_lines_of(none.errors));
+      CHECK(!fs::exists(out));
+    }
+    const auto shell = [&](const std::string& line) {
+      return WEXITSTATUS(std::system(("bash -c '" + line + "' 2>/dev/null").c_str()));
+    };
+    const std::string program = CHAINSLAM_PROGRAM, inspect = program + " inspect " + map.string() + " --closures";
+    CHECK(shell(inspect + " >/dev/full") == 4);
+    CHECK(shell(inspect + " | true; exit ${PIPESTATUS[0]}") == 0);
+    CHECK(shell(program + " recover " + map.string() + " --out " + out.string() + " >&- 2>&- <&-") == 0);
+    CHECK(read_text(out) == read_text(map));  // what was printed went nowhere, not into the map
+  }
+
+  TEST_CASE("a wrong command line is 2, in three lines") {
+    const ScratchFolder scratch("limits_usage");
+    for (const char* arguments :
+         {"", "mpa x", "map", "map x --out", "map x --out y --threads 0", "map x --out y --no-such",
+          "map x --out y --max-memory much", "eval a", "eval a b c", "eval a b --align round",
+          "eval a b --delta 3miles", "export m --format las --out x", "optimize", "recover m", "config",
+          "simulate nowhere --out y", "simulate --out y", "simulate town --sessions 9 --out y"}) {
+      CAPTURE(arguments);
+      const ProgramResult result = run_program(scratch.path(), arguments);
+      CAPTURE(result.errors);
+      CHECK(result.exit_code == 2);
+      CHECK(three_lines_of(result.errors));
+    }
+    write_keyframes(scratch.path() / "data", 2);
+    const ProgramResult truths = run_program(scratch.path(), "map " + quoted(scratch.path() / "data") + " --out " +
+                                                                 quoted(scratch.path() / "y") + " --truth a b");
+    CHECK(truths.exit_code == 2);
+    CHECK(contains(truths.errors, "2 files for 1 data sets"));
+    CHECK(!fs::exists(scratch.path() / "y"));
+  }
+}

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <fcntl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "program/run_program.hpp"
+
+namespace chainslam::test {
+
+using Clock = std::chrono::steady_clock;
+
+/// The program, running beside the test; its errors go to a file.
+class Running {
+ public:
+  Running(const std::vector<std::string>& arguments, const fs::path& errors) {
+    std::vector<char*> argv;
+    std::vector<std::string> all = arguments;
+    all.insert(all.begin(), CHAINSLAM_PROGRAM);
+    for (std::string& argument : all) argv.push_back(argument.data());
+    argv.push_back(nullptr);
+    pid_ = ::fork();
+    if (pid_ != 0) return;
+    const int file = ::open(errors.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666), null = ::open("/dev/null", O_WRONLY);
+    ::dup2(null, 1);
+    ::dup2(file, 2);
+    ::execv(argv[0], argv.data());
+    ::_exit(127);
+  }
+  Running(const Running&) = delete;
+  Running& operator=(const Running&) = delete;
+  ~Running() {
+    if (pid_ > 0) {
+      ::kill(pid_, SIGKILL);
+      static_cast<void>(wait());
+    }
+  }
+
+  void signal(int number) const { ::kill(pid_, number); }
+
+  /// Waits for its end. @returns its exit code, 128 + number if a signal ended it.
+  int wait() {
+    int status = 0;
+    ::waitpid(pid_, &status, 0);
+    pid_ = -1;
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  }
+
+ private:
+  ::pid_t pid_ = -1;
+};
+
+inline double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+inline void sleep_for(double seconds) { std::this_thread::sleep_for(std::chrono::duration<double>(seconds)); }
+
+}  // namespace chainslam::test
