@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Builds a user's project against the library as users may take it: installed, or as a folder of theirs; with --all by
-# FetchContent and by pkg-config and a bare compiler as well.
+# FetchContent and by pkg-config and a bare compiler as well. All of the library is included by the installed one alone, with
+# --all by each.
 # usage: test/consumer/run.sh BUILD-FOLDER [--all] [--library FOLDER]
 #   --library FOLDER  a build of the library with CHAINSLAM_COMPILED=ON, which is installed; without it header-only
 set -euo pipefail
@@ -12,7 +13,7 @@ while [ $# -gt 0 ]; do
   case "$1" in
     --all) all=yes ways="$ways fetch_content" ;;
     --library) library="$(cd "$2" && pwd)"; shift ;;
-    *) sed -n 4,5p "$0" >&2; exit 2 ;;
+    *) sed -n 5,6p "$0" >&2; exit 2 ;;
   esac
   shift
 done
@@ -27,8 +28,10 @@ cmake --install "${library:-$build/library}" --prefix "$build/prefix"
 
 for how in $ways; do
   echo "== $how"
+  whole=ON
+  [ "$all" = no ] && [ "$how" != find_package ] && whole=OFF
   cmake -S "$here" -B "$build/$how" -G Ninja -DHOW="$how" -DCHAINSLAM_SOURCE="$source" -DCMAKE_PREFIX_PATH="$build/prefix" \
-    ${library:+-DMORE_COMPONENTS=compiled}
+    -DWHOLE="$whole" ${library:+-DMORE_COMPONENTS=compiled}
   cmake --build "$build/$how"
   "$build/$how/consumer"
 done

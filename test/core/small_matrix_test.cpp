@@ -7,35 +7,56 @@
 namespace chainslam::test {
 namespace {
 
+template <int Rows, int Columns>
+Eigen::Matrix<double, Rows, Columns> random_matrix(Rng& rng) {
+  Eigen::Matrix<double, Rows, Columns> matrix;
+  for (Eigen::Index i = 0; i < matrix.size(); ++i) matrix.data()[i] = rng.normal();
+  return matrix;
+}
+
+/// The same matrix with its size known at run time: Eigen's expressions of it are compiled once, not for each size.
+template <class Scalar, int Rows, int Columns>
+Eigen::MatrixXd any_size(const Eigen::Matrix<Scalar, Rows, Columns>& matrix) {
+  Eigen::MatrixXd result(Rows, Columns);
+  for (Eigen::Index j = 0; j < Columns; ++j)
+    for (Eigen::Index i = 0; i < Rows; ++i) result(i, j) = static_cast<double>(matrix(i, j));
+  return result;
+}
+
+void compare_products(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& product_A_B,
+                      const Eigen::MatrixXd& transposed_A) {
+  CHECK(Eigen::MatrixXd(product_A_B - A * B).norm() < 1e-14 * A.norm() * B.norm());
+  CHECK(transposed_A == Eigen::MatrixXd(A.transpose()));
+}
+
 template <int Rows, int Inner, int Columns>
 void check_products(Rng& rng) {
-  const auto random = [&]<class Matrix>(Matrix matrix) {
-    for (Eigen::Index i = 0; i < matrix.size(); ++i) matrix.data()[i] = rng.normal();
-    return matrix;
-  };
-  const auto A = random(Eigen::Matrix<double, Rows, Inner>());
-  const auto B = random(Eigen::Matrix<double, Inner, Columns>());
-  const Eigen::Matrix<double, Rows, Columns> expected = A * B;
-  const Eigen::Matrix<double, Inner, Rows> A_transposed = A.transpose();
-  const Eigen::Matrix<double, Columns, Inner> B_transposed = B.transpose();
-  CHECK((product(A, B) - expected).norm() < 1e-14 * A.norm() * B.norm());
-  CHECK(product_transposed(A, B_transposed) == product(A, B));
-  CHECK(transposed_product(A_transposed, B) == product(A, B));
-  CHECK(transposed(A) == A_transposed);
+  const auto A = random_matrix<Rows, Inner>(rng);
+  const auto B = random_matrix<Inner, Columns>(rng);
+  const Eigen::Matrix<double, Rows, Columns> AB = product(A, B);
+  const Eigen::Matrix<double, Inner, Rows> A_transposed = transposed(A);
+  compare_products(any_size(A), any_size(B), any_size(AB), any_size(A_transposed));
+  CHECK(any_size(product_transposed(A, transposed(B))) == any_size(AB));
+  CHECK(any_size(transposed_product(A_transposed, B)) == any_size(AB));
+}
+
+/// Entry by entry, so to the last bit.
+void compare_sums(double factor, const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& sum,
+                  const Eigen::MatrixXd& difference, const Eigen::MatrixXd& negative_A, const Eigen::MatrixXd& scaled_A,
+                  const Eigen::MatrixXd& A_as_float) {
+  CHECK(sum == Eigen::MatrixXd(A + B));
+  CHECK(difference == Eigen::MatrixXd(A - B));
+  CHECK(negative_A == Eigen::MatrixXd(-A));
+  CHECK(scaled_A == Eigen::MatrixXd(factor * A));
+  CHECK(A_as_float == Eigen::MatrixXd(A.cast<float>().cast<double>()));
 }
 
 template <int Rows, int Columns>
 void check_sums(Rng& rng) {
-  using Matrix = Eigen::Matrix<double, Rows, Columns>;
-  Matrix A, B;
-  for (Eigen::Index i = 0; i < A.size(); ++i) A.data()[i] = rng.normal(), B.data()[i] = rng.normal();
+  const auto A = random_matrix<Rows, Columns>(rng), B = random_matrix<Rows, Columns>(rng);
   const double factor = rng.normal();
-  // Entry by entry, so to the last bit.
-  CHECK(sum_of(A, B) == Matrix(A + B));
-  CHECK(difference_of(A, B) == Matrix(A - B));
-  CHECK(negative(A) == Matrix(-A));
-  CHECK(scaled(factor, A) == Matrix(factor * A));
-  CHECK(converted<float>(A) == Eigen::Matrix<float, Rows, Columns>(A.template cast<float>()));
+  compare_sums(factor, any_size(A), any_size(B), any_size(sum_of(A, B)), any_size(difference_of(A, B)),
+               any_size(negative(A)), any_size(scaled(factor, A)), any_size(converted<float>(A)));
 }
 
 }  // namespace

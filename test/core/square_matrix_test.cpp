@@ -20,28 +20,62 @@ Eigen::Matrix<double, N, N> filled(Rng& rng) {
 /// Sums of N products of numbers near 1, each rounded.
 constexpr double rounding = 1e-13;
 
+/// The same matrix with its size known at run time: Eigen's expressions of it are compiled once, not for each N.
+template <int N, int Columns>
+Eigen::MatrixXd any_size(const Eigen::Matrix<double, N, Columns>& matrix) {
+  return Eigen::Map<const Eigen::MatrixXd>(matrix.data(), N, Columns);
+}
+
+/// What was computed of A, B, a sparse S and P = A A^T + I, as square matrices but for the product with a vector x, B's
+/// first column.
+struct Results {
+  Eigen::MatrixXd A_x, A_B, A_Bt, A_S, S_St, A_P_At, symmetric_A, L, B_over_Lt, root;
+};
+
+void compare_with_eigen(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& S,
+                        const Eigen::MatrixXd& P, const Results& results) {
+  const Eigen::MatrixXd At = A.transpose(), Bt = B.transpose(), St = S.transpose(), Lt = results.L.transpose();
+  const double n = static_cast<double>(A.rows());
+  const auto near = [](const Eigen::MatrixXd& a, const Eigen::MatrixXd& b, double bound) {
+    return Eigen::MatrixXd(a - b).norm() < bound;
+  };
+  CHECK(near(results.A_x, A * Eigen::MatrixXd(B.col(0)), n * rounding));
+  CHECK(near(results.A_B, A * B, n * n * rounding));
+  CHECK(near(results.A_Bt, A * Bt, n * n * rounding));
+  CHECK(near(results.A_S, A * S, n * n * rounding));
+  CHECK(near(results.S_St, S * St, n * n * rounding));
+  CHECK(near(results.A_P_At, Eigen::MatrixXd(A * P) * At, n * n * n * rounding));
+  CHECK(results.symmetric_A == Eigen::MatrixXd(0.5 * (A + At)));
+  CHECK(near(results.L * Lt, P, n * n * rounding));
+  for (Eigen::Index j = 0; j < Lt.cols(); ++j)
+    for (Eigen::Index i = j + 1; i < Lt.rows(); ++i) CHECK(Lt(i, j) == 0);
+  CHECK(near(results.B_over_Lt * Lt, B, n * n * rounding));
+  CHECK(near(results.root * results.root.transpose(), P, n * n * rounding));
+}
+
 template <int N>
 void check_against_eigen() {
   using Matrix = Eigen::Matrix<double, N, N>;
   Rng rng(N);
   const Matrix A = filled<N>(rng), B = filled<N>(rng);
-  Matrix sparse = Matrix::Identity();
-  sparse(0, N - 1) = 3;
-  const Eigen::Matrix<double, N, 1> x = B.col(0);
-  const Matrix P = A * A.transpose() + Matrix::Identity();
-  CHECK((times(A, x) - A * x).norm() < N * rounding);
-  CHECK((times(A, B) - A * B).norm() < N * N * rounding);
-  CHECK((times_transposed(A, B) - A * B.transpose()).norm() < N * N * rounding);
-  CHECK((times(A, sparse) - A * sparse).norm() < N * N * rounding);
-  CHECK((times_transposed(sparse, sparse) - sparse * sparse.transpose()).norm() < N * N * rounding);
-  CHECK((congruent(A, P) - A * P * A.transpose()).norm() < N * N * N * rounding);
-  CHECK(symmetric(A) == Matrix(0.5 * (A + A.transpose())));
+  Matrix S = Matrix::Identity();
+  S(0, N - 1) = 3;
+  Eigen::Matrix<double, N, 1> x;
+  for (int i = 0; i < N; ++i) x[i] = B(i, 0);
+  Matrix P = times_transposed(A, A);
+  for (int i = 0; i < N; ++i) P(i, i) += 1;
   const Matrix L = cholesky(P);
-  CHECK((L * L.transpose() - P).norm() < N * N * rounding);
-  CHECK(L == Matrix(L.template triangularView<Eigen::Lower>()));
-  CHECK((solved_right(B, L) * L.transpose() - B).norm() < N * N * rounding);
-  const Matrix root = square_root(P);
-  CHECK((root * root.transpose() - P).norm() < N * N * rounding);
+  compare_with_eigen(any_size(A), any_size(B), any_size(S), any_size(P),
+                     {.A_x = any_size(times(A, x)),
+                      .A_B = any_size(times(A, B)),
+                      .A_Bt = any_size(times_transposed(A, B)),
+                      .A_S = any_size(times(A, S)),
+                      .S_St = any_size(times_transposed(S, S)),
+                      .A_P_At = any_size(congruent(A, P)),
+                      .symmetric_A = any_size(symmetric(A)),
+                      .L = any_size(L),
+                      .B_over_Lt = any_size(solved_right(B, L)),
+                      .root = any_size(square_root(P))});
 }
 
 TEST_SUITE("core/square_matrix") {

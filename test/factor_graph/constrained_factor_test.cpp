@@ -1,9 +1,11 @@
 #include "chainslam/factor_graph/constrained_factor.hpp"
 
 #include <doctest/doctest.h>
-#include <Eigen/Dense>
+#include <Eigen/QR>
 
+#include <cstddef>
 #include <limits>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
@@ -45,28 +47,47 @@ Graph flat_walk(Rng& rng, Index size) {
   return graph;
 }
 
-/// By how much of its length the gradient of all soft rows is not a combination of the hard rows' (Karush, Kuhn and
-/// Tucker): 0 at a constrained optimum.
-template <class Holder>
-double gradient_beside_constraints(const Holder& graph, const Values<SE3d>& values) {
-  Eigen::VectorXd gradient = Eigen::VectorXd::Zero(6 * values.size());
-  Eigen::MatrixXd hard(gradient.size(), 0);
-  double size = 0.0;
-  const auto add = [&](const auto& factor, const Vector6d& is_hard) {
-    const auto linearized = factor.linearize(values);
-    const auto keys = factor.keys();
-    for (Eigen::Index row = 0; row < 6; ++row) {
-      Eigen::VectorXd way = Eigen::VectorXd::Zero(gradient.size());
+/// Rows of factors, those that must be zero apart from the others.
+class StackedRows {
+ public:
+  explicit StackedRows(Index variables) : gradient_(Eigen::VectorXd::Zero(6 * variables)), hard_(gradient_.size(), 0) {}
+
+  void add(std::span<const Key> keys, const std::vector<Eigen::MatrixXd>& jacobians, const Eigen::VectorXd& residual,
+           const Vector6d& is_hard) {
+    for (int row = 0; row < 6; ++row) {
+      Eigen::VectorXd way = Eigen::VectorXd::Zero(gradient_.size());
       for (std::size_t k = 0; k < keys.size(); ++k)
-        way.segment<6>(6 * keys[k]) = linearized.jacobians[k].row(row).transpose();
+        for (int column = 0; column < 6; ++column) way[6 * keys[k] + column] = jacobians[k](row, column);
       if (is_hard[row] == 0.0) {
-        gradient += way * linearized.residual[row];
-        size += (way * linearized.residual[row]).norm();
+        way *= residual[row];
+        gradient_ += way;
+        size_ += way.norm();
       } else {
-        hard.conservativeResize(Eigen::NoChange, hard.cols() + 1);
-        hard.rightCols<1>() = way.normalized();
+        hard_.conservativeResize(Eigen::NoChange, hard_.cols() + 1);
+        hard_.rightCols<1>() = way / way.norm();
       }
     }
+  }
+
+  /// By how much of its length the gradient of all soft rows is not a combination of the hard ones.
+  [[nodiscard]] double gradient_beside_hard() const {
+    const Eigen::VectorXd combination = hard_ * hard_.householderQr().solve(gradient_);
+    return Eigen::VectorXd(gradient_ - combination).norm() / size_;
+  }
+
+ private:
+  Eigen::VectorXd gradient_;
+  Eigen::MatrixXd hard_;
+  double size_ = 0.0;
+};
+
+/// Karush, Kuhn and Tucker: 0 at a constrained optimum.
+template <class Holder>
+double gradient_beside_constraints(const Holder& graph, const Values<SE3d>& values) {
+  StackedRows rows(values.size());
+  const auto add = [&](const auto& factor, const Vector6d& is_hard) {
+    const auto linearized = factor.linearize(values);
+    rows.add(factor.keys(), {linearized.jacobians.begin(), linearized.jacobians.end()}, linearized.residual, is_hard);
   };
   graph.for_each_factor([&](const auto& factor) {
     if constexpr (requires { factor.hard; })
@@ -74,7 +95,7 @@ double gradient_beside_constraints(const Holder& graph, const Values<SE3d>& valu
     else
       add(factor, Vector6d::Zero());
   });
-  return (gradient - hard * hard.householderQr().solve(gradient)).norm() / size;
+  return rows.gradient_beside_hard();
 }
 
 }  // namespace
