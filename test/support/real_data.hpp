@@ -8,16 +8,20 @@
 
 namespace chainslam::test {
 
-/// A file or folder of real data, or nothing (and a printed line, which test/run.sh counts) when it is not at hand.
-/// test/run.sh unpacks the data and sets CHAINSLAM_UNPACKED_DATA.
-inline std::optional<std::filesystem::path> real_data(const std::string& relative) {
+/// Where a file or folder of real data would be, if it is there. test/run.sh unpacks the data and sets
+/// CHAINSLAM_UNPACKED_DATA.
+inline std::optional<std::filesystem::path> find_real_data(const std::string& relative) {
   const char* root = std::getenv("CHAINSLAM_UNPACKED_DATA");
-  if (root != nullptr && *root != '\0') {
-    const std::filesystem::path path = std::filesystem::path(root) / relative;
-    if (std::filesystem::exists(path)) return path;
-  }
-  std::printf("SKIPPED (no data): %s\n", relative.c_str());
-  return std::nullopt;
+  if (root == nullptr || *root == '\0') return std::nullopt;
+  const std::filesystem::path path = std::filesystem::path(root) / relative;
+  return std::filesystem::exists(path) ? std::optional(path) : std::nullopt;
+}
+
+/// The same for a test that needs it: where it is not at hand, prints a line, which test/run.sh counts.
+inline std::optional<std::filesystem::path> real_data(const std::string& relative) {
+  const auto path = find_real_data(relative);
+  if (!path) std::printf("SKIPPED (no data): %s\n", relative.c_str());
+  return path;
 }
 
 }  // namespace chainslam::test
