@@ -16,10 +16,10 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/io/pcd.hpp"
 #include "chainslam/io/tum.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "odometry/imu_samples.hpp"
+#include "odometry/shared_drives.hpp"
 #include "support/property.hpp"
 #include "support/quick.hpp"
 #include "support/real_data.hpp"
@@ -184,14 +184,6 @@ std::vector<ImuSample> read_measurements(const std::filesystem::path& path, cons
   return samples;
 }
 
-/// KITTI's calib_imu_to_velo, 2011_09_26, inverted.
-SE3d kitti_T_imu_lidar() {
-  Eigen::Matrix3d R_lidar_imu;
-  R_lidar_imu << 0.9999976, 7.553071e-04, -2.035826e-03, -7.854027e-04, 0.9998898, -1.482298e-02, 2.024406e-03,
-      1.482454e-02, 0.9998881;
-  return SE3d(SO3d::from_matrix(R_lidar_imu), {-0.8086759, 0.3195559, -0.7997231}).inverse();
-}
-
 /// A whole KITTI drive: the poses are KITTI's truth, the IMU is as recorded, `period` seconds a frame.
 std::optional<Recording> read_kitti_drive(const std::string& name, double period, double lag) {
   const auto folder = test::real_data("kitti_imu");
@@ -207,7 +199,7 @@ std::optional<Recording> read_kitti_drive(const std::string& name, double period
   const SE3d T_camera_lidar(SO3d::from_matrix(R_camera_lidar),
                             {-1.198459927713e-02, -5.403984729748e-02, -2.921968648686e-01});
   Recording recording;
-  recording.T_body_lidar = kitti_T_imu_lidar();
+  recording.T_body_lidar = test::detail::kitti_T_body_lidar();
   recording.time_offset = lag;
   double frame = 0;
   for (const std::vector<double>& row : read_rows(*folder / (name + "_truth_camera.txt"))) {
@@ -224,34 +216,18 @@ std::optional<Recording> read_kitti_drive(const std::string& name, double period
 
 const Intervals keyframes_filled{{99.93, 101.392}, {135.888, 137.474}};
 
-/// 228 raw sweeps of KITTI 00, 2 m apart: poses are those of LiDAR odometry or the truth.
-std::optional<Recording> read_keyframes(bool from_scans) {
+/// 228 raw sweeps of KITTI 00, 2 m apart: poses are the truth.
+std::optional<Recording> read_keyframes() {
   const auto folder = test::real_data("kitti00_keyframes_imu/kitti00_keyframes_imu/kitti00_keyframes_imu");
   if (!folder) return std::nullopt;
   Recording recording;
-  recording.T_body_lidar = kitti_T_imu_lidar();
+  recording.T_body_lidar = test::detail::kitti_T_body_lidar();
   recording.time_offset = -0.004;  // what is left after the source's correction, against the truth
   recording.imu = read_measurements(*folder / "imu.csv", keyframes_filled, 1);
-  if (!from_scans) {
-    const Trajectory truth = read_tum(*folder / "groundtruth_lidar.tum");
-    for (std::size_t i = 0; i < truth.size(); ++i)
-      if (!within(keyframes_filled, truth.times[i].to_seconds(), 0))
-        recording.poses.push_back({truth.times[i], truth.poses[i]});
-    return recording;
-  }
-  LidarOdometry<> odometry;
-  std::size_t i = 0;
-  for (const std::vector<double>& time : read_rows(*folder / "scans" / "times.txt")) {
-    std::string name = std::to_string(i++);
-    name.insert(0, 6 - name.size(), '0');
-    constexpr double revolution = 0.1036;
-    LidarScan scan{test::at(time[0] - revolution / 2), test::at(time[0] + revolution / 2),
-                   read_pcd(*folder / "scans" / (name + ".pcd"))};
-    for (const auto& p : scan.cloud.positions)
-      scan.cloud.time_offsets.push_back(
-          static_cast<float>(revolution * (0.5 - std::atan2(p[1], p[0]) / (2 * std::numbers::pi))));
-    if (const auto frame = odometry.process(Packet(scan))) recording.poses.push_back({frame->time, frame->T_odom_body});
-  }
+  const Trajectory truth = read_tum(*folder / "groundtruth_lidar.tum");
+  for (std::size_t i = 0; i < truth.size(); ++i)
+    if (!within(keyframes_filled, truth.times[i].to_seconds(), 0))
+      recording.poses.push_back({truth.times[i], truth.poses[i]});
   return recording;
 }
 
@@ -473,7 +449,7 @@ TEST_SUITE("odometry/imu_alignment") {
   }
 
   TEST_CASE("KITTI 00's keyframes: any quarter turn of the IMU, clocks 200 ms off either way") {
-    const auto recording = read_keyframes(false);
+    const auto recording = read_keyframes();
     if (!recording) return;
     for (int axis = 0; axis < 3; ++axis)
       for (int quarter = 1; quarter <= 3; ++quarter)
@@ -491,8 +467,11 @@ TEST_SUITE("odometry/imu_alignment") {
   }
 
   TEST_CASE("KITTI 00's keyframes by LiDAR odometry: the offset is that of the poses") {
-    const auto recording = read_keyframes(true);
-    if (!recording) return;
+    auto recording = read_keyframes();
+    if (!recording || !test::raw_sweeps()) return;
+    const Trajectory lidar = test::shared_run<LidarOdometry<>>(*test::raw_sweeps(), test::Feed::scans_alone).lidar;
+    recording->poses.clear();
+    for (std::size_t i = 0; i < lidar.size(); ++i) recording->poses.push_back({lidar.times[i], lidar.poses[i]});
     for (const double shift : {0.0, 0.2}) {
       const Recording other = changed(*recording, SO3d::exp({0, 0, std::numbers::pi / 2}), shift);
       const ImuAlignmentEstimate e = fed(other, rotation_unknown(other)).estimate();

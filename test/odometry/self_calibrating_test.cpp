@@ -87,7 +87,8 @@ TEST_SUITE("odometry/self_calibrating") {
   }
 
   TEST_CASE("an IMU whose stamps are late or early is corrected, and believed from then on" * doctest::skip(quick())) {
-    for (const double late : {0.07, 0.2, -0.1}) {
+    for (const double late : {0.2, -0.1, 0.07}) {
+      if (late == 0.07 && !full()) break;
       const Calibrated run = follow(swaying_trip(100), late);
       CHECK(std::abs(run.correction.time_offset - late) < 0.012);
       CHECK(run.correction.R_body_imu.log().norm() == 0);
@@ -100,6 +101,7 @@ TEST_SUITE("odometry/self_calibrating") {
   TEST_CASE("axes that are not those given are found, and measurements turned into them" * doctest::skip(quick())) {
     for (const Eigen::Vector3d& axis : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0, 0, 1)})
       for (const double angle : {std::numbers::pi / 2, std::numbers::pi}) {
+        if (!full() && (angle > 2) != (axis.z() > 0)) continue;  // upside down is a test of its own
         const SO3d R_imu_body = SO3d::exp(angle * axis);
         const Calibrated run = follow(swaying_trip(100), 0, R_imu_body);
         CHECK(run.estimate.contradicted);

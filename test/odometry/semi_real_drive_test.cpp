@@ -64,8 +64,9 @@ TEST_SUITE("odometry on semi-real drives") {
       test::KittiSequence sequence;
       Index scan;
     };
-    for (const Start& start : {Start{test::kitti_imu_sequences[0], 0}, Start{test::kitti_imu_sequences[2], 674},
-                               Start{test::kitti_imu_sequences[4], 1315}}) {
+    for (const Start& start : {Start{test::kitti_imu_sequences[0], 0}, Start{test::kitti_imu_sequences[4], 1315},
+                               Start{test::kitti_imu_sequences[2], 674}}) {
+      if (start.scan == 674 && !test::full()) break;
       CAPTURE(std::string(start.sequence.name));
       const auto semi_real = test::semi_real_drive(start.sequence);
       if (!semi_real) return;
