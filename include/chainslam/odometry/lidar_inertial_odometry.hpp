@@ -64,8 +64,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
  public:
   using Options = typename Registration::Options;
 
-  explicit LidarInertialOdometry(Options options = {})
-      : Registration(std::move(options)), imu_check_(options_.imu_check) {}
+  explicit LidarInertialOdometry(const Options& options = {}) : Registration(options), imu_check_(options_.imu_check) {}
 
   /// Takes the next packet, in time order. @returns the next frame, if one is complete: at the end of a usable scan.
   /// @throws std::invalid_argument if a scan's columns do not match.
@@ -108,9 +107,9 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   std::optional<Frame> next_frame(const E& executor);
   template <Executor E>
   std::optional<Frame> start(Sweep sweep, const E& executor);
-  [[nodiscard]] Frame follow(Attempt attempt);
+  [[nodiscard]] Frame follow(Attempt& attempt);
   void watch_imu();
-  [[nodiscard]] Frame lose(Attempt attempt, double since_last);
+  [[nodiscard]] Frame lose(Attempt& attempt, double since_last);
   [[nodiscard]] Frame answer(Attempt& attempt, FrameStatus status) const;
 
   static constexpr std::size_t max_waiting = 4;  // scans: stamps may be late by two scans of 10 Hz, and a bit
@@ -167,14 +166,14 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::next_frame(const E& exe
   }
   const double since_last = to_seconds(sweep.end - motion_.time());
   motion_.predict(sweep.end, std::max(monitor_.use(), options_.imu_use));
-  Attempt found = this->registered(sweep, executor);
+  const typename Registration::AttemptPtr found = this->registered(sweep, executor);
   ++counts_.frames;
   const bool gap = since_last > options_.motion.max_free, measured = motion_.measured_share() > 0.5;
   if (gap) ++counts_.gaps;
   if (motion_.use() == ImuUse::gyroscope) ++counts_.doubted_accelerations;
   if (motion_.use() > ImuUse::gyroscope) ++counts_.doubted_rates;
   ++(measured ? counts_.gyro_scans : counts_.unmeasured_scans);
-  Frame frame = believable(found) ? follow(std::move(found)) : lose(std::move(found), since_last);
+  Frame frame = believable(*found) ? follow(*found) : lose(*found, since_last);
   frame.health.after_gap = gap && !measured;
   return frame;
 }
@@ -201,7 +200,7 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, cons
 }
 
 template <class Map, class Kernel>
-Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt attempt) {
+Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
   const SE3d T_odom_scan = this->scan_pose(attempt.filter.state());
   T_map_lidar_ = attempt.own_pose * T_body_lidar(state());
   motion_.filter() = attempt.filter;
@@ -213,7 +212,7 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt attempt) {
   doubt_.match();
   lost_in_a_row_ = 0;
   constexpr double memory = 0.9;
-  const double ratio = Registration::match_ratio(attempt);
+  const double ratio = attempt.match_ratio();
   this->usual_match_ratio_ =
       this->usual_match_ratio_ > 0 ? memory * this->usual_match_ratio_ + (1 - memory) * ratio : ratio;
   this->residual_noise_ = std::sqrt(memory * this->residual_noise_ * this->residual_noise_ +
@@ -260,7 +259,7 @@ void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correc
 }
 
 template <class Map, class Kernel>
-Frame LidarInertialOdometry<Map, Kernel>::lose(Attempt attempt, double since_last) {
+Frame LidarInertialOdometry<Map, Kernel>::lose(Attempt& attempt, double since_last) {
   attempt.filter = motion_.filter();
   ++counts_.lost_scans;
   health_ = {.update = attempt.report.status, .measured_share = motion_.measured_share()};

@@ -3,10 +3,10 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <utility>
 
-#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
@@ -14,6 +14,7 @@
 #include "chainslam/odometry/detail/first_sweep.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/sweep.hpp"
+#include "chainslam/odometry/detail/sweep_attempt.hpp"
 #include "chainslam/odometry/detail/translation_search.hpp"
 #include "chainslam/odometry/imu_monitor.hpp"
 #include "chainslam/odometry/inertial_motion.hpp"
@@ -29,31 +30,13 @@ namespace chainslam::detail {
 template <class Map, class Kernel>
 struct SweepRegistration {
   using Options = LidarInertialOdometryOptions<Kernel, typename LocalMap<Map>::Downsampling>;
-  struct Clouds {
-    PointCloud<float> whole;        ///< body frame at the sweep's end
-    PointCloud<float> map, points;  ///< of these, for the map and for the filter
-  };
-  /// A scan, straightened and measured.
-  struct Attempt {
-    Clouds clouds;
-    InertialMotion::Filter filter;
-    FilterReport<InertialState> report;
-    ScanMatch match;
-    double pose_nis = 0;
-    SE3d own_pose;  ///< of the sweep, body frame, by its matches alone
-  };
+  using Clouds = SweepClouds;
+  using Guess = SweepGuess;
+  using Attempt = SweepAttempt;
+  using AttemptPtr = SweepAttemptPtr;
 
-  /// Which of several attempts a scan is taken by.
-  struct Choice {
-    std::optional<Attempt> best{};
-    ImuUse use = ImuUse::all;  ///< that it believed
-    double enough = 0;         ///< matches that a better one must exceed
-
-    void offer(Attempt attempt, ImuUse believed, bool fits, bool agrees);
-  };
-
-  explicit SweepRegistration(Options options)
-      : options_(std::move(options)),
+  explicit SweepRegistration(const Options& options)
+      : options_(options),
         map_(options_.map, options_.local_map),
         motion_(options_.motion, options_.T_body_lidar),
         monitor_(options_.monitor) {}
@@ -64,20 +47,19 @@ struct SweepRegistration {
   template <Executor E>
   [[nodiscard]] Clouds straightened(const Sweep& sweep, const SweepMotion& motion, const E& executor) const;
   template <Executor E>
-  [[nodiscard]] Attempt attempt(const Sweep& sweep, const Vector6d& correction, double error,
-                                const InertialState& guess, const E& executor) const;
+  [[nodiscard]] AttemptPtr attempt(const Sweep& sweep, const Guess& guess, const E& executor) const;
   template <Executor E>
-  [[nodiscard]] Attempt attempt(const Sweep& sweep, const E& executor) const;
+  [[nodiscard]] AttemptPtr attempt(const Sweep& sweep, const E& executor) const;
   template <Executor E>
-  [[nodiscard]] Attempt consistent(const Sweep& sweep, const E& executor);
+  [[nodiscard]] AttemptPtr consistent(const Sweep& sweep, const E& executor);
   template <Executor E>
-  [[nodiscard]] Attempt resting_or(Attempt moving, const Sweep& sweep, const E& executor);
+  [[nodiscard]] AttemptPtr resting_or(AttemptPtr moving, const Sweep& sweep, const E& executor);
   template <Executor E>
-  [[nodiscard]] Attempt registered(const Sweep& sweep, const E& executor);
+  [[nodiscard]] AttemptPtr registered(const Sweep& sweep, const E& executor);
   template <Executor E>
-  [[nodiscard]] Attempt at_unknown_velocity(const Sweep& sweep, const E& executor) const;
+  [[nodiscard]] AttemptPtr at_unknown_velocity(const Sweep& sweep, const E& executor) const;
   template <Executor E>
-  [[nodiscard]] Attempt with_first(const Sweep& sweep, Attempt found, const E& executor);
+  [[nodiscard]] AttemptPtr with_first(const Sweep& sweep, AttemptPtr found, const E& executor);
   template <Executor E>
   void rebuild_map(const FirstSweep& first, const Attempt& second, const E& executor);
 
@@ -91,10 +73,12 @@ struct SweepRegistration {
   }
   /// Whether it matches clearly fewer points than scans lately did.
   [[nodiscard]] bool poor(const Attempt& attempt) const {
-    return match_ratio(attempt) < options_.poor_match_ratio * usual_match_ratio_;
+    return attempt.match_ratio() < options_.poor_match_ratio * usual_match_ratio_;
   }
-  [[nodiscard]] static double match_ratio(const Attempt& attempt) {
-    return static_cast<double>(attempt.match.matches) / std::max<double>(1, to_index(attempt.clouds.points.size()));
+  [[nodiscard]] Guess predicted(double error) const { return {.state = state(), .error = error}; }
+  /// The end of the way as an attempt has found it.
+  [[nodiscard]] Guess again(const Attempt& found) const {
+    return {.state = found.filter.state(), .error = options_.min_error, .bend = correction(found)};
   }
   /// Where a scan lies that was straightened with the mounting of before: where the LiDAR is now.
   [[nodiscard]] SE3d scan_pose(const InertialState& x) const {
@@ -135,54 +119,42 @@ auto SweepRegistration<Map, Kernel>::straightened(const Sweep& sweep, const Swee
   return clouds;
 }
 
-/// Straightens the sweep by the predicted way, bent to end `correction` off, and takes it from the prediction.
+/// Straightens the sweep by the predicted way, and takes it from the prediction.
 template <class Map, class Kernel>
 template <Executor E>
-auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const Vector6d& correction, double error,
-                                             const InertialState& guess, const E& executor) const -> Attempt {
-  Attempt attempt;
-  attempt.clouds = straightened(sweep, motion_.sweep_motion(sweep.begin, correction), executor);
-  attempt.filter = motion_.filter();
+auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const Guess& guess, const E& executor) const
+    -> AttemptPtr {
+  AttemptPtr attempt = std::make_unique<Attempt>();
+  attempt->clouds = straightened(sweep, motion_.sweep_motion(sweep.begin, guess.bend), executor);
+  attempt->filter = motion_.filter();
   const double noise = std::max(residual_noise_, options_.scan_to_map.residual_floor);
   ScanPrior prior{
       .state = state(),
-      .error = error,
+      .error = guess.error,
       .variance = options_.residual_variance > 0 ? options_.residual_variance : noise * noise * residuals_per_fact(),
       .mean_age = first_ ? 0.0 : sweep.mean_age()};  // a map as skewed as the scan lies at its mean time, too
-  const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * block_of<3, 1>(correction, 0, 0);
+  const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * block_of<3, 1>(guess.bend, 0, 0);
   R3d& velocity = prior.state.template get<Inertial::velocity>();
   velocity = R3d(velocity.value() + bent / std::max(motion_.interval(), 1e-3));
-  ScanMeasurement measurement(attempt.clouds.points, map_.points(), options_.scan_to_map, options_.scan, prior,
+  ScanMeasurement measurement(attempt->clouds.points, map_.points(), options_.scan_to_map, options_.scan, prior,
                               executor);
-  attempt.report = attempt.filter.update(measurement, options_.iteration, guess);
-  attempt.match = measurement.match();
-  attempt.own_pose = measurement.own_pose();
-  attempt.pose_nis = (attempt.report.prior_error + measurement.excess()) /
-                     static_cast<double>(std::max<Index>(1, 6 - attempt.match.degenerate_directions));
+  attempt->report = attempt->filter.update(measurement, options_.iteration, guess.state);
+  attempt->match = measurement.match();
+  attempt->own_pose = measurement.own_pose();
+  attempt->pose_nis = (attempt->report.prior_error + measurement.excess()) /
+                      static_cast<double>(std::max<Index>(1, 6 - attempt->match.degenerate_directions));
   return attempt;
 }
 
 /// Takes the scan from the prediction, and as if nothing were known of the motion if it does not fit.
 template <class Map, class Kernel>
 template <Executor E>
-auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const E& executor) const -> Attempt {
+auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const E& executor) const -> AttemptPtr {
   const double error = expected_error();
-  Attempt found = attempt(sweep, zeros<Vector6d>(), error, state(), executor);
-  if (!believable(found) && error < options_.max_error)
-    found = attempt(sweep, zeros<Vector6d>(), options_.max_error, state(), executor);
+  AttemptPtr found = attempt(sweep, predicted(error), executor);
+  if (!believable(*found) && error < options_.max_error)
+    found = attempt(sweep, predicted(options_.max_error), executor);
   return found;
-}
-
-/// Takes the offer if it agrees with its prediction and matches clearly more than those before.
-template <class Map, class Kernel>
-void SweepRegistration<Map, Kernel>::Choice::offer(Attempt attempt, ImuUse believed, bool fits, bool agrees) {
-  constexpr double clearly = 1.05, clearly_than_lost = 1.25;  // more matches; the latter than what did not fit
-  const auto matches = static_cast<double>(attempt.match.matches);
-  const bool better = agrees && matches > enough;
-  if (agrees || !fits) enough = std::max(enough, matches * (fits ? clearly : clearly_than_lost));
-  if (!better) return;
-  best = std::move(attempt);
-  use = believed;
 }
 
 /// Takes the scan at a velocity that is not known. The body may stand, where a wide gate alone might find another place
@@ -190,20 +162,21 @@ void SweepRegistration<Map, Kernel>::Choice::offer(Attempt attempt, ImuUse belie
 /// weight of matches is taken.
 template <class Map, class Kernel>
 template <Executor E>
-auto SweepRegistration<Map, Kernel>::at_unknown_velocity(const Sweep& sweep, const E& executor) const -> Attempt {
-  Attempt best = attempt(sweep, executor);
-  const auto offer = [&](Attempt other) {
-    const bool better = believable(other) && (!believable(best) || other.match.weight > best.match.weight);
+auto SweepRegistration<Map, Kernel>::at_unknown_velocity(const Sweep& sweep, const E& executor) const -> AttemptPtr {
+  AttemptPtr best = attempt(sweep, executor);
+  const auto try_from = [&](const Guess& guess) {
+    AttemptPtr other = attempt(sweep, guess, executor);
+    const bool better = believable(*other) && (!believable(*best) || other->match.weight > best->match.weight);
     if (better) best = std::move(other);
   };
-  offer(attempt(sweep, zeros<Vector6d>(), options_.min_error, state(), executor));
-  if (TranslationSearch::needless(best.match.weight, best.clouds.points.size())) return best;
+  try_from(predicted(options_.min_error));
+  if (TranslationSearch::needless(best->match.weight, best->clouds.points.size())) return best;
   const TranslationSearch search = TranslationSearch::after(motion_.interval());
   const SE3d T_predicted = T_odom_body(state());
-  const SE3d T_found = best.match.matches > 0 ? scan_pose(best.filter.state()) : T_predicted;
+  const SE3d T_found = best->match.matches > 0 ? scan_pose(best->filter.state()) : T_predicted;
   const PlaneRule plane = options_.scan_to_map.plane_rule(search.spacing, options_.scan.planes);
-  for (const SE3d& T : search(best.clouds.points, map_.points(), plane, T_found, T_predicted.translation(), executor))
-    offer(attempt(sweep, zeros<Vector6d>(), search.spacing, motion_.moved(T_predicted.local(T)), executor));
+  for (const SE3d& T : search(best->clouds.points, map_.points(), plane, T_found, T_predicted.translation(), executor))
+    try_from({.state = motion_.moved(T_predicted.local(T)), .error = search.spacing});
   return best;
 }
 
@@ -212,12 +185,12 @@ auto SweepRegistration<Map, Kernel>::at_unknown_velocity(const Sweep& sweep, con
 /// matches decide.
 template <class Map, class Kernel>
 template <Executor E>
-auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& executor) -> Attempt {
+auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& executor) -> AttemptPtr {
   if (!monitor_.enabled()) return attempt(sweep, executor);
   const ImuUse before = motion_.use();
-  Choice choice{.use = before};
-  const auto offer = [&](Attempt found) {
-    const bool fits = believable(found), agrees = !contradicted(found);
+  SweepChoice choice{.use = before};
+  const auto offer = [&](AttemptPtr found) {
+    const bool fits = believable(*found), agrees = !contradicted(*found);
     choice.offer(std::move(found), motion_.use(), fits, agrees);
   };
   offer(motion_.knew_velocity() ? attempt(sweep, executor) : at_unknown_velocity(sweep, executor));
@@ -229,16 +202,16 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
   }
   if (choice.best && poor(*choice.best) && motion_.use() == ImuUse::none)
     for (const double share : {0.0, 0.5}) {  // of the predicted way: bodies stop faster than they start
-      const Vector6d back = (share - 1) * motion_.way_begin().local(T_odom_body(state()));
-      offer(attempt(sweep, zeros<Vector6d>(), options_.max_error, motion_.moved(back), executor));
+      const Vector6d way = motion_.way_begin().local(T_odom_body(state()));
+      offer(attempt(sweep, {.state = motion_.moved(scaled(share - 1, way)), .error = options_.max_error}, executor));
     }
   if (choice.best) {
     if (choice.use != motion_.use()) motion_.predict_again(choice.use);
-    return *std::move(choice.best);
+    return std::move(choice.best);
   }
   motion_.doubt_motion();
-  Attempt doubted = attempt(sweep, zeros<Vector6d>(), options_.max_error, state(), executor);
-  if (!believable(doubted))
+  AttemptPtr doubted = attempt(sweep, predicted(options_.max_error), executor);
+  if (!believable(*doubted))
     motion_.restore(before);  // it may be the scan that is at fault: the IMU carries the motion on
   return doubted;
 }
@@ -247,12 +220,13 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
 /// speed. It moves if the scan matches clearly more that way.
 template <class Map, class Kernel>
 template <Executor E>
-auto SweepRegistration<Map, Kernel>::resting_or(Attempt moving, const Sweep& sweep, const E& executor) -> Attempt {
+auto SweepRegistration<Map, Kernel>::resting_or(AttemptPtr moving, const Sweep& sweep, const E& executor)
+    -> AttemptPtr {
   constexpr double clearly = 1.05;
   const InertialMotion::Filter before = motion_.filter();
   motion_.assume_rest();
-  Attempt resting = attempt(sweep, executor);
-  if (moving.match.weight <= clearly * resting.match.weight) return resting;
+  AttemptPtr resting = attempt(sweep, executor);
+  if (moving->match.weight <= clearly * resting->match.weight) return resting;
   motion_.filter() = before;
   return moving;
 }
@@ -260,36 +234,36 @@ auto SweepRegistration<Map, Kernel>::resting_or(Attempt moving, const Sweep& swe
 /// Takes the scan; once more if that left it skewed.
 template <class Map, class Kernel>
 template <Executor E>
-auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& executor) -> Attempt {
-  Attempt found = consistent(sweep, executor);
-  if (!believable(found) || !sweep.points.has_times()) {
+auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& executor) -> AttemptPtr {
+  AttemptPtr found = consistent(sweep, executor);
+  if (!believable(*found) || !sweep.points.has_times()) {
     first_.reset();
     return found;
   }
   constexpr double poor = 20;  // of the least signal that counts: the scan hardly tells a velocity
-  if (first_ && imu_start_.at_rest && found.match.signal[0] < poor * options_.scan_to_map.min_signal)
+  if (first_ && imu_start_.at_rest && found->match.signal[0] < poor * options_.scan_to_map.min_signal)
     found = resting_or(std::move(found), sweep, executor);
   if (first_) found = with_first(sweep, std::move(found), executor);
   constexpr double lever = 20;  // metres: points that far off
-  const Vector6d bent = correction(found);
+  const Guess bent = again(*found);
   const double share = to_seconds(sweep.end - sweep.begin) / std::max(motion_.interval(), 1e-3);
-  if (believable(found) && std::min(share, 1.0) * moved_distance(bent, lever) > options_.redeskew_distance)
-    found = attempt(sweep, bent, options_.min_error, InertialState(found.filter.state()), executor);
+  if (believable(*found) && std::min(share, 1.0) * moved_distance(bent.bend, lever) > options_.redeskew_distance)
+    found = attempt(sweep, bent, executor);
   return found;
 }
 
 /// The second scan, and the first by the motion that it shows, in turn until that motion stays.
 template <class Map, class Kernel>
 template <Executor E>
-auto SweepRegistration<Map, Kernel>::with_first(const Sweep& sweep, Attempt found, const E& executor) -> Attempt {
+auto SweepRegistration<Map, Kernel>::with_first(const Sweep& sweep, AttemptPtr found, const E& executor) -> AttemptPtr {
   constexpr int max_passes = 4;
   constexpr double lever = 20;  // metres
   const FirstSweep first = *std::exchange(first_, std::nullopt);
-  for (int pass = 0; pass < max_passes && believable(found); ++pass) {
-    rebuild_map(first, found, executor);
-    const Vector6d bent = correction(found);
-    found = attempt(sweep, bent, options_.min_error, InertialState(found.filter.state()), executor);
-    if (moved_distance(correction(found) - bent, lever) < options_.redeskew_distance) break;
+  for (int pass = 0; pass < max_passes && believable(*found); ++pass) {
+    rebuild_map(first, *found, executor);
+    const Guess bent = again(*found);
+    found = attempt(sweep, bent, executor);
+    if (moved_distance(difference_of(correction(*found), bent.bend), lever) < options_.redeskew_distance) break;
   }
   return found;
 }
