@@ -24,8 +24,9 @@ template <Cloud Points>
     for (std::size_t i = 0; i < count; ++i) column[i] = value(i);
   };
   fill(result.positions, [&](std::size_t i) { return rounded(sum_of(product(R_a_b, position(cloud, i)), p_a_b)); });
-  if (carries_normals(cloud))
-    fill(result.normals, [&](std::size_t i) { return rounded(product(R_a_b, normal(cloud, i))); });
+  if constexpr (OrientedCloud<Points>)
+    if (carries_normals(cloud))
+      fill(result.normals, [&](std::size_t i) { return rounded(product(R_a_b, normal(cloud, i))); });
   if (carries_times(cloud)) fill(result.time_offsets, [&](std::size_t i) { return time_offset(cloud, i); });
   if (carries_intensities(cloud)) fill(result.intensities, [&](std::size_t i) { return intensity(cloud, i); });
   return result;

@@ -51,14 +51,12 @@ struct VoxelGrid {
   [[nodiscard]] DownsampledCloud<Scalar> downsample(const Points& cloud) const;
 };
 
-/// The cloud of `VoxelGrid{voxel_size, mode}.downsample(cloud)`.
-template <Cloud Points>
-[[nodiscard]] PointCloud<float> voxel_downsample(const Points& cloud, double voxel_size,
-                                                 VoxelMode mode = VoxelMode::mean) {
-  return VoxelGrid{.size = voxel_size, .mode = mode}.downsample<float>(cloud).cloud;
-}
-
 namespace detail {
+
+inline void require_voxel_size(double size) {
+  if (!(size > 0) || !is_finite(1.0 / size) || !is_finite(size))
+    throw std::invalid_argument("VoxelGrid: size must be positive and finite");
+}
 
 /// Sums of offsets, and how many: whole numbers, which any order of adding brings to the same bits.
 struct alignas(32) VoxelSum {
@@ -204,7 +202,7 @@ template <class Scalar, Cloud Points>
     const Eigen::Vector3d mean =
         usable ? means[voxel] : normal(cloud, static_cast<std::size_t>(table.voxels.first_points()[voxel]));
     const double length = mean.norm();
-    normals.push_back(converted<Scalar>(length > 0 ? Eigen::Vector3d(mean / length) : mean));
+    normals.push_back(converted<Scalar>(length > 0 ? divided(mean, length) : mean));
   }
   return normals;
 }
@@ -235,7 +233,8 @@ template <class Scalar, Cloud Points>
     const auto column = voxel_means(voxel_of_point, table, 0.0, value);
     return std::vector<float>(column.begin(), column.end());
   };
-  if (normals) means.normals = mean_normals<Scalar>(cloud, voxel_of_point, table);
+  if constexpr (OrientedCloud<Points>)
+    if (normals) means.normals = mean_normals<Scalar>(cloud, voxel_of_point, table);
   if (times)
     means.time_offsets = mean_column([&](std::size_t i) { return static_cast<double>(time_offset(cloud, i)); });
   if (intensities)
@@ -247,11 +246,22 @@ template <class Scalar, Cloud Points>
 
 template <class Scalar, Cloud Points>
 DownsampledCloud<Scalar> VoxelGrid::downsample(const Points& cloud) const {
-  if (!(size > 0) || !is_finite(1.0 / size) || !is_finite(size))
-    throw std::invalid_argument("VoxelGrid: size must be positive and finite");
+  detail::require_voxel_size(size);
   if (mode == VoxelMode::mean) return detail::mean_of_voxels<Scalar>(cloud, size);
   if (mode == VoxelMode::first) return detail::first_in_voxels<Scalar>(cloud, 1.0 / size);
   return detail::nearest_in_voxels<Scalar>(cloud, 1.0 / size);
+}
+
+/// The cloud of `VoxelGrid{voxel_size}.downsample(cloud)`, ...
+template <Cloud Points>
+[[nodiscard]] PointCloud<float> voxel_downsample(const Points& cloud, double voxel_size) {
+  detail::require_voxel_size(voxel_size);  // no more than means: the other modes need not be compiled
+  return detail::mean_of_voxels<float>(cloud, voxel_size).cloud;
+}
+/// ... and of `VoxelGrid{voxel_size, mode}.downsample(cloud)`.
+template <Cloud Points>
+[[nodiscard]] PointCloud<float> voxel_downsample(const Points& cloud, double voxel_size, VoxelMode mode) {
+  return VoxelGrid{.size = voxel_size, .mode = mode}.downsample<float>(cloud).cloud;
 }
 
 }  // namespace chainslam

@@ -74,6 +74,16 @@ template <class Scalar, int Rows, int Columns>
   return B;
 }
 
+/// A / divisor
+template <class Scalar, int Rows, int Columns>
+[[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> divided(const Eigen::Matrix<Scalar, Rows, Columns>& A,
+                                                           const std::type_identity_t<Scalar>& divisor) {
+  Eigen::Matrix<Scalar, Rows, Columns> B;
+#pragma GCC unroll 6
+  for (int i = 0; i < Rows * Columns; ++i) B.data()[i] = A.data()[i] / divisor;
+  return B;
+}
+
 /// A B
 template <class Scalar, int Rows, int Inner, int Columns>
 [[nodiscard]] Eigen::Matrix<Scalar, Rows, Columns> product(const Eigen::Matrix<Scalar, Rows, Inner>& A,

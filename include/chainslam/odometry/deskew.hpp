@@ -30,11 +30,10 @@ struct SweepMotion {
   /// @param angle  radians turned in the whole sweep; sets the number of knots.
   template <std::invocable<double> Pose>
   [[nodiscard]] static SweepMotion sample(double duration, double angle, Pose&& pose) {
-    const auto pieces = static_cast<std::size_t>(std::clamp(std::ceil(angle / knot_angle), 8.0, 2048.0));
-    SweepMotion motion{duration, {}};
-    motion.T_end_body.reserve(pieces + 1);
+    SweepMotion motion = still(duration, angle);
+    const std::size_t pieces = motion.T_end_body.size() - 1;
     for (std::size_t k = 0; k <= pieces; ++k)
-      motion.T_end_body.push_back(pose(duration * static_cast<double>(k) / static_cast<double>(pieces)));
+      motion.T_end_body[k] = pose(duration * static_cast<double>(k) / static_cast<double>(pieces));
     return motion;
   }
 
@@ -42,6 +41,13 @@ struct SweepMotion {
   [[nodiscard]] static SweepMotion constant_twist(double duration, const Vector6d& twist) {
     return sample(duration, block_of<3, 1>(twist, 3, 0).norm() * duration,
                   [&](double t) { return SE3d::exp(scaled(t - duration, twist)); });
+  }
+
+ private:
+  /// No motion, with as many knots as one by that angle needs.
+  [[nodiscard]] static SweepMotion still(double duration, double angle) {
+    const auto pieces = static_cast<std::size_t>(std::clamp(std::ceil(angle / knot_angle), 8.0, 2048.0));
+    return {duration, std::vector<SE3d>(pieces + 1)};
   }
 };
 

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/so3.hpp"
 #include "chainslam/sensor/imu_sample.hpp"
@@ -40,19 +41,19 @@ struct ImuInitializer {
     Eigen::Vector3d accel = Eigen::Vector3d::Zero();
     for (const ImuSample& sample : samples) {
       if (!usable(sample)) continue;
-      gyro += Eigen::Vector3d(sample.gyro / n);
-      accel += Eigen::Vector3d(sample.accel / n);
+      gyro = sum_of(gyro, divided(sample.gyro, n));
+      accel = sum_of(accel, divided(sample.accel, n));
     }
     double gyro_variance = 0;
     double accel_variance = 0;
     for (const ImuSample& sample : samples) {
       if (!usable(sample)) continue;
-      gyro_variance += Eigen::Vector3d(sample.gyro - gyro).squaredNorm() / n;
-      accel_variance += Eigen::Vector3d(sample.accel - accel).squaredNorm() / n;
+      gyro_variance += difference_of(sample.gyro, gyro).squaredNorm() / n;
+      accel_variance += difference_of(sample.accel, accel).squaredNorm() / n;
     }
     const double force = accel.norm();
     if (!(force > 0)) return start;
-    start.up_body = accel / force;
+    start.up_body = divided(accel, force);
     start.at_rest = gyro_variance <= max_gyro_deviation * max_gyro_deviation && gyro.norm() <= max_gyro_mean &&
                     accel_variance <= max_accel_deviation * max_accel_deviation * force * force;
     if (start.at_rest) start.gyro_bias = gyro;

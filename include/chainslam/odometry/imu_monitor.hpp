@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/s2.hpp"
 #include "chainslam/sensor/imu_use.hpp"
 
@@ -97,8 +98,7 @@ inline void ImuMonitor::Sensor::judge(bool contradicted, double error, double in
 }
 
 inline void ImuMonitor::smooth(Eigen::Vector3d& mean, const Eigen::Vector3d& value, double share) {
-  const Eigen::Vector3d change = value - mean;
-  mean += Eigen::Vector3d(std::min(1.0, share) * change);
+  mean = sum_of(mean, scaled(std::min(1.0, share), difference_of(value, mean)));
 }
 
 inline void ImuMonitor::compare(const ImuComparison& comparison) {
@@ -109,7 +109,7 @@ inline void ImuMonitor::compare(const ImuComparison& comparison) {
   up_time_ += dt;
   smooth(mean_up_, comparison.up, dt / std::min(options_.up_memory, up_time_));
   const Eigen::Vector3d expected = accelerometer_.doubted ? mean_up_ : comparison.expected_up;
-  smooth(mean_accel_error_, Eigen::Vector3d(comparison.up - expected), dt / options_.memory);
+  smooth(mean_accel_error_, difference_of(comparison.up, expected), dt / options_.memory);
 }
 
 inline void ImuMonitor::follow(ImuUse used, const ImuComparison& comparison) {

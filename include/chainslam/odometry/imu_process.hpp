@@ -33,7 +33,7 @@ struct ImuInput {
   /// rad/s, body frame.
   [[nodiscard]] Eigen::Vector3d rate(const InertialState& x) const {
     if (!rate_measured) return gyro;
-    return gyro - x.get<Inertial::gyro_bias>().value();
+    return difference_of(gyro, x.get<Inertial::gyro_bias>().value());
   }
 };
 
@@ -68,7 +68,7 @@ inline void ImuProcess::lean(const InertialState& x, double dt, Transition<Inert
   const Eigen::Vector3d w = scaled(bent, across);
   const SO3d turn = SO3d::exp(w);
   const S2d after = turn * x.get<Part::up>();
-  const Eigen::Vector3d change = after.direction() - before;
+  const Eigen::Vector3d change = difference_of(after.direction(), before);
   step.state.get<Part::up>() = after;
   step.state.get<Part::creep>() = R2d(sum_of(x.get<Part::creep>().value(), block_of<2, 1>(change, 0, 0)));
 
@@ -97,24 +97,24 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   constexpr int bg = inertial_offset<Part::gyro_bias>, ba = inertial_offset<Part::accel_bias>;
   const bool midpoint = integration == ImuIntegration::midpoint;
 
-  const Eigen::Vector3d turn = dt * input.rate(x);
-  const Eigen::Vector3d force = input.accel - x.get<Part::accel_bias>().value();
-  const Eigen::Vector3d half_turn = (midpoint ? 0.5 : 0.0) * turn;
+  const Eigen::Vector3d turn = scaled(dt, input.rate(x));
+  const Eigen::Vector3d force = difference_of(input.accel, x.get<Part::accel_bias>().value());
+  const Eigen::Vector3d half_turn = scaled(midpoint ? 0.5 : 0.0, turn);
   const SO3d to_force = SO3d::exp(half_turn), turned = SO3d::exp(turn);
   const SO3d& R_odom_body = x.get<Part::rotation>();
   const Eigen::Matrix3d R_force = (R_odom_body * to_force).matrix();
-  const Eigen::Vector3d weight = gravity * x.get<Part::up>().direction();
-  Eigen::Vector3d acceleration = product(R_force, force) - weight;
+  const Eigen::Vector3d weight = scaled(gravity, x.get<Part::up>().direction());
+  Eigen::Vector3d acceleration = difference_of(product(R_force, force), weight);
   if (!input.force_measured) acceleration = zeros<Eigen::Vector3d>();
   const Eigen::Vector3d velocity = x.get<Part::velocity>().value();
-  const Eigen::Vector3d gained = dt * acceleration;
-  const Eigen::Vector3d mean_velocity = velocity + Eigen::Vector3d(0.5 * gained);
+  const Eigen::Vector3d gained = scaled(dt, acceleration);
+  const Eigen::Vector3d mean_velocity = sum_of(velocity, scaled(0.5, gained));
 
   using Matrix = Transition<InertialState>::Matrix;
   Transition<InertialState> step{x, identity<Matrix>(), zeros<Matrix>()};
   step.state.get<Part::rotation>() = R_odom_body * turned;
-  step.state.get<Part::velocity>() = R3d(velocity + gained);
-  step.state.get<Part::position>() = R3d(x.get<Part::position>().value() + Eigen::Vector3d(dt * mean_velocity));
+  step.state.get<Part::velocity>() = R3d(sum_of(velocity, gained));
+  step.state.get<Part::position>() = R3d(sum_of(x.get<Part::position>().value(), scaled(dt, mean_velocity)));
 
   // d acceleration / d (rotation, up), and d (position, rotation, velocity) / d (rate, force)
   const Eigen::Matrix3d by_rotation = negative(product(R_odom_body.matrix(), SO3d::hat(to_force * force)));
@@ -144,9 +144,12 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   const auto squared = [](double value) { return value * value; };
   const double gyro_variance = per_time * (squared(noise.gyro) + squared(input.gyro_noise));
   const double accel_variance = per_time * (squared(noise.accel) + squared(input.accel_noise));
-  const auto of_gyro = product_transposed(by_gyro, by_gyro), of_accel = product_transposed(by_accel, by_accel);
+  const auto rows = [](const Eigen::Matrix<double, 9, 3>& A, int i, int j) {  // (A A^T)(i, j)
+    return A(i, 0) * A(j, 0) + A(i, 1) * A(j, 1) + A(i, 2) * A(j, 2);
+  };
   for (int j = 0; j < 9; ++j)
-    for (int i = 0; i < 9; ++i) step.Q(i, j) = gyro_variance * of_gyro(i, j) + accel_variance * of_accel(i, j);
+    for (int i = 0; i < 9; ++i)
+      step.Q(i, j) = gyro_variance * rows(by_gyro, i, j) + accel_variance * rows(by_accel, i, j);
   for (int i = 0; i < 3; ++i) {
     step.Q(bg + i, bg + i) = dt * dt * per_time * squared(noise.gyro_bias_walk);
     step.Q(ba + i, ba + i) = dt * dt * per_time * squared(noise.accel_bias_walk);

@@ -7,9 +7,12 @@
 #include <cstdint>
 #include <deque>
 #include <limits>
+#include <memory>
 #include <optional>
+#include <type_traits>
 
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/sensor/imu_correction.hpp"
@@ -75,14 +78,10 @@ class ImuRecord {
   /// Calls `step(const ImuStep&)` for all of [from, to] in order.
   template <class Step>
   void for_each_step(Timestamp from, Timestamp to, Step&& step) const {
-    const auto later = std::upper_bound(samples_.begin(), samples_.end(), from,
-                                        [](Timestamp t, const ImuSample& sample) { return t < sample.time; });
-    auto next = static_cast<std::size_t>(later - samples_.begin());
-    for (Timestamp t = from; t < to; ++next) {
-      const Timestamp end = next < samples_.size() ? std::min(samples_[next].time, to) : to;
-      if (end > t) cut(t, end, next, step);
-      t = end;
-    }
+    using Callable = std::remove_reference_t<Step>;
+    walk(from, to,
+         {const_cast<void*>(static_cast<const void*>(std::addressof(step))),
+          [](void* callable, const ImuStep& piece) { (*static_cast<Callable*>(callable))(piece); }});
   }
 
   /// Forgets readings that nothing from `time` on needs.
@@ -104,6 +103,22 @@ class ImuRecord {
   [[nodiscard]] std::int64_t clipped_samples() const { return clipped_; }
 
  private:
+  /// What is called for a step, whatever its type: so the walk over the samples is compiled once.
+  struct StepCall {
+    void* callable;
+    void (*call)(void* callable, const ImuStep& piece);
+    void operator()(const ImuStep& piece) const { call(callable, piece); }
+  };
+  void walk(Timestamp from, Timestamp to, StepCall step) const {
+    const auto later = std::upper_bound(samples_.begin(), samples_.end(), from,
+                                        [](Timestamp t, const ImuSample& sample) { return t < sample.time; });
+    auto next = static_cast<std::size_t>(later - samples_.begin());
+    for (Timestamp t = from; t < to; ++next) {
+      const Timestamp end = next < samples_.size() ? std::min(samples_[next].time, to) : to;
+      if (end > t) cut(t, end, next, step);
+      t = end;
+    }
+  }
   [[nodiscard]] bool clipped(const ImuSample& sample) const {
     return reaches(sample.gyro, options_.gyro_range) || reaches(sample.accel, options_.accel_range);
   }
@@ -132,8 +147,7 @@ class ImuRecord {
   }
 
   /// The piece [begin, end] before sample `next`.
-  template <class Step>
-  void cut(Timestamp begin, Timestamp end, std::size_t next, Step& step) const {
+  void cut(Timestamp begin, Timestamp end, std::size_t next, StepCall step) const {
     const double duration = to_seconds(end - begin);
     const ImuSample* a = next > 0 ? &samples_[next - 1] : nullptr;
     const ImuSample* b = next < samples_.size() ? &samples_[next] : nullptr;
@@ -151,8 +165,8 @@ class ImuRecord {
     const ImuSample& last = b != nullptr ? *b : *a;
     ImuInput input;
     if (a != nullptr && b != nullptr) {
-      input.gyro_noise = unseen(b->gyro - a->gyro, hole);
-      input.accel_noise = unseen(b->accel - a->accel, hole);
+      input.gyro_noise = unseen(difference_of(b->gyro, a->gyro), hole);
+      input.accel_noise = unseen(difference_of(b->accel, a->accel), hole);
     }
     input.rate_measured = first.rate_measured && last.rate_measured;
     input.force_measured = first.force_measured && last.force_measured;
@@ -162,9 +176,8 @@ class ImuRecord {
     }
     for (double k = 0; k < pieces; ++k) {
       const double share = a != nullptr && b != nullptr ? (to_seconds(begin - a->time) + (k + 0.5) * dt) / hole : 0.0;
-      const Eigen::Vector3d gyro_change = last.gyro - first.gyro, accel_change = last.accel - first.accel;
-      input.gyro = first.gyro + Eigen::Vector3d(share * gyro_change);
-      input.accel = first.accel + Eigen::Vector3d(share * accel_change);
+      input.gyro = sum_of(first.gyro, scaled(share, difference_of(last.gyro, first.gyro)));
+      input.accel = sum_of(first.accel, scaled(share, difference_of(last.accel, first.accel)));
       step(ImuStep{dt, input});
     }
   }

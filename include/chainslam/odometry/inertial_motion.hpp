@@ -116,11 +116,11 @@ class InertialMotion {
   [[nodiscard]] InertialState moved(const Vector6d& step) const {
     InertialState x = state();
     const SE3d T = T_odom_body(x) * SE3d::exp(step);
-    const Eigen::Vector3d change = T.translation() - x.get<Inertial::position>().value();
+    const Eigen::Vector3d change = difference_of(T.translation(), x.get<Inertial::position>().value());
     const Eigen::Vector3d velocity = x.get<Inertial::velocity>().value();
     x.get<Inertial::position>() = R3d(T.translation());
     x.get<Inertial::rotation>() = T.rotation();
-    x.get<Inertial::velocity>() = R3d(velocity + Eigen::Vector3d(change / std::max(interval(), 1e-3)));
+    x.get<Inertial::velocity>() = R3d(sum_of(velocity, divided(change, std::max(interval(), 1e-3))));
     return x;
   }
   /// What was measured on the way, against the state; interval 0 if not all was, or the velocity is not known.
@@ -171,8 +171,8 @@ class InertialMotion {
                                         const Eigen::Vector3d& rate_change) const {
     const Knot& knot = way_.front();
     Vector6d twist = zeros<Vector6d>();
-    set_block(twist, 0, 0, knot.T_odom_body.rotation().inverse() * Eigen::Vector3d(knot.velocity + velocity_change));
-    set_block(twist, 3, 0, Eigen::Vector3d(knot.rate + rate_change));
+    set_block(twist, 0, 0, knot.T_odom_body.rotation().inverse() * sum_of(knot.velocity, velocity_change));
+    set_block(twist, 3, 0, sum_of(knot.rate, rate_change));
     return twist;
   }
   /// The pose at the begin of the way from the last scan to this.
@@ -200,9 +200,9 @@ class InertialMotion {
     Eigen::Vector3d rate;                    ///< body
 
     [[nodiscard]] SE3d pose(double dt) const {
-      const Eigen::Vector3d mean_velocity = velocity + scaled(0.5 * dt, acceleration);
-      const Eigen::Vector3d way = dt * mean_velocity;
-      return SE3d(T_odom_body.rotation() * SO3d::exp(dt * rate), T_odom_body.translation() + way);
+      const Eigen::Vector3d mean_velocity = sum_of(velocity, scaled(0.5 * dt, acceleration));
+      return SE3d(T_odom_body.rotation() * SO3d::exp(scaled(dt, rate)),
+                  sum_of(T_odom_body.translation(), scaled(dt, mean_velocity)));
     }
   };
 
@@ -249,8 +249,8 @@ class InertialMotion {
   Filter before_;    ///< before the last prediction, ...
   Timestamp begin_;  ///< and its time
   ImuUse use_ = ImuUse::all;
-  std::vector<Knot> way_;                                ///< from the last scan to this
-  Eigen::Vector3d mean_rate_ = Eigen::Vector3d::Zero();  ///< rad/s, body frame, between the last two scans
+  std::vector<Knot> way_;                                 ///< from the last scan to this
+  Eigen::Vector3d mean_rate_ = zeros<Eigen::Vector3d>();  ///< rad/s, body frame, between the last two scans
   double measured_share_ = 0;
   Index followed_ = 0;
 };
@@ -276,7 +276,9 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   filter_ = Filter(x, covariance, options_.process);
   time_ = time;
   started_ = true;
-  way_ = {{time, T_odom_body(x), Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()}};
+  const auto none = zeros<Eigen::Vector3d>();
+  way_.clear();
+  way_.push_back({time, T_odom_body(x), none, none, none});
   return start;
 }
 
@@ -284,8 +286,8 @@ inline void InertialMotion::step(const ImuInput& input, double dt) {
   const InertialState x = state();
   filter_.predict(input, dt);
   const Eigen::Vector3d velocity = x.get<Inertial::velocity>().value();
-  const Eigen::Vector3d gained = state().get<Inertial::velocity>().value() - velocity;
-  way_.push_back({time_, T_odom_body(x), velocity, gained / dt, input.rate(x)});
+  const Eigen::Vector3d gained = difference_of(state().get<Inertial::velocity>().value(), velocity);
+  way_.push_back({time_, T_odom_body(x), velocity, divided(gained, dt), input.rate(x)});
   time_ = time_ + seconds(dt);
 }
 
@@ -325,9 +327,10 @@ inline void InertialMotion::predict_again(ImuUse use) {
 inline void InertialMotion::forget_velocity() {
   const SE3d begin = T_odom_body(before_.state()), end = T_odom_body(state());
   const double dt = to_seconds(time_ - begin_);
-  const Eigen::Vector3d way = end.translation() - begin.translation(), velocity = way / dt;
-  const Eigen::Vector3d rate = begin.rotation().local(end.rotation()) / dt;
-  way_ = {{begin_, begin, velocity, Eigen::Vector3d::Zero(), rate}};
+  const Eigen::Vector3d velocity = divided(difference_of(end.translation(), begin.translation()), dt);
+  const Eigen::Vector3d rate = divided(begin.rotation().local(end.rotation()), dt);
+  way_.clear();
+  way_.push_back({begin_, begin, velocity, zeros<Eigen::Vector3d>(), rate});
   const double on_the_way = options_.start_speed * options_.start_speed;
   const double since = options_.free_accel * options_.free_accel * dt;
   set_translation(R3d(velocity), std::sqrt(on_the_way + since),
@@ -338,7 +341,7 @@ inline void InertialMotion::forget_velocity() {
     covariance(p, v) = covariance(v, p) = dt * on_the_way;
   }
   filter_.reset(state(), covariance);
-  mean_rate_.setZero();
+  mean_rate_ = zeros<Eigen::Vector3d>();
 }
 
 inline void InertialMotion::set_translation(const R3d& velocity, double speed_deviation, double position_deviation) {
@@ -353,7 +356,7 @@ inline void InertialMotion::set_translation(const R3d& velocity, double speed_de
 inline void InertialMotion::follow() {
   if (!(interval() > 0)) return;
   const InertialState begin = detail::remounted(before_.state(), T_body_lidar(state()));
-  mean_rate_ = begin.get<Inertial::rotation>().local(state().get<Inertial::rotation>()) / interval();
+  mean_rate_ = divided(begin.get<Inertial::rotation>().local(state().get<Inertial::rotation>()), interval());
   if (++followed_ == options_.mounting_after) doubt_mounting();
 }
 

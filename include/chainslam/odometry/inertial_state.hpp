@@ -76,20 +76,29 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
   return product_transposed(product(tangent, block_of<6, 6>(covariance, 0, 0)), tangent);
 }
 
-/// Makes a part's variances those of `deviation` at least.
+/// Makes variances those of `deviation` at least, ...
+inline void raise(InertialState::Jacobian& covariance, int begin, int end, double deviation) {
+  for (int i = begin; i < end; ++i) covariance(i, i) = std::max(covariance(i, i), deviation * deviation);
+}
+/// ... those of a part.
 template <Inertial::Part Part>
 inline void raise(InertialState::Jacobian& covariance, double deviation) {
-  for (int i = inertial_offset<Part>; i < inertial_offset<Part> + InertialState::Part<Part>::dof; ++i)
-    covariance(i, i) = std::max(covariance(i, i), deviation * deviation);
+  constexpr int begin = inertial_offset<Part>;
+  raise(covariance, begin, begin + InertialState::Part<Part>::dof, deviation);
 }
 
-/// Makes a part's variances those of `deviation`, correlated with nothing.
-template <Inertial::Part Part>
-inline void separate(InertialState::Jacobian& covariance, double deviation) {
-  for (int i = inertial_offset<Part>; i < inertial_offset<Part> + InertialState::Part<Part>::dof; ++i) {
+/// Makes variances those of `deviation`, correlated with nothing, ...
+inline void separate(InertialState::Jacobian& covariance, int begin, int end, double deviation) {
+  for (int i = begin; i < end; ++i) {
     for (int j = 0; j < InertialState::dof; ++j) covariance(i, j) = covariance(j, i) = 0;
     covariance(i, i) = deviation * deviation;
   }
+}
+/// ... those of a part.
+template <Inertial::Part Part>
+inline void separate(InertialState::Jacobian& covariance, double deviation) {
+  constexpr int begin = inertial_offset<Part>;
+  separate(covariance, begin, begin + InertialState::Part<Part>::dof, deviation);
 }
 
 }  // namespace chainslam

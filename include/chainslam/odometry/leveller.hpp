@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/lie/so3.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
@@ -26,7 +27,7 @@ class Leveller {
     for (int i = 0; i < 2; ++i) up_at_start[i] -= creep[i];
     const SO3d level = SO3d::between(up, up_at_start);
     const Eigen::Vector3d& position = x.get<Inertial::position>().value();
-    T_odom_map_ = SE3d(level, T_odom_map_ * position - level * position);
+    T_odom_map_ = SE3d(level, difference_of(T_odom_map_ * position, level * position));
   }
 
   /// From the frame of map and filter.

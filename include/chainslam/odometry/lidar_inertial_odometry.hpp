@@ -183,7 +183,7 @@ template <Executor E>
 std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, const E& executor) {
   Attempt first;
   const ImuStart start = options_.motion.initializer.estimate(motion_.imu().samples());
-  const detail::GyroTurn turn(motion_.imu(), sweep.begin, sweep.end, start.gyro_bias);
+  detail::GyroTurn turn(motion_.imu(), sweep.begin, sweep.end, start.gyro_bias);
   first.clouds = this->straightened(sweep, turn.with(zeros<Vector6d>()), executor);
   if (to_index(first.clouds.points.size()) < options_.min_points) {
     ++counts_.empty_scans;
@@ -193,7 +193,7 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, cons
   imu_start_ = motion_.start(sweep.end);
   first.filter = motion_.filter();
   map_.extend(first.clouds.map, T_odom_body(state()));
-  if (sweep.points.has_times()) this->first_ = detail::FirstSweep{std::move(sweep), turn};
+  if (sweep.points.has_times()) this->first_ = detail::FirstSweep{std::move(sweep), std::move(turn)};
   Frame frame = answer(first, FrameStatus::good);
   frame.covariance = detail::anchored_covariance();
   return frame;

@@ -46,7 +46,7 @@ class LocalMap {
 
   /// @param scan  body frame. @param T_odom_body  of the scan.
   void extend(const PointCloud<float>& scan, const SE3d& T_odom_body) {
-    points_.insert(transformed(scan, T_odom_body));
+    points_.insert(transformed(scan.positions, T_odom_body));
     const Eigen::Vector3d& center = T_odom_body.translation();
     if (difference_of(center, center_).norm() >= 0.1 * options_.radius) {
       cut(center, options_.radius);

@@ -65,9 +65,8 @@ class ScanMeasurement {
   /// The pose at which a state puts the scan.
   [[nodiscard]] SE3d pose(const InertialState& x) const {
     const SE3d T = T_odom_body(x) * T_body_lidar(x) * T_body_lidar(prior_.state).inverse();
-    const Eigen::Vector3d change = velocity(x) - velocity(prior_.state);
-    const Eigen::Vector3d lag = age() * change;
-    return SE3d(T.rotation(), T.translation() - lag);
+    const Eigen::Vector3d lag = scaled(age(), difference_of(velocity(x), velocity(prior_.state)));
+    return SE3d(T.rotation(), difference_of(T.translation(), lag));
   }
   /// d pose(x) / d x.
   [[nodiscard]] Eigen::Matrix<double, 6, InertialState::dof> pose_jacobian(const InertialState& x) const {

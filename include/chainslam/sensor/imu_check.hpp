@@ -97,7 +97,11 @@ class ImuCheck {
     return {difference_of(a.gyro, b.gyro).norm(), difference_of(a.accel, b.accel).norm()};
   }
 
-  static bool same_numbers(const ImuSample& a, const ImuSample& b) { return a.gyro == b.gyro && a.accel == b.accel; }
+  static bool same_numbers(const ImuSample& a, const ImuSample& b) {
+    for (int i = 0; i < 3; ++i)
+      if (a.gyro[i] != b.gyro[i] || a.accel[i] != b.accel[i]) return false;
+    return true;
+  }
 
   /// The sample in m/s^2 and rad/s, if these are plausible.
   std::optional<ImuSample> in_range(const ImuSample& raw) {

@@ -25,8 +25,10 @@ class ImuUnitWatch {
     if (samples_.size() < capacity) return;
     done_ = units_.accel != AccelUnit::unknown && units_.gyro != GyroUnit::unknown;
     renewed_ = true;
-    samples_.clear();
-    if (done_) samples_.shrink_to_fit();
+    if (done_)
+      std::vector<ImuSample>().swap(samples_);
+    else
+      samples_.clear();
   }
 
   [[nodiscard]] const ImuUnits& units() const { return units_; }

@@ -64,18 +64,20 @@ inline std::vector<ImuSample> without_spikes(std::span<const ImuSample> samples)
   const auto median = [](double a, double b, double c) {
     return std::max(std::min(a, b), std::min(std::max(a, b), c));
   };
-  std::vector<ImuSample> smooth(finite.begin() + 1, finite.end() - 1);
-  for (std::size_t i = 0; i < smooth.size(); ++i)
+  std::vector<ImuSample> smooth;
+  for (std::size_t i = 1; i + 1 < finite.size(); ++i) {
+    const ImuSample &a = finite[i - 1], &b = finite[i], &c = finite[i + 1];
+    smooth.push_back(b);
     for (int axis = 0; axis < 3; ++axis) {
-      const ImuSample &a = finite[i], &b = finite[i + 1], &c = finite[i + 2];
-      smooth[i].gyro[axis] = median(a.gyro[axis], b.gyro[axis], c.gyro[axis]);
-      smooth[i].accel[axis] = median(a.accel[axis], b.accel[axis], c.accel[axis]);
+      smooth.back().gyro[axis] = median(a.gyro[axis], b.gyro[axis], c.gyro[axis]);
+      smooth.back().accel[axis] = median(a.accel[axis], b.accel[axis], c.accel[axis]);
     }
+  }
   return smooth;
 }
 
 /// @param length  seconds of a stretch, at least.
-inline std::vector<ImuStretch> imu_stretches(std::span<const ImuSample> samples, double length) {
+inline std::vector<ImuStretch> imu_stretches(const std::vector<ImuSample>& samples, double length) {
   std::vector<ImuStretch> stretches;
   ImuStretch sum;
   double begin = 0;
@@ -83,14 +85,13 @@ inline std::vector<ImuStretch> imu_stretches(std::span<const ImuSample> samples,
   for (const ImuSample& sample : samples) {
     const double time = to_seconds(sample.time - samples.front().time);
     if (count > 0 && time - begin >= length) {
-      stretches.push_back(
-          {sum.accel / static_cast<double>(count), sum.gyro / static_cast<double>(count), sum.time / count});
+      stretches.push_back({divided(sum.accel, count), divided(sum.gyro, count), sum.time / count});
       sum = {};
       count = 0;
     }
     if (count == 0) begin = time;
-    sum.accel += sample.accel;
-    sum.gyro += sample.gyro;
+    sum.accel = sum_of(sum.accel, sample.accel);
+    sum.gyro = sum_of(sum.gyro, sample.gyro);
     sum.time += time;
     ++count;
   }
@@ -108,21 +109,19 @@ struct GravityTurn {
 /// A world-fixed direction seen from a body that turns at w moves by d' = d x w. The least-squares factor s in
 /// d' = s (d x w), d the direction of the mean specific force, is 1 where w is in rad/s. Where the body hardly tilts
 /// there is none: turning about the vertical says nothing. The gyroscope's mean counts as bias.
-inline GravityTurn gravity_turn(std::span<const ImuStretch> stretches) {
+inline GravityTurn gravity_turn(const std::vector<ImuStretch>& stretches) {
   GravityTurn turn;
   Eigen::Vector3d bias = Eigen::Vector3d::Zero();
   for (const ImuStretch& stretch : stretches)
-    bias += Eigen::Vector3d(stretch.gyro / static_cast<double>(stretches.size()));
+    bias = sum_of(bias, divided(stretch.gyro, static_cast<double>(stretches.size())));
   double measured = 0, predicted = 0, actual = 0;
   for (std::size_t i = 2; i < stretches.size(); ++i) {
     const ImuStretch &before = stretches[i - 2], &here = stretches[i - 1], &after = stretches[i];
     const double step = after.time - before.time;
     if (step <= 0 || step > 2) continue;  // a gap
     if (before.accel.norm() <= 0 || here.accel.norm() <= 0 || after.accel.norm() <= 0) continue;
-    const auto direction = [](const ImuStretch& stretch) {
-      return Eigen::Vector3d(stretch.accel / stretch.accel.norm());
-    };
-    const Eigen::Vector3d change = difference_of(direction(after), direction(before)) / step;
+    const auto direction = [](const ImuStretch& stretch) { return divided(stretch.accel, stretch.accel.norm()); };
+    const Eigen::Vector3d change = divided(difference_of(direction(after), direction(before)), step);
     const Eigen::Vector3d model = direction(here).cross(difference_of(here.gyro, bias));
     measured += change.dot(model);
     predicted += model.squaredNorm();

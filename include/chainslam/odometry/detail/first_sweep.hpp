@@ -23,9 +23,9 @@ class GyroTurn {
       : duration_(std::max(0.0, to_seconds(end - begin))) {
     imu.for_each_step(begin, end, [&](const ImuStep& step) {
       measured_ = measured_ && step.reading && step.reading->rate_measured;
-      const Eigen::Vector3d rate = step.reading ? Eigen::Vector3d(step.reading->gyro - bias) : Eigen::Vector3d::Zero();
+      const Eigen::Vector3d rate = step.reading ? difference_of(step.reading->gyro, bias) : zeros<Eigen::Vector3d>();
       knots_.push_back({time_, R_begin_end_, rate});
-      R_begin_end_ = R_begin_end_ * SO3d::exp(step.duration * rate);
+      R_begin_end_ = R_begin_end_ * SO3d::exp(scaled(step.duration, rate));
       time_ += step.duration;
     });
     measured_ = measured_ && !knots_.empty();
@@ -40,8 +40,7 @@ class GyroTurn {
     if (!measured_) return SweepMotion::constant_twist(duration_, twist);
     const Eigen::Vector3d velocity = block_of<3, 1>(twist, 0, 0);
     return SweepMotion::sample(duration_, R_begin_end_.log().norm(), [&](double offset) {
-      const Eigen::Vector3d back = (offset - duration_) * velocity;
-      return SE3d(R_begin_end_.inverse() * rotation(offset), back);
+      return SE3d(R_begin_end_.inverse() * rotation(offset), scaled(offset - duration_, velocity));
     });
   }
 
@@ -56,7 +55,7 @@ class GyroTurn {
     std::size_t i = knots_.size() - 1;  // there are a dozen
     while (i > 0 && knots_[i].time > offset) --i;
     const Knot& knot = knots_[i];
-    return knot.R_begin_body * SO3d::exp((offset - knot.time) * knot.rate);
+    return knot.R_begin_body * SO3d::exp(scaled(offset - knot.time, knot.rate));
   }
 
   double duration_;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/odometry/detail/mounting.hpp"
 #include "chainslam/odometry/imu_monitor.hpp"
@@ -18,7 +19,7 @@ namespace chainslam::detail {
   // By one mounting at both ends: what has been learnt of it on the way is no turn of the body.
   const SO3d R_begin = remounted(from, T_body_lidar(to)).get<Inertial::rotation>();
   const Eigen::Vector3d turn = R_begin.local(to.get<Inertial::rotation>());
-  Eigen::Vector3d force = Eigen::Vector3d::Zero();
+  Eigen::Vector3d force = zeros<Eigen::Vector3d>();
   SO3d measured_turn;
   double at = 0;
   bool force_measured = true;
@@ -32,21 +33,22 @@ namespace chainslam::detail {
     }
     force_measured = force_measured && piece.reading->force_measured;
     const double middle = (at - 0.5 * dt) / interval;
-    const SO3d R = R_begin * SO3d::exp(middle * turn);
-    const Eigen::Vector3d rate = piece.reading->gyro - from.get<Inertial::gyro_bias>().value();
-    const Eigen::Vector3d specific = piece.reading->accel - from.get<Inertial::accel_bias>().value();
-    measured_turn = measured_turn * SO3d::exp(dt * rate);
-    force += Eigen::Vector3d(dt / interval * (R * specific));
+    const SO3d R = R_begin * SO3d::exp(scaled(middle, turn));
+    const Eigen::Vector3d rate = difference_of(piece.reading->gyro, from.get<Inertial::gyro_bias>().value());
+    const Eigen::Vector3d specific = difference_of(piece.reading->accel, from.get<Inertial::accel_bias>().value());
+    measured_turn = measured_turn * SO3d::exp(scaled(dt, rate));
+    force = sum_of(force, scaled(dt / interval, R * specific));
   });
   if (!measured) return {};
-  const Eigen::Vector3d gained = to.get<Inertial::velocity>().value() - from.get<Inertial::velocity>().value();
-  const Eigen::Vector3d error = measured_turn.log() - turn;
+  const Eigen::Vector3d gained =
+      difference_of(to.get<Inertial::velocity>().value(), from.get<Inertial::velocity>().value());
+  const Eigen::Vector3d error = difference_of(measured_turn.log(), turn);
   return {.interval = interval,
           .force_measured = force_measured,
           .rate = turn.norm() / interval,
-          .rate_error = error / interval,
-          .up = force - Eigen::Vector3d(gained / interval),
-          .expected_up = gravity * to.get<Inertial::up>().direction()};
+          .rate_error = divided(error, interval),
+          .up = difference_of(force, divided(gained, interval)),
+          .expected_up = scaled(gravity, to.get<Inertial::up>().direction())};
 }
 
 }  // namespace chainslam::detail

@@ -106,7 +106,7 @@ template <std::size_t Count>
   for (int i = 0; i < 3; ++i) adjugate_m[i] = a0 * u0[i] + a1 * u1[i] + a2 * u2[i];
   const double length = adjugate_m.norm();
   if (!(length > 0)) return {};
-  const Eigen::Vector3d normal = adjugate_m / -length;
+  const Eigen::Vector3d normal = divided(adjugate_m, -length);
   const double offset = (l[0] * l[1] * l[2] + m.dot(adjugate_m)) / length;
   for (const Eigen::Vector3d& point : points)
     if (std::abs(normal.dot(point) + offset) > rule.max_deviation) return {};

@@ -18,7 +18,7 @@ namespace chainslam::detail {
 /// A sweep, straightened.
 struct SweepClouds {
   PointCloud<float> whole;        ///< body frame at the sweep's end
-  PointCloud<float> map, points;  ///< of these, for the map and for the filter
+  PointCloud<float> map, points;  ///< of these, for the map and for the filter; positions alone
 };
 
 /// Where a sweep is looked for.

@@ -113,9 +113,9 @@ auto SweepRegistration<Map, Kernel>::straightened(const Sweep& sweep, const Swee
   Clouds clouds;
   const SE3d mounting = motion_.started() ? T_body_lidar(state()) : options_.T_body_lidar;
   clouds.whole = deskew(sweep.points, motion, mounting, executor);
-  clouds.map = voxel_downsample(clouds.whole, options_.map_voxel);
-  clouds.points =
-      options_.scan_voxel > options_.map_voxel ? voxel_downsample(clouds.map, options_.scan_voxel) : clouds.map;
+  clouds.map = voxel_downsample(clouds.whole.positions, options_.map_voxel);
+  clouds.points = options_.scan_voxel > options_.map_voxel ? voxel_downsample(clouds.map.positions, options_.scan_voxel)
+                                                           : clouds.map;
   return clouds;
 }
 
@@ -135,7 +135,7 @@ auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const Guess& gu
       .mean_age = first_ ? 0.0 : sweep.mean_age()};  // a map as skewed as the scan lies at its mean time, too
   const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * block_of<3, 1>(guess.bend, 0, 0);
   R3d& velocity = prior.state.template get<Inertial::velocity>();
-  velocity = R3d(velocity.value() + bent / std::max(motion_.interval(), 1e-3));
+  velocity = R3d(sum_of(velocity.value(), divided(bent, std::max(motion_.interval(), 1e-3))));
   ScanMeasurement measurement(attempt->clouds.points, map_.points(), options_.scan_to_map, options_.scan, prior,
                               executor);
   attempt->report = attempt->filter.update(measurement, options_.iteration, guess.state);
@@ -273,8 +273,10 @@ template <class Map, class Kernel>
 template <Executor E>
 void SweepRegistration<Map, Kernel>::rebuild_map(const FirstSweep& first, const Attempt& second, const E& executor) {
   const auto velocity = [](const InertialState& x) { return x.get<Inertial::velocity>().value(); };
-  const Eigen::Vector3d rate_change = block_of<3, 1>(correction(second), 3, 0) / std::max(motion_.interval(), 1e-3);
-  const Vector6d twist = motion_.twist_at_begin(velocity(second.filter.state()) - velocity(state()), rate_change);
+  const Eigen::Vector3d rate_change =
+      divided(block_of<3, 1>(correction(second), 3, 0), std::max(motion_.interval(), 1e-3));
+  const Vector6d twist =
+      motion_.twist_at_begin(difference_of(velocity(second.filter.state()), velocity(state())), rate_change);
   map_.clear();
   map_.extend(straightened(first.sweep, first.turn.with(twist), executor).map, motion_.way_begin());
 }

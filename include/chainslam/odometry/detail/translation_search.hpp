@@ -62,16 +62,15 @@ struct TranslationSearch {
   [[nodiscard]] std::vector<Place> grid(const SE3d& guess, const Eigen::Vector3d& centre,
                                         const Eigen::Matrix3d& axes) const {
     const Eigen::Vector3d u = block_of<3, 1>(axes, 0, 0), v = block_of<3, 1>(axes, 0, 1);
-    const Eigen::Vector3d off = centre - guess.translation();
+    const Eigen::Vector3d off = difference_of(centre, guess.translation());
     const double to_u = u.dot(off), to_v = v.dot(off);
     const int steps = static_cast<int>(std::ceil(reach / spacing));
     std::vector<Place> places;
     for (int i = -steps; i <= steps; ++i)
       for (int j = -steps; j <= steps; ++j) {
         if (i * i + j * j > steps * steps) continue;
-        const Eigen::Vector3d moved =
-            Eigen::Vector3d((to_u + i * spacing) * u) + Eigen::Vector3d((to_v + j * spacing) * v);
-        places.push_back({SE3d(guess.rotation(), guess.translation() + moved)});
+        const Eigen::Vector3d moved = sum_of(scaled(to_u + i * spacing, u), scaled(to_v + j * spacing, v));
+        places.push_back({SE3d(guess.rotation(), sum_of(guess.translation(), moved))});
       }
     return places;
   }
@@ -88,7 +87,7 @@ struct TranslationSearch {
   }
   [[nodiscard]] bool near(const Place& place, const std::vector<SE3d>& found) const {
     for (const SE3d& T : found)
-      if ((T.translation() - place.T_map_body.translation()).norm() < 1.5 * spacing) return true;
+      if (difference_of(T.translation(), place.T_map_body.translation()).norm() < 1.5 * spacing) return true;
     return false;
   }
 };
@@ -108,16 +107,16 @@ std::vector<SE3d> TranslationSearch::operator()(const Scan& scan, const Map& map
     const Eigen::Matrix3d R = T.rotation().matrix();
     for (const Eigen::Vector3d& p : some) {
       FormerNeighbors<typename Map::Scalar, neighbors> found;
-      const Eigen::Vector3d moved = product(R, p) + T.translation();
+      const Eigen::Vector3d moved = sum_of(product(R, p), T.translation());
       const MatchedPlane plane = match_plane(map, moved, rule, found, {});
-      const Eigen::Vector3d normal = plane.normal.template cast<double>();
+      const Eigen::Vector3d normal = converted<double>(plane.normal);
       if (normal.squaredNorm() == 0) continue;
-      const double distance = normal.dot(Eigen::Vector3d(moved - plane.anchor.template cast<double>()));
+      const double distance = normal.dot(difference_of(moved, converted<double>(plane.anchor)));
       const double root = 1 + distance * distance / (unit * unit);
       take(normal, 1 / (root * root));
     }
   };
-  Eigen::Matrix3d shown = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d shown = zeros<Eigen::Matrix3d>();
   each_plane(guess, [&](const Eigen::Vector3d& n, double weight) {
     for (int j = 0; j < 3; ++j)
       for (int i = 0; i < 3; ++i) shown(i, j) += weight * n[i] * n[j];

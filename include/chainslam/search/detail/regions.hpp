@@ -19,11 +19,19 @@ struct BoxRegion {
   Eigen::AlignedBox<Scalar, Dim> box;
 
   [[nodiscard]] Eigen::AlignedBox<double, Dim> bounds() const { return box.template cast<double>(); }
-  [[nodiscard]] bool contains(const Eigen::Matrix<Scalar, Dim, 1>& p) const { return box.contains(p); }
+  [[nodiscard]] bool contains(const Eigen::Matrix<Scalar, Dim, 1>& p) const {
+    for (Eigen::Index axis = 0; axis < Dim; ++axis)
+      if (!(box.min()[axis] <= p[axis] && p[axis] <= box.max()[axis])) return false;
+    return true;
+  }
   [[nodiscard]] Overlap overlap(const Eigen::AlignedBox<double, Dim>& other) const {
-    const Eigen::AlignedBox<double, Dim> region = box.template cast<double>();
-    if (region.contains(other)) return Overlap::inside;
-    return region.intersects(other) ? Overlap::partly : Overlap::outside;
+    bool inside = true;
+    for (Eigen::Index axis = 0; axis < Dim; ++axis) {
+      const auto low = static_cast<double>(box.min()[axis]), high = static_cast<double>(box.max()[axis]);
+      if (!(low <= other.max()[axis] && other.min()[axis] <= high)) return Overlap::outside;
+      inside = inside && low <= other.min()[axis] && other.max()[axis] <= high;
+    }
+    return inside ? Overlap::inside : Overlap::partly;
   }
 };
 
