@@ -147,7 +147,7 @@ unpack_data
 if [ ${#modules[@]} -eq 0 ]; then mapfile -t modules < <(all_modules); selected=all; else selected=some; fi
 threaded=()
 for module in "${modules[@]}"; do
-  if grep -q '"threads: ' "$root/test/$module"/*_test.cpp; then threaded+=("$module"); fi
+  if grep -q '^ *THREADS_TEST_CASE(' "$root/test/$module"/*_test.cpp; then threaded+=("$module"); fi
 done
 [ "$mode" = quick ] && export CHAINSLAM_QUICK=1
 [ "$mode" = full ] && export CHAINSLAM_FULL=1

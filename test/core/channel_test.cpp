@@ -10,14 +10,15 @@
 #include <vector>
 
 #include "chainslam/core/snapshot.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam {
 namespace {
 
 using Item = std::unique_ptr<int>;
 
-TEST_SUITE("threads: core/channel") {
-  TEST_CASE("items come out in the order in which they went in") {
+TEST_SUITE("core/channel") {
+  THREADS_TEST_CASE("core/channel", "items come out in the order in which they went in") {
     Channel<int> channel(3);
     std::vector<int> received;
     std::jthread writer([&] {
@@ -29,7 +30,8 @@ TEST_SUITE("threads: core/channel") {
     for (int i = 0; i < 1000; ++i) CHECK(received[static_cast<std::size_t>(i)] == i);
   }
 
-  TEST_CASE("a closed channel is drained, takes nothing more, and leaves the refused item with its owner") {
+  THREADS_TEST_CASE("core/channel",
+                    "a closed channel is drained, takes nothing more, and leaves the refused item with its owner") {
     Channel<Item> channel(2);
     CHECK(channel.push(std::make_unique<int>(1)));
     channel.close();
@@ -42,7 +44,7 @@ TEST_SUITE("threads: core/channel") {
     CHECK_FALSE(channel.pop().has_value());
   }
 
-  TEST_CASE("a full channel refuses try_push and never holds more than its capacity") {
+  THREADS_TEST_CASE("core/channel", "a full channel refuses try_push and never holds more than its capacity") {
     Channel<int> channel(2);
     CHECK(channel.try_push(1));
     CHECK(channel.try_push(2));
@@ -52,9 +54,11 @@ TEST_SUITE("threads: core/channel") {
     CHECK(channel.try_push(3));
   }
 
-  TEST_CASE("no capacity is refused") { CHECK_THROWS_AS(Channel<int>(0), std::invalid_argument); }
+  THREADS_TEST_CASE("core/channel", "no capacity is refused") {
+    CHECK_THROWS_AS(Channel<int>(0), std::invalid_argument);
+  }
 
-  TEST_CASE("a stop request wakes a reader of an empty channel and a writer to a full one") {
+  THREADS_TEST_CASE("core/channel", "a stop request wakes a reader of an empty channel and a writer to a full one") {
     Channel<int> empty(1), full(1);
     REQUIRE(full.push(7));
     std::atomic<bool> read = true, written = true;
@@ -67,7 +71,7 @@ TEST_SUITE("threads: core/channel") {
     CHECK(full.size() == 1);
   }
 
-  TEST_CASE("closing wakes everyone who waits") {
+  THREADS_TEST_CASE("core/channel", "closing wakes everyone who waits") {
     Channel<int> empty(1), full(1);
     REQUIRE(full.push(7));
     {
@@ -79,7 +83,7 @@ TEST_SUITE("threads: core/channel") {
     }
   }
 
-  TEST_CASE("many writers and readers lose nothing and double nothing") {
+  THREADS_TEST_CASE("core/channel", "many writers and readers lose nothing and double nothing") {
     constexpr int writers = 4, per_writer = 500;
     Channel<int> channel(5);
     std::vector<std::atomic<int>> seen(writers * per_writer);
@@ -101,8 +105,8 @@ TEST_SUITE("threads: core/channel") {
   }
 }
 
-TEST_SUITE("threads: core/snapshot") {
-  TEST_CASE("is empty until something is stored") {
+TEST_SUITE("core/snapshot") {
+  THREADS_TEST_CASE("core/snapshot", "is empty until something is stored") {
     Snapshot<int> snapshot;
     CHECK(snapshot.load() == nullptr);
     snapshot.store(std::make_shared<const int>(4));
@@ -110,7 +114,8 @@ TEST_SUITE("threads: core/snapshot") {
     CHECK(*Snapshot<int>(std::make_shared<const int>(5)).load() == 5);
   }
 
-  TEST_CASE("readers see whole states, each at least as new as the last, and keep what they hold") {
+  THREADS_TEST_CASE("core/snapshot",
+                    "readers see whole states, each at least as new as the last, and keep what they hold") {
     struct State {
       int version, same_version;
     };

@@ -14,6 +14,7 @@
 
 #include "chainslam/core/thread_pool.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam {
 namespace {
@@ -65,8 +66,8 @@ Index first_failure(const E& executor) {
   return -1;
 }
 
-TEST_SUITE("threads: core/executor") {
-  TEST_CASE("a reduction has the same bits on no, one, two and eight threads") {
+TEST_SUITE("core/executor") {
+  THREADS_TEST_CASE("core/executor", "a reduction has the same bits on no, one, two and eight threads") {
     for (const Index grain : {1, 7, 64, 100'000}) {
       const double expected = harmonic_sum(Serial{}, 10'000, grain);
       for (const Index threads : {0, 1, 2, 8}) {
@@ -76,7 +77,7 @@ TEST_SUITE("threads: core/executor") {
     }
   }
 
-  TEST_CASE("every index is visited once, whatever count and grain") {
+  THREADS_TEST_CASE("core/executor", "every index is visited once, whatever count and grain") {
     const ThreadPool pool(4);
     test::for_all(100, [&](Rng& rng, int size) {
       const Index count = rng.uniform_index(static_cast<Index>(10 * size));
@@ -86,7 +87,7 @@ TEST_SUITE("threads: core/executor") {
     });
   }
 
-  TEST_CASE("counts and grains up to the largest index do not overflow") {
+  THREADS_TEST_CASE("core/executor", "counts and grains up to the largest index do not overflow") {
     const ThreadPool pool(2);
     constexpr Index largest = std::numeric_limits<Index>::max();
     const auto visited = [&](const auto& executor, Index grain) {
@@ -100,7 +101,7 @@ TEST_SUITE("threads: core/executor") {
     }
   }
 
-  TEST_CASE("nothing to do is done at once") {
+  THREADS_TEST_CASE("core/executor", "nothing to do is done at once") {
     const ThreadPool pool(2);
     for (const Index count : {0, -1}) {
       pool.for_chunks(count, 8, [](Index, Index) { FAIL("no chunk was asked for"); });
@@ -109,14 +110,14 @@ TEST_SUITE("threads: core/executor") {
     }
   }
 
-  TEST_CASE("a grain below one is refused") {
+  THREADS_TEST_CASE("core/executor", "a grain below one is refused") {
     const auto nothing = [](Index, Index) {};
     CHECK_THROWS_AS(Serial{}.for_chunks(10, 0, nothing), std::invalid_argument);
     CHECK_THROWS_AS(ThreadPool(2).for_chunks(10, 0, nothing), std::invalid_argument);
     CHECK_THROWS_AS(ThreadPool(2).for_chunks(10, -3, nothing), std::invalid_argument);
   }
 
-  TEST_CASE("the first failure in chunk order is rethrown, and the pool goes on working") {
+  THREADS_TEST_CASE("core/executor", "the first failure in chunk order is rethrown, and the pool goes on working") {
     CHECK(first_failure(Serial{}) == 5);
     for (const Index threads : {1, 2, 8}) {
       const ThreadPool pool(threads);
@@ -125,7 +126,7 @@ TEST_SUITE("threads: core/executor") {
     }
   }
 
-  TEST_CASE("loops nest, and failures come out of both") {
+  THREADS_TEST_CASE("core/executor", "loops nest, and failures come out of both") {
     const ThreadPool pool(3);
     std::atomic<int> visits = 0;
     pool.for_chunks(10, 1, [&](Index, Index) { pool.for_chunks(10, 1, [&](Index, Index) { ++visits; }); });
@@ -137,7 +138,7 @@ TEST_SUITE("threads: core/executor") {
                     std::runtime_error);
   }
 
-  TEST_CASE("several threads may share one pool") {
+  THREADS_TEST_CASE("core/executor", "several threads may share one pool") {
     const ThreadPool pool(3);
     const double expected = harmonic_sum(Serial{}, 2'000, 16);
     std::atomic<int> agreed = 0;
@@ -151,7 +152,7 @@ TEST_SUITE("threads: core/executor") {
     CHECK(agreed == 200);
   }
 
-  TEST_CASE("several threads do work on one loop") {
+  THREADS_TEST_CASE("core/executor", "several threads do work on one loop") {
     const ThreadPool pool(2);
     REQUIRE(pool.threads() == 2);
     // Each of the two chunks waits until the other has begun: one thread alone would never end.
@@ -163,7 +164,7 @@ TEST_SUITE("threads: core/executor") {
     CHECK(begun == 2);
   }
 
-  TEST_CASE("two calls are both made, at the same time where there are threads") {
+  THREADS_TEST_CASE("core/executor", "two calls are both made, at the same time where there are threads") {
     std::string made;
     call_both(
         Serial{}, [&] { made += "first "; }, [&] { made += "second"; });
@@ -178,7 +179,7 @@ TEST_SUITE("threads: core/executor") {
     CHECK(begun == 2);
   }
 
-  TEST_CASE("pools of none and one run on the caller") {
+  THREADS_TEST_CASE("core/executor", "pools of none and one run on the caller") {
     const auto caller = std::this_thread::get_id();
     for (const Index threads : {0, 1, -4}) {
       const ThreadPool pool(threads);

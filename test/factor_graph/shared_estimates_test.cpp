@@ -11,6 +11,7 @@
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/lie/rn.hpp"
 #include "support/street_walk.hpp"
+#include "support/threads_cases.hpp"
 
 using namespace chainslam;
 
@@ -37,8 +38,8 @@ struct Counting {
 }  // namespace
 
 TEST_SUITE("factor_graph/shared_estimates") {
-  TEST_CASE("other threads read whole updates, one after another, while the next one runs" *
-            doctest::test_suite("threads: factor_graph/shared_estimates")) {
+  THREADS_TEST_CASE("factor_graph/shared_estimates",
+                    "other threads read whole updates, one after another, while the next one runs") {
     Counting smoother;
     SharedEstimates<R1d> shared;
     smoother.update(1);
@@ -74,8 +75,7 @@ TEST_SUITE("factor_graph/shared_estimates") {
     CHECK(shared[5] == smoother[5]);
   }
 
-  TEST_CASE("an optimisation on several threads ends at the bits of one" *
-            doctest::test_suite("threads: factor_graph/shared_estimates")) {
+  THREADS_TEST_CASE("factor_graph/shared_estimates", "an optimisation on several threads ends at the bits of one") {
     const auto walk = [] { return test::StreetWalk({.sessions = 2, .keyframes = 300, .blocks = 2}).graph(); };
     PoseGraph one = walk(), four = walk();
     REQUIRE(optimise(one, GaussNewton{}).ok());

@@ -16,6 +16,7 @@
 #include "chainslam/lie/umeyama.hpp"
 #include "support/property.hpp"
 #include "support/real_data.hpp"
+#include "support/threads_cases.hpp"
 
 using namespace chainslam;
 using chainslam::test::for_all;
@@ -96,7 +97,7 @@ TEST_SUITE("odometry/deskew") {
     CHECK(corrected.positions[3].x() == doctest::Approx(9));
   }
 
-  TEST_CASE("threads change no bit, and an empty sweep stays empty" * doctest::test_suite("threads: odometry/deskew")) {
+  THREADS_TEST_CASE("odometry/deskew", "threads change no bit, and an empty sweep stays empty") {
     Rng rng(2);
     const PointCloud<float> sweep = random_sweep(rng, 20000, 0.1);
     const SweepMotion motion = SweepMotion::constant_twist(0.1, twist_of(12, 1, 0, 0.1, 0.2, 1));

@@ -11,6 +11,7 @@
 #include "chainslam/odometry/odometry_source.hpp"
 #include "chainslam/odometry/recorded_odometry.hpp"
 #include "support/quick.hpp"
+#include "support/threads_cases.hpp"
 #include "support/world.hpp"
 
 using namespace chainslam;
@@ -228,7 +229,7 @@ TEST_SUITE("odometry/lidar_odometry") {
     CHECK(after->covariance(0, 0) < restart->covariance(0, 0) + 0.1);
   }
 
-  TEST_CASE("threads change no bit" * doctest::test_suite("threads: odometry/lidar_odometry")) {
+  THREADS_TEST_CASE("odometry/lidar_odometry", "threads change no bit") {
     const ThreadPool threads(3);
     const Run serial = drive(hall(), walking, 12, Spinner{});
     const Run parallel = drive(hall(), walking, 12, Spinner{}, {}, threads);

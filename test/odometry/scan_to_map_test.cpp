@@ -11,6 +11,7 @@
 #include "chainslam/search/voxel_map.hpp"
 #include "support/property.hpp"
 #include "support/quick.hpp"
+#include "support/threads_cases.hpp"
 #include "support/world.hpp"
 
 using namespace chainslam;
@@ -120,7 +121,7 @@ TEST_SUITE("odometry/scan_to_map") {
     CHECK(std::abs(normal_of(rows).z()) > 0.99F);
   }
 
-  TEST_CASE("threads change no bit" * doctest::test_suite("threads: odometry/scan_to_map")) {
+  THREADS_TEST_CASE("odometry/scan_to_map", "threads change no bit") {
     Rng rng(4);
     const VoxelMap<float> map = map_of(hall(), rng);
     const PointCloud<float> scan = seen_from(hall(), SE3d(), rng);

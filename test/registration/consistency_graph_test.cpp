@@ -13,6 +13,7 @@
 #include "chainslam/registration/max_clique.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::test {
 namespace {
@@ -85,10 +86,9 @@ MatchedPoints moved_points(Rng& rng, Index count, bool normals) {
 }  // namespace
 
 TEST_SUITE("registration/consistency_graph") {
-  TEST_CASE(
-      "connects what distances and normals allow, as comparing them one "
-      "by one does" *
-      doctest::test_suite("threads: registration/consistency_graph")) {
+  THREADS_TEST_CASE("registration/consistency_graph",
+                    "connects what distances and normals allow, as comparing them one "
+                    "by one does") {
     for_all(20, [](Rng& rng, int size) {
       const bool normals = size % 2 == 0;
       const MatchedPoints points = moved_points(rng, 5 * size, normals);

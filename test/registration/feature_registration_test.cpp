@@ -10,6 +10,7 @@
 #include "registration/scenes.hpp"
 #include "support/numbers.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::test {
 namespace {
@@ -55,8 +56,8 @@ TEST_SUITE("registration/feature_registration") {
     });
   }
 
-  TEST_CASE("described once or in one go, on one thread or four: the same bits" *
-            doctest::test_suite("threads: registration/feature_registration")) {
+  THREADS_TEST_CASE("registration/feature_registration",
+                    "described once or in one go, on one thread or four: the same bits") {
     Rng rng(2);
     const PointCloud<float> source = view(rng, stand(rng), 6000), target = view(rng, stand(rng), 6000);
     const FeatureRegistration<> registration = small_scale();

@@ -9,6 +9,7 @@
 #include "chainslam/registration/icp.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::test {
 namespace {
@@ -103,8 +104,8 @@ TEST_SUITE("registration/gaussian_voxel_map") {
     }
   }
 
-  TEST_CASE("alignment to it finds T_target_source, the same bits on any number of threads" *
-            doctest::test_suite("threads: registration/gaussian_voxel_map")) {
+  THREADS_TEST_CASE("registration/gaussian_voxel_map",
+                    "alignment to it finds T_target_source, the same bits on any number of threads") {
     for_all(5, [](Rng& rng, int) {
       const SE3d truth = asymmetric_pose() * random_motion(rng, 1.0, 0.5);
       GaussianVoxelMap map;

@@ -12,6 +12,7 @@
 #include "registration/scenes.hpp"
 #include "support/numbers.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::test {
 namespace {
@@ -123,10 +124,9 @@ TEST_SUITE("registration/graph_consensus") {
     }
   }
 
-  TEST_CASE(
-      "swapped, it gives the inverse; the same bits on one, two and "
-      "eight threads" *
-      doctest::test_suite("threads: registration/graph_consensus")) {
+  THREADS_TEST_CASE("registration/graph_consensus",
+                    "swapped, it gives the inverse; the same bits on one, two and "
+                    "eight threads") {
     for_all(6, [](Rng& rng, int) {
       const OrientedMatches made = oriented_matches(rng, 500, 0.8, asymmetric_pose());
       std::vector<FeatureMatch> swapped;

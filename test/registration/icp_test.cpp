@@ -10,6 +10,7 @@
 #include "chainslam/search/indexed_cloud.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::test {
 namespace {
@@ -163,7 +164,7 @@ TEST_SUITE("registration/icp") {
               0.01);
   }
 
-  TEST_CASE("the same bits on one thread, on two and on eight" * doctest::test_suite("threads: registration/icp")) {
+  THREADS_TEST_CASE("registration/icp", "the same bits on one thread, on two and on eight") {
     Rng rng(6);
     const SE3d truth = asymmetric_pose();
     const PointCloud<float> source = seen_from(sample(rng, yard(), 5000, 0.02), truth);

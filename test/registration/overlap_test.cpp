@@ -9,6 +9,7 @@
 #include "chainslam/search/kd_tree.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::test {
 
@@ -56,8 +57,8 @@ TEST_SUITE("registration/overlap") {
     }
   }
 
-  TEST_CASE("any number of threads gives the same bits; senseless arguments are refused" *
-            doctest::test_suite("threads: registration/overlap")) {
+  THREADS_TEST_CASE("registration/overlap",
+                    "any number of threads gives the same bits; senseless arguments are refused") {
     Rng rng(2);
     const KdTree<float> target(sample(rng, yard(), 3000));
     const PointCloud<float> source = sample(rng, yard(), 3000, 0.1);

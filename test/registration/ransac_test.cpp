@@ -12,6 +12,7 @@
 #include "registration/scenes.hpp"
 #include "support/numbers.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::test {
 namespace {
@@ -121,8 +122,7 @@ TEST_SUITE("registration/ransac") {
     CHECK(again < 0.5 * once);
   }
 
-  TEST_CASE("the same bits on one, two and four threads; another seed, another way" *
-            doctest::test_suite("threads: registration/ransac")) {
+  THREADS_TEST_CASE("registration/ransac", "the same bits on one, two and four threads; another seed, another way") {
     for_all(10, [](Rng& rng, int) {
       const MatchedScene made = scene(rng, 500, 0.85, 0.1);
       const KdTree<float> target(made.target);

@@ -12,6 +12,7 @@
 #include "support/numbers.hpp"
 #include "support/property.hpp"
 #include "support/quick.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::test {
 namespace {
@@ -95,10 +96,9 @@ TEST_SUITE("registration/verifier") {
     CHECK(behind.accepted());
   }
 
-  TEST_CASE(
-      "any number of threads gives the same figures; empty clouds are "
-      "refused, mistakes thrown" *
-      doctest::test_suite("threads: registration/verifier")) {
+  THREADS_TEST_CASE("registration/verifier",
+                    "any number of threads gives the same figures; empty clouds are "
+                    "refused, mistakes thrown") {
     Rng rng(2);
     const PointCloud<float> source = sample(rng, yard(), 3000);
     const IndexedCloud<> target(sample(rng, yard(), 3000));
@@ -117,10 +117,9 @@ TEST_SUITE("registration/verifier") {
 }
 
 TEST_SUITE("registration/verified_registration") {
-  TEST_CASE(
-      "aligns two views of a yard to centimetres, in the direction that "
-      "its name says, and back" *
-      doctest::test_suite("threads: registration/verified_registration")) {
+  THREADS_TEST_CASE("registration/verified_registration",
+                    "aligns two views of a yard to centimetres, in the direction that "
+                    "its name says, and back") {
     for_all(6, [](Rng& rng, int) {
       const SE3d T_yard_source = any_stand(rng), T_yard_target = any_stand(rng);
       const SE3d truth = T_yard_target.inverse() * T_yard_source;

@@ -19,6 +19,7 @@
 #include "simulator/hurry.hpp"
 #include "simulator/rig.hpp"
 #include "simulator/town_drive.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam::simulator {
 namespace {
@@ -159,7 +160,7 @@ std::size_t entries_in(const fs::path& path) {
 }  // namespace
 
 TEST_SUITE("simulator/simulate") {
-  TEST_CASE("one thread and two write the same bytes" * doctest::test_suite("threads: simulator/simulate")) {
+  THREADS_TEST_CASE("simulator/simulate", "one thread and two write the same bytes") {
     const Folder one("one");
     const Folder two("two");
     const SimulationReport report = simulate(quick_preset(), 11, one.path, Serial{});

@@ -10,12 +10,13 @@
 #include "chainslam/slam/pipeline.hpp"
 #include "slam/scripted.hpp"
 #include "slam/street.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam {
 namespace {
 
-TEST_SUITE("threads: slam/back_end") {
-  TEST_CASE("readers on other threads see whole maps while a pipeline adds keyframes") {
+TEST_SUITE("slam/back_end") {
+  THREADS_TEST_CASE("slam/back_end", "readers on other threads see whole maps while a pipeline adds keyframes") {
     const std::vector<SE3d> truth = test::way_round();
     Vector6d error;
     error << 0.01, 0.004, 0.002, 0.0002, 0, 0.0009;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "slam/street.hpp"
+#include "support/threads_cases.hpp"
 
 namespace chainslam {
 namespace {
@@ -76,8 +77,9 @@ void drive(Add&& add) {
 
 }  // namespace
 
-TEST_SUITE("threads: slam/pipeline") {
-  TEST_CASE("the back end hears of everything in the order in which it came, on a thread of its own") {
+TEST_SUITE("slam/pipeline") {
+  THREADS_TEST_CASE("slam/pipeline",
+                    "the back end hears of everything in the order in which it came, on a thread of its own") {
     DiaryBackEnd by_hand;
     drive([&](auto&& call) { call(by_hand); });
     for (const std::size_t capacity : {1U, 3U, 64U, 1000U}) {
@@ -92,7 +94,7 @@ TEST_SUITE("threads: slam/pipeline") {
     }
   }
 
-  TEST_CASE("after each item somebody may look at the back end") {
+  THREADS_TEST_CASE("slam/pipeline", "after each item somebody may look at the back end") {
     DiaryBackEnd back_end;
     std::vector<int> seen;
     Pipeline pipeline(back_end, serial, CountKeyframes{&seen});
@@ -104,7 +106,7 @@ TEST_SUITE("threads: slam/pipeline") {
     CHECK(seen == std::vector<int>{0, 1, 1, 2});
   }
 
-  TEST_CASE("what the back end throws reaches whoever finishes, and what came before is in") {
+  THREADS_TEST_CASE("slam/pipeline", "what the back end throws reaches whoever finishes, and what came before is in") {
     DiaryBackEnd back_end;
     back_end.throws_at = 3;
     Pipeline pipeline(back_end, serial);
@@ -121,7 +123,7 @@ TEST_SUITE("threads: slam/pipeline") {
     pipeline.finish();  // said once
   }
 
-  TEST_CASE("what the back end throws reaches whoever adds, even one who waits for room") {
+  THREADS_TEST_CASE("slam/pipeline", "what the back end throws reaches whoever adds, even one who waits for room") {
     DiaryBackEnd back_end;
     back_end.throws_at = 0;
     Pipeline pipeline(back_end, serial, IgnoreSteps{}, 1);
@@ -134,7 +136,7 @@ TEST_SUITE("threads: slam/pipeline") {
     CHECK(back_end.diary.empty());
   }
 
-  TEST_CASE("what whoever looks on throws is heard of too") {
+  THREADS_TEST_CASE("slam/pipeline", "what whoever looks on throws is heard of too") {
     struct Impatient {
       void operator()(const DiaryBackEnd&) const { throw std::runtime_error("disk full"); }
     };
@@ -144,7 +146,7 @@ TEST_SUITE("threads: slam/pipeline") {
     CHECK_THROWS_WITH_AS(pipeline.finish(), "disk full", std::runtime_error);
   }
 
-  TEST_CASE("nothing can be added after the end") {
+  THREADS_TEST_CASE("slam/pipeline", "nothing can be added after the end") {
     DiaryBackEnd back_end;
     Pipeline pipeline(back_end, serial);
     pipeline.add(keyframe(1));
@@ -154,7 +156,7 @@ TEST_SUITE("threads: slam/pipeline") {
     CHECK(back_end.diary.size() == 1);
   }
 
-  TEST_CASE("a pipeline that is given up drops what waits and does not hang") {
+  THREADS_TEST_CASE("slam/pipeline", "a pipeline that is given up drops what waits and does not hang") {
     DiaryBackEnd back_end;
     std::latch opens(1);
     back_end.opens = &opens;
@@ -172,7 +174,8 @@ TEST_SUITE("threads: slam/pipeline") {
     { Pipeline idle(back_end, serial); }
   }
 
-  TEST_CASE("adding waits for room, so that the back end is never farther behind than the capacity") {
+  THREADS_TEST_CASE("slam/pipeline",
+                    "adding waits for room, so that the back end is never farther behind than the capacity") {
     DiaryBackEnd back_end;
     std::latch opens(1);
     back_end.opens = &opens;

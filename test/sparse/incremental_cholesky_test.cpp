@@ -11,6 +11,7 @@
 
 #include "chainslam/core/thread_pool.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 using namespace chainslam;
 using namespace chainslam::test;
@@ -284,8 +285,8 @@ TEST_SUITE("sparse/incremental_cholesky") {
     });
   }
 
-  TEST_CASE("any number of threads gives the bits of one, and names the same variable that fails" *
-            doctest::test_suite("threads: sparse/incremental_cholesky")) {
+  THREADS_TEST_CASE("sparse/incremental_cholesky",
+                    "any number of threads gives the bits of one, and names the same variable that fails") {
     const ThreadPool one(1), two(2), four(4);
     for_all(16, [&](Rng& rng, int size) {
       Solver::Options options = exact(size);

@@ -7,6 +7,7 @@
 #include "chainslam/sparse/cholesky.hpp"
 #include "sparse/patterns.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 using namespace chainslam;
 using namespace chainslam::test;
@@ -26,8 +27,8 @@ BlockPattern square_lattice(Index side) {
 }  // namespace
 
 TEST_SUITE("sparse/parallel_cholesky") {
-  TEST_CASE("any number of threads gives the bits of one, and names the same bad column" *
-            doctest::test_suite("threads: sparse/parallel_cholesky")) {
+  THREADS_TEST_CASE("sparse/parallel_cholesky",
+                    "any number of threads gives the bits of one, and names the same bad column") {
     const ThreadPool one(1), two(2), eight(8);
     for_all(12, [&](Rng& rng, int size) {
       const BlockPattern pattern =
