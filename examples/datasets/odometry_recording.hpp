@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/map/frame_record.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/sensor/gnss_fix.hpp"
@@ -68,6 +68,6 @@ class OdometryRecording {
 
 /// Opens a recording; the frames that are no keyframes have no scan. @throws IoError naming file, line and field.
 [[nodiscard]] std::unique_ptr<Dataset> open_recorded_odometry(const std::filesystem::path& folder,
-                                                      const DatasetOptions& options);
+                                                              const DatasetOptions& options);
 
 }  // namespace chainslam::datasets

@@ -158,7 +158,7 @@ int run(const EvalArguments& options) {
   require_free(options.json, options.overwrite);
   const EndOnInterrupt interrupt(options.json);
   const Evaluation evaluation = evaluate(options);
-  std::fputs(evaluation_table(evaluation).c_str(), stdout);
+  std::fputs(printable(evaluation_table(evaluation), true).c_str(), stdout);
   Output output(options.overwrite);
   if (!options.json.empty())
     output.file(options.json, [&](const FileTarget& target) {

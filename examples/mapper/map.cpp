@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/input_journal.hpp"
 #include "chainslam/io/map_archive.hpp"
@@ -84,17 +85,10 @@ std::string title(const Datasets& datasets) {
   return names;
 }
 
-/// The configuration in force, as a file that repeats the run.
-std::string configuration_text(MapperOptions options) { return make_configuration(options).print(); }
-
 void write_text(const FileTarget& target, const std::string& text) {
   AtomicFile file(target);
   file.write(text);
   file.commit();
-}
-
-void print_notes(const char* mark, const std::vector<std::string>& notes) {
-  for (const std::string& note : notes) std::fprintf(stderr, "%s %s\n", mark, note.c_str());
 }
 
 IoError without_use(const SessionRun& session, const fs::path& data) {
@@ -108,7 +102,8 @@ bool has_empty_session(const MappingResult& mapping, const MapArguments& argumen
   bool any = false;
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     if (mapping.interrupted || !mapping.sessions[i].odometry.empty()) continue;
-    std::fprintf(stderr, "error: %s\n", without_use(mapping.sessions[i], arguments.data[i]).what());
+    std::fprintf(stderr, "error: %s\n",
+                 printable(without_use(mapping.sessions[i], arguments.data[i]).what(), true).c_str());
     any = true;
   }
   return any;
@@ -137,7 +132,7 @@ MappingResult map_or_say_what_is_left(const Datasets& datasets, std::span<const 
     run.progress.finish();
     if (input.keyframes() > 0)
       std::fprintf(stderr, "note: %d keyframes are kept: `chainslam recover %s -o NEW.cslam` makes the map of them\n",
-                   input.keyframes(), folder.path().c_str());
+                   input.keyframes(), printable(folder.path().native()).c_str());
     throw;
   }
 }
@@ -229,10 +224,10 @@ int run(const MapArguments& arguments) {
     mapping.truths_share_frame &= !frame.empty() && frame == datasets[0]->info().truth_frame;
   }
   print_notes("warning:", mapping.notes);
-  if (mapping.failure) std::fprintf(stderr, "error: %s\n", mapping.failure->what());
+  if (mapping.failure) std::fprintf(stderr, "error: %s\n", printable(mapping.failure->what(), true).c_str());
   if (mapping.memory_full)
     std::fprintf(stderr, "error: %s\n",
-                 memory_text(max_memory, mapping.map->keyframes.empty(), folder.target()).c_str());
+                 printable(memory_text(max_memory, mapping.map->keyframes.empty(), folder.target()), true).c_str());
   if (mapping.map->keyframes.empty()) {
     input.remove();
     journal.remove();

@@ -7,6 +7,7 @@
 
 #include "chainslam/cloud/transform.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/io/g2o.hpp"
 #include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
@@ -33,7 +34,7 @@ void write_trajectory(const FileTarget& target, const Trajectory& trajectory, Ex
     write_kitti_poses(target, trajectory);
 }
 
-void print_written(const fs::path& path) { std::printf("written      %s\n", path.c_str()); }
+void print_written(const fs::path& path) { std::printf("written      %s\n", printable(path.native()).c_str()); }
 
 int export_trajectories(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
   const std::string ending = options.format == ExportFormat::tum ? ".tum" : ".kitti.txt";

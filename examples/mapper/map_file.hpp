@@ -23,7 +23,4 @@ namespace chainslam::mapper {
 /// "1 session, 20 keyframes, ..."
 [[nodiscard]] std::string short_account(const SlamMap& map);
 
-/// Text without control characters, fit for a terminal: others are written as \xNN.
-[[nodiscard]] std::string printable(const std::string& text);
-
 }  // namespace chainslam::mapper

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <future>
 #include <memory>
 #include <optional>
 #include <span>
@@ -100,8 +101,6 @@ class MeteredBackEnd {
 
 using MapperPipeline = Pipeline<MeteredBackEnd, ThreadPool>;
 
-bool memory_is_full(const MappingRun& run) { return run.max_memory > 0 && support::current_memory() > run.max_memory; }
-
 /// Maps one data set: what odometry says of each scan goes to the trajectory, what the selector picks to the back end.
 class SessionMapper {
  public:
@@ -118,38 +117,20 @@ class SessionMapper {
   }
 
   [[nodiscard]] SessionRun map() {
-    waiting_.emplace_back(SessionStart{session_.name});
-    try {
-      if (dataset_.info().has_odometry)
-        map_recorded();
-      else
-        map_packets();
-    } catch (const IoError& error) {  // of an input that cannot be read on: what came before is a map all the same
-      if (error.kind() != IoError::Kind::input || session_.odometry.empty()) throw;
-      session_.failure = error;
-    }
+    waiting_.emplace_back(SessionStart{dataset_.info().name});
+    SessionRun session = SessionFrontEnd(dataset_, run_, threads_,
+                                         {.fix = [&](const GnssFix& fix) { waiting_.emplace_back(fix); },
+                                          .frame = [&](const Frame& frame) { add(frame); },
+                                          .scan = [&](const SessionRun& so_far) { show(so_far); }})
+                             .run();
     pass();
-    if (const std::string lost = support::health_sentence(account_of_scans()); !lost.empty())
-      run_.progress.warning(lost);
-    return std::move(session_);
+    await_recording();
+    return session;
   }
 
  private:
-  /// Recorded keyframes were selected by whoever recorded them.
-  [[nodiscard]] KeyframeOptions keyframe_options() const {
-    KeyframeOptions keyframes = run_.options.keyframes;
-    if (dataset_.info().has_odometry) keyframes.distance = 0;
-    return keyframes;
-  }
-
-  [[nodiscard]] bool wants_more() const {
-    return !run_.stop.stop_requested() && !memory_is_full(run_) &&
-           (run_.max_scans == 0 || session_.scans < run_.max_scans);
-  }
-
-  void count_scan() {
-    ++session_.scans;
-    state_.done = session_.scans;
+  void show(const SessionRun& session) {
+    state_.done = session.scans;
     state_.keyframes = back_end_.keyframes();
     state_.direct_closures = back_end_.direct_closures();
     state_.chained_closures = back_end_.chained_closures();
@@ -167,93 +148,25 @@ class SessionMapper {
     pass();
   }
 
-  /// What the session's last line tells.
-  [[nodiscard]] support::SessionSummary account_of_scans() const {
-    support::SessionSummary summary{.name = session_.name,
-                                    .scans = session_.scans,
-                                    .frames = to_index(session_.odometry.size()),
-                                    .lost_frames = lost_.frames};
-    summary.health.restarts = lost_.restarts;
-    if (lost_.frames > 0) summary.health.intervals.push_back(lost_);
-    return summary;
-  }
-
-  void count_lost(const Frame& frame) {
-    if (frame.health.map_restarted) ++lost_.restarts;
-    if (frame.health.status != FrameStatus::lost) return;
-    const double time = to_seconds(frame.time - session_.odometry.times.front());
-    if (lost_.frames++ == 0) lost_.begin = lost_.end = time;
-  }
-
-  /// What has come goes to the back end, but not before it is safe.
+  /// What has come goes to the back end, but not before it is safe. While the disk makes it so, odometry goes on: by
+  /// one batch, so that no more than two are at risk.
   void pass() {
     if (!frames_.empty()) waiting_.emplace_back(std::exchange(frames_, {}));
-    if (run_.record) {
-      const auto measurement = run_.times.measure("journal");
-      run_.record(waiting_);
-    }
-    for (MapInput& input : waiting_) pipeline_.push(std::move(input));
-    waiting_.clear();
-  }
-
-  void map_recorded() {
-    RecordedOdometry odometry([&] {
-      const auto measurement = run_.times.measure("read");
-      return dataset_.next_frame();
+    await_recording();
+    recording_ = std::async(std::launch::async, [this, inputs = std::exchange(waiting_, {})]() mutable {
+      if (run_.record) run_.record(inputs);
+      for (MapInput& input : inputs) pipeline_.push(std::move(input));
     });
-    while (wants_more()) {
-      const std::optional<Frame> frame = odometry.next();
-      if (!frame) break;
-      count_scan();
-      add(*frame);
-    }
-    note(odometry.not_finite(), "frames left out: their poses are not finite");
-    note(odometry.out_of_order(), "frames left out: not later than the one before");
   }
 
-  void map_packets() {
-    const std::unique_ptr<SessionOdometry> odometry = make_session_odometry(run_.options, dataset_.info());
-    double spent = 0;  // seconds since the last scan
-    while (wants_more()) {
-      const std::optional<Packet> packet = [&] {
-        const auto measurement = run_.times.measure("read");
-        return dataset_.next();
-      }();
-      if (!packet) break;
-      if (const auto* fix = std::get_if<GnssFix>(&*packet)) waiting_.emplace_back(*fix);
-      if (run_.options.imu.use == ImuUse::none && std::holds_alternative<ImuSample>(*packet)) continue;
-      // A filter answers a scan when the readings up to its end have come: with a packet after it.
-      const auto begin = std::chrono::steady_clock::now();
-      const std::optional<Frame> frame = odometry->process(*packet, threads_);
-      spent += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-      if (std::holds_alternative<LidarScan>(*packet)) {
-        run_.times.add("odometry", std::exchange(spent, 0.0));
-        count_scan();
-      }
-      if (frame) add(*frame);
-    }
-    while (const std::optional<Frame> frame = odometry->flush(threads_)) add(*frame);
-    note_counts(odometry->counts());
-    session_.calibration = odometry->calibration();
-    if (!session_.calibration) return;
-    for (std::string& note : support::calibration_notes(*session_.calibration))
-      session_.notes.push_back(std::move(note));
+  /// @throws what recording or the back end has thrown.
+  void await_recording() {
+    if (!recording_.valid()) return;
+    const auto measurement = run_.times.measure("journal");
+    recording_.get();
   }
 
-  void note(std::int64_t count, const std::string& what) {
-    if (count > 0) session_.notes.push_back(std::to_string(count) + " " + what);
-  }
-
-  void note_counts(const LidarOdometryCounts& counts) {
-    note(counts.points.not_finite, "points left out: NaN or infinite");
-    note(counts.empty_scans, "scans left out: too few usable points");
-    note(counts.out_of_order_scans, "scans left out: not later than the one before");
-    note(counts.gaps, "gaps in time too long to predict the motion over");
-    session_.imu = counts.imu;
-    for (std::string& finding : datasets::imu_findings(counts.imu)) session_.notes.push_back(std::move(finding));
-  }
-
-  static constexpr Duration most_waiting = std::chrono::milliseconds(500);
+  static constexpr Duration most_waiting = std::chrono::milliseconds(400);
 
   datasets::Dataset& dataset_;
   const MappingRun& run_;
@@ -261,11 +174,11 @@ class SessionMapper {
   const MeteredBackEnd& back_end_;
   MapperPipeline& pipeline_;
   KeyframeSelector select_;
-  SessionRun session_;
-  support::FrameInterval lost_;      ///< all scans that were, from the first on
+  std::optional<Timestamp> first_;   ///< time of the first frame
   std::vector<FrameRecord> frames_;  ///< that the back end does not have yet,
   std::vector<MapInput> waiting_;    ///< and what else it gets before these
   support::ProgressState state_;
+  std::future<void> recording_;  ///< the batch before
 };
 
 /// Shows how the back end catches up with what odometry gave it.
@@ -291,6 +204,8 @@ std::optional<std::string> spacing_note(const BackEndParts& parts) {
 }
 
 }  // namespace
+
+bool memory_is_full(const MappingRun& run) { return run.max_memory > 0 && support::current_memory() > run.max_memory; }
 
 MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets, std::span<const SlamMap> loaded,
                           const MappingRun& run) {

@@ -21,17 +21,20 @@ namespace chainslam::mapper {
 struct MappingRun {
   const MapperOptions& options;
   Index threads = 1;             ///< of the front end and the back end together
-  std::stop_token stop{};          ///< Ctrl-C: the scan at hand is finished, and the run ends as if the data did
+  std::stop_token stop{};        ///< Ctrl-C: the scan at hand is finished, and the run ends as if the data did
   Index max_scans = 0;           ///< of each data set; 0: all
   std::uint64_t max_memory = 0;  ///< bytes of the process, at which the run ends as if the data did; 0: any
   support::Progress& progress;
   support::StageTimes& times;  ///< "read", "odometry", "back end", "final optimisation"
-  /// Called with what the back end gets next, on the front end's thread: once it has returned, no crash loses that. At
-  /// the latest when 0.5 s of data have come since the last call.
+  /// Called with what the back end gets next, before it does, on a thread of its own: once it has returned, no crash
+  /// loses that. At the latest for each 0.4 s of data; the front end is never more than a second ahead.
   std::function<void(std::span<const MapInput>)> record{};
   /// Called after each step of the back end, on its thread, with the map as it is.
   std::function<void(const SlamMap&)> journal{};
 };
+
+/// Whether the process has more in memory than the run allows.
+[[nodiscard]] bool memory_is_full(const MappingRun& run);
 
 /// Maps data sets one after the other on top of maps that were saved before: odometry, keyframes, closures, chains,
 /// merges, pose graph.

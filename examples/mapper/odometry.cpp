@@ -7,13 +7,13 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/printable.hpp"
-#include "chainslam/io/file_system.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "console.hpp"
 #include "datasets/odometry_recording.hpp"
 #include "exit_code.hpp"
 #include "options.hpp"
-#include "output_folder.hpp"
+#include "output.hpp"
 #include "results.hpp"
 #include "session_front_end.hpp"
 #include "simulated_dataset.hpp"
@@ -136,8 +136,8 @@ void print_outcome(const RunOutcome& outcome, const support::StageTimes& times, 
   for (const support::StageTime& row : times.rows())
     if (row.stage == "odometry")
       std::printf("time         %.1f ms per scan (median), %.1f ms (99 %%)\n", 1e3 * row.p50, 1e3 * row.p99);
-  if (!kept.empty()) std::printf("kept         what was there is now %s\n", printable(kept.string()).c_str());
-  std::printf("recorded     %s\n", printable(set.string()).c_str());
+  if (!kept.empty()) std::printf("kept         what was there is now %s\n", printable(kept.native()).c_str());
+  std::printf("recorded     %s\n", printable(set.native()).c_str());
 }
 
 }  // namespace
@@ -148,10 +148,11 @@ int run(const OdometryArguments& arguments) {
   const auto dataset = open_data(arguments, options);
   std::optional<Trajectory> truth =
       arguments.truth.empty() ? dataset->truth() : std::optional(read_trajectory(arguments.truth).trajectory);
+  const support::Interrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
+  folder.drop_all_unless_committed();  // scans without their tables are of no use
   print_notes("note:", dataset->info().notes);
 
-  const support::Interrupt interrupt;
   support::Progress progress;
   support::StageTimes times;
   const MappingRun mapping_run{.options = options,
@@ -163,8 +164,11 @@ int run(const OdometryArguments& arguments) {
   datasets::OdometryRecording recording(folder.path());
   MappingResult result = Recorder(*dataset, mapping_run, recording).record();
   SessionRun& session = result.sessions[0];
-  for (const std::string& warning : dataset->info().warnings) session.notes.push_back(warning);
+  print_notes("warning:", dataset->info().warnings);
   print_notes("note:", session.notes);
+  for (const std::string& warning : dataset->info().warnings) session.notes.push_back(warning);
+  const bool failed = session.failure.has_value();
+  if (failed) std::fprintf(stderr, "error: %s\n", printable(session.failure->what(), true).c_str());
   if (result.map->keyframes.empty() && !result.interrupted)
     throw_input_error(arguments.data.string(), "",
                       std::to_string(session.scans) + " scans, none of which could be used",
@@ -176,10 +180,11 @@ int run(const OdometryArguments& arguments) {
   const fs::path kept = folder.commit();
 
   session.truth = std::move(truth);
-  const bool interrupted = result.interrupted;
+  const bool interrupted = result.interrupted && !failed;
   options.goals = goals_of_odometry(options.goals);
   const RunOutcome outcome = conclude(std::move(result), arguments.data.string(), options);
   print_outcome(outcome, times, folder.target(), kept, options.odometry_source);
+  if (failed) return exit_input;
   if (interrupted) return exit_interrupted;
   for (const support::GoalResult& goal : outcome.summary.goals)
     if (!goal.met) return exit_goal_missed;

@@ -97,7 +97,7 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
     Output output(arguments.overwrite);
     if (!output.file(arguments.out, [&](const FileTarget& target) { write_g2o(target, file); }))
       return output.exit_code(exit_good);
-    std::printf("written      %s\n", arguments.out.c_str());
+    std::printf("written      %s\n", printable(arguments.out.native()).c_str());
   }
   return report.status == OptimizeStatus::converged ? exit_good : exit_goal_missed;
 }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "exit_code.hpp"
 
 namespace chainslam::mapper {
@@ -59,10 +60,10 @@ int Output::exit_code(int otherwise) const { return failures_ > 0 ? exit_output 
 void Output::report(const fs::path& path, const std::exception& error) {
   ++failures_;
   if (dynamic_cast<const IoError*>(&error) != nullptr)
-    std::fprintf(stderr, "error: %s\n", error.what());
+    std::fprintf(stderr, "error: %s\n", printable(error.what(), true).c_str());
   else
     std::fprintf(stderr, "error: %s\n  found: %s\n  do: the other results are whole; run again with more memory\n",
-                 path.c_str(), error.what());
+                 printable(path.native()).c_str(), printable(error.what()).c_str());
 }
 
 OutputFolder::OutputFolder(fs::path target, bool overwrite) : target_(resolved(target)), overwrite_(overwrite) {

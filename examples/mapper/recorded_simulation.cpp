@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -133,6 +134,15 @@ class RecordedDataset final : public datasets::Dataset {
   std::unique_ptr<simulator::RecordedDrive> drive_;
 };
 
+/// @throws ConfigError where trajectory, IMU and what is said of them do not go together.
+std::unique_ptr<simulator::RecordedDrive> make_drive(const RecordedInput& input, const DriveChoice& choice) {
+  try {
+    return std::make_unique<simulator::RecordedDrive>(input.trajectory, input.imu, options_of(choice));
+  } catch (const std::invalid_argument& error) {
+    throw support::ConfigError(error.what());
+  }
+}
+
 }  // namespace
 
 RecordedSimulation make_recorded_simulation(const SimulateArguments& arguments) {
@@ -144,7 +154,7 @@ RecordedSimulation make_recorded_simulation(const SimulateArguments& arguments) 
                            .recorded_imu = !input.imu.empty(),
                            .T_body_lidar = input.T_body_lidar};
   RecordedSimulation simulation;
-  simulation.drive = std::make_unique<simulator::RecordedDrive>(input.trajectory, input.imu, options_of(choice));
+  simulation.drive = make_drive(input, choice);
   if (!input.imu.empty()) simulation.agreement = agreement_of(*simulation.drive, input);
   simulation.agreement += ground_warning(*simulation.drive);
   simulation.texts = {.source = source_of(arguments, input),
@@ -168,7 +178,7 @@ std::unique_ptr<datasets::Dataset> open_recorded_simulation(const fs::path& fold
     read_recorded_imu(arguments, {}, {}, input);
   }
   InputFile source(folder / "simulation/source.txt");
-  auto drive = std::make_unique<simulator::RecordedDrive>(input.trajectory, std::move(input.imu), options_of(choice));
+  auto drive = make_drive(input, choice);
   return std::make_unique<RecordedDataset>(folder, std::move(drive),
                                            std::string(source.read_line().value_or("simulated")));
 }

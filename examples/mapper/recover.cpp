@@ -6,6 +6,7 @@
 #include <system_error>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "end_on_interrupt.hpp"
 #include "exit_code.hpp"
@@ -41,9 +42,10 @@ int recover_file(const std::filesystem::path& path, const RecoverArguments& argu
     check_copy(arguments.out, loaded.map);
   });
   if (!saved) return output.exit_code(exit_good);
-  for (const std::string& line : losses(loaded)) std::printf("lost         %s\n", line.c_str());
+  for (const std::string& line : losses(loaded)) std::printf("lost         %s\n", printable(line).c_str());
   if (loaded.report.complete) std::printf("nothing was lost: the map was whole\n");
-  std::printf("saved        %s\nwritten      %s\n", short_account(loaded.map).c_str(), arguments.out.c_str());
+  std::printf("saved        %s\nwritten      %s\n", short_account(loaded.map).c_str(),
+              printable(arguments.out.native()).c_str());
   return exit_good;
 }
 
@@ -63,7 +65,7 @@ int run(const RecoverArguments& arguments) {
   if (!repeated) return recover_file(unfinished.map, arguments);
   check_copy(arguments.out, *repeated->map);
   std::printf("recovered    %s\nsaved        %s\nwritten      %s\n", repeated->account.c_str(),
-              short_account(*repeated->map).c_str(), arguments.out.c_str());
+              short_account(*repeated->map).c_str(), printable(arguments.out.native()).c_str());
   return exit_good;
 }
 

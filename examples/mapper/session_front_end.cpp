@@ -6,6 +6,7 @@
 #include <utility>
 #include <variant>
 
+#include "chainslam/core/error.hpp"
 #include "chainslam/odometry/recorded_odometry.hpp"
 #include "datasets/imu_findings.hpp"
 #include "support/summary.hpp"
@@ -19,16 +20,22 @@ SessionFrontEnd::SessionFrontEnd(datasets::Dataset& dataset, const MappingRun& r
 }
 
 SessionRun SessionFrontEnd::run() {
-  if (dataset_.info().has_odometry)
-    take_recorded();
-  else
-    take_packets();
+  try {
+    if (dataset_.info().has_odometry)
+      take_recorded();
+    else
+      take_packets();
+  } catch (const IoError& error) {  // of an input that cannot be read on: what came before is of use all the same
+    if (error.kind() != IoError::Kind::input || session_.odometry.empty()) throw;
+    session_.failure = error;
+  }
   warn_of_lost_scans();
   return std::move(session_);
 }
 
 bool SessionFrontEnd::wants_more() const {
-  return !run_.stop.stop_requested() && (run_.max_scans == 0 || session_.scans < run_.max_scans);
+  return !run_.stop.stop_requested() && !memory_is_full(run_) &&
+         (run_.max_scans == 0 || session_.scans < run_.max_scans);
 }
 
 void SessionFrontEnd::count_scan() {

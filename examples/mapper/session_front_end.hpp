@@ -29,7 +29,8 @@ class SessionFrontEnd {
   /// @param run  must outlive the object, as must the data set and the threads.
   SessionFrontEnd(datasets::Dataset& dataset, const MappingRun& run, const ThreadPool& threads, FrontEndSink sink);
 
-  /// To the end of the data, or until the run is to stop. Scans that were lost are told as a warning. @throws IoError
+  /// To the end of the data, or until the run is to stop. Scans that were lost are told as a warning; data that cannot
+  /// be read to their end are the session's `failure`. @throws IoError if they cannot be read at all.
   [[nodiscard]] SessionRun run();
 
  private:

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "chainslam/core/printable.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "exit_code.hpp"
 #include "output.hpp"
@@ -48,7 +49,8 @@ std::optional<simulator::SimulationReport> make_with_progress(const OutputFolder
     return report;
   } catch (const Interrupted&) {
     progress.finish();
-    std::fprintf(stderr, "interrupted: nothing was kept, and what stood at %s still does\n", folder.target().c_str());
+    std::fprintf(stderr, "interrupted: nothing was kept, and what stood at %s still does\n",
+                 printable(folder.target().native()).c_str());
     return std::nullopt;
   }
 }
@@ -71,7 +73,7 @@ int simulate_recorded(const SimulateArguments& arguments) {
   std::printf("%s\n%s%d scans%s, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n", simulation.texts.source.c_str(),
               simulation.agreement.c_str(), report->scans, arguments.scans ? "" : " (not written)",
               1e-6 * static_cast<double>(report->points), report->duration, report->length,
-              1e-6 * static_cast<double>(report->bytes), folder.target().c_str());
+              1e-6 * static_cast<double>(report->bytes), printable(folder.target().native()).c_str());
   return exit_good;
 }
 
@@ -105,7 +107,8 @@ int run(const SimulateArguments& arguments) {
   std::printf("%s, seed %llu: %zu session%s, %d scans, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n",
               preset->name.c_str(), static_cast<unsigned long long>(arguments.seed), preset->sessions.size(),
               preset->sessions.size() == 1 ? "" : "s", report.scans, 1e-6 * static_cast<double>(report.points),
-              report.duration, report.length, 1e-6 * static_cast<double>(report.bytes), folder.target().c_str());
+              report.duration, report.length, 1e-6 * static_cast<double>(report.bytes),
+              printable(folder.target().native()).c_str());
   return exit_good;
 }
 

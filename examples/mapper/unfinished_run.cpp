@@ -27,7 +27,7 @@ bool is_file(const fs::path& path) {
 }
 
 /// The maps that a run had loaded: where they were, and what they were.
-std::vector<SlamMap> loaded_maps(const RecordedInput& recorded, const fs::path& inputs) {
+std::vector<SlamMap> loaded_maps(const JournaledInput& recorded, const fs::path& inputs) {
   std::vector<SlamMap> maps;
   for (const LoadedReference& reference : recorded.loaded) {
     if (!is_file(reference.path) || content_of(reference.path) != reference.content)
@@ -40,7 +40,7 @@ std::vector<SlamMap> loaded_maps(const RecordedInput& recorded, const fs::path& 
   return maps;
 }
 
-MapperOptions options_of(const RecordedInput& recorded, const fs::path& inputs) {
+MapperOptions options_of(const JournaledInput& recorded, const fs::path& inputs) {
   MapperOptions options;
   support::Configuration configuration = make_configuration(options);
   configuration.load_text(recorded.parameters, inputs.string() + ", parameters");
@@ -72,7 +72,7 @@ UnfinishedRun find_unfinished(const fs::path& path) {
 }
 
 std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArguments& arguments) {
-  RecordedInput recorded = read_input_journal(run.inputs);
+  JournaledInput recorded = read_input_journal(run.inputs);
   const std::vector<SlamMap> loaded = loaded_maps(recorded, run.inputs);
   Index known = recorded.keyframes;
   for (const SlamMap& map : loaded) known += to_index(map.keyframes.size());

@@ -26,6 +26,8 @@ class ConfigError : public std::runtime_error {
   ConfigError(const std::string& place, const std::string& problem, const std::string& found, const std::string& remedy)
       : std::runtime_error((place.empty() ? "" : place + ": ") + problem + "\n  found: " + found +
                            "\n  do: " + remedy) {}
+  /// @param message  all three lines.
+  explicit ConfigError(const std::string& message) : std::runtime_error(message) {}
 };
 
 /// What a user is told about a key, and what its values must keep to.

@@ -12,6 +12,7 @@
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/io/atomic_file.hpp"
+#include "support/drawable.hpp"
 
 namespace chainslam::support {
 namespace {

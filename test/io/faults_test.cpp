@@ -129,7 +129,7 @@ TEST_SUITE("io/faults") {
                         [&](const fs::path& folder, const std::string& words, const TracedFiles&) {
                           CHECK((words.empty() == (committed == to_index(map.keyframes.size()))));
                           if (committed == 0) return;
-                          const RecordedInput recorded = read_input_journal(folder / "in.partial");
+                          const JournaledInput recorded = read_input_journal(folder / "in.partial");
                           CHECK(recorded.keyframes >= committed);
                           CHECK(recorded.problems.empty());
                         });

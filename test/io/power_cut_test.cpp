@@ -111,7 +111,7 @@ TEST_SUITE("io/power_cut") {
     const std::vector<MapInput> inputs = inputs_of(map);
     const TracedFiles files;
     CHECK(journal_inputs(folder / "in", inputs, files).back().count == inputs.size());
-    const RecordedInput recorded = read_input_journal(folder / "in.partial");
+    const JournaledInput recorded = read_input_journal(folder / "in.partial");
     CHECK(std::equal(inputs.begin(), inputs.end(), recorded.inputs.begin(), recorded.inputs.end(), same_input));
     CHECK(recorded.parameters == "x = 1\n");
     CHECK(recorded.loaded == std::vector<LoadedReference>{{"/maps/earlier.cslam", 4711}});
@@ -138,7 +138,7 @@ TEST_SUITE("io/power_cut") {
     const int states =
         cut_everywhere({}, files.trace(), full() ? 80 : 12, [&](const fs::path& disk, std::size_t count) {
           const std::size_t safe = acknowledged_at(acknowledged, count);
-          RecordedInput recorded;
+          JournaledInput recorded;
           const std::string error = io_error([&] { return recorded = read_input_journal(disk / "in.partial"), 0; });
           CHECK((error.empty() || safe == 0));
           CHECK(recorded.inputs.size() >= safe);

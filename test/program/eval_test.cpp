@@ -13,7 +13,7 @@ namespace {
 /// What `eval` writes as JSON; the run must end well.
 nlohmann::json evaluate(const ScratchFolder& scratch, const std::string& arguments) {
   const fs::path json = scratch.path() / "eval.json";
-  const ProgramResult result = run_program(scratch.path(), "eval " + arguments + " --json " + quoted(json));
+  const ProgramResult result = run_program(scratch.path(), "eval " + arguments + " --overwrite --json " + quoted(json));
   CAPTURE(arguments);
   CAPTURE(result.errors);
   REQUIRE(result.exit_code == 0);

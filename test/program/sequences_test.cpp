@@ -77,8 +77,8 @@ TEST_SUITE("program/sequences") {
       const fs::path json = scratch.path() / "eval.json";
       const std::string pair = quoted(town / "truth.tum") + " " + quoted(first / file);
       REQUIRE(
-          run_program(scratch.path(), "eval " + pair + " --associate interpolate --json " + quoted(json)).exit_code ==
-          0);
+          run_program(scratch.path(), "eval " + pair + " --associate interpolate --overwrite --json " + quoted(json))
+              .exit_code == 0);
       const nlohmann::json of_files = nlohmann::json::parse(read_text(json))["kitti"];
       CHECK(of_run["segments"] == of_files["segments"]);
       for (const char* figure : {"translation_percent", "rotation_deg_per_100m"})

@@ -173,7 +173,7 @@ class InputJournal {
 };
 
 /// What an `InputJournal` holds.
-struct RecordedInput {
+struct JournaledInput {
   std::vector<MapInput> inputs;  ///< in the order in which they were written
   std::string parameters;
   std::vector<LoadedReference> loaded;
@@ -198,8 +198,8 @@ inline GnssFix read_fix(const MapFileReader& file, std::size_t number) {
 }
 
 /// The inputs that the chunks up to a commit hold; `map` is what they say as a map.
-inline RecordedInput inputs_of(const MapFileReader& file, std::size_t commit, SlamMap map) {
-  RecordedInput recorded;
+inline JournaledInput inputs_of(const MapFileReader& file, std::size_t commit, SlamMap map) {
+  JournaledInput recorded;
   std::size_t sessions = 0, keyframes = 0, frames = 0;
   for (std::size_t number = 0; number <= commit; ++number) {
     const ChunkHeader& header = file.chunks()[number].header;
@@ -231,7 +231,7 @@ inline RecordedInput inputs_of(const MapFileReader& file, std::size_t commit, Sl
 
 /// Reads what an `InputJournal` had committed, up to the first damage.
 /// @throws IoError if the file cannot be read, breaks the format's rules, or nothing was committed.
-[[nodiscard]] inline RecordedInput read_input_journal(const std::filesystem::path& path) {
+[[nodiscard]] inline JournaledInput read_input_journal(const std::filesystem::path& path) {
   const detail::MapFileReader file(path);
   std::size_t sound = 0;
   while (sound < file.chunks().size() && file.stored_payload(sound)) ++sound;
@@ -241,7 +241,7 @@ inline RecordedInput inputs_of(const MapFileReader& file, std::size_t commit, Sl
   detail::MapDecoder decoder(file, options, *commit);
   if (decoder.run()) file.fail("", "damage that comes and goes", "check the disk");
   LoadedMap loaded = decoder.take();
-  RecordedInput recorded = detail::inputs_of(file, *commit, std::move(loaded.map));
+  JournaledInput recorded = detail::inputs_of(file, *commit, std::move(loaded.map));
   recorded.parameters = std::move(loaded.parameters);
   recorded.ignored_bytes = file.size() - file.chunks()[*commit].end();
   if (sound < file.chunks().size()) recorded.problems.push_back(file.place(sound) + ": damaged");
