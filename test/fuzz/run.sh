@@ -36,6 +36,9 @@ for program in ./fuzz_*; do
   case "$name" in
     nclt_hits | nclt_sync | helipr | kitti) kind=bin ;;
     kitti_poses | stamps | extrinsic | kitti_calibration) kind=txt ;;
+    map_chunks) kind=cslam ;;
+    input_journal) kind=partial ;;
+    program_trajectory) kind=tum ;;
     euroc) kind=csv ;;
     range_image_geometry) kind=cfg ;;
     *) kind="$name" ;;
