@@ -38,11 +38,36 @@ fs::path resolved(const fs::path& path) {
   return target;
 }
 
+/// As `fs::create_directory`, again as long as a signal interrupts it.
+bool create_folder(const fs::path& folder, std::error_code& error) {
+  bool made = fs::create_directory(folder, error);
+  while (error == std::errc::interrupted) made = fs::create_directory(folder, error);
+  return made;
+}
+
+/// Makes the disk keep that a folder is in its parent: what is synced in a folder that a loss of power takes is lost.
+void sync_entry(const fs::path& folder) {
+  RealFileSystem files;
+  const fs::path parent = folder.parent_path();
+  if (const int error = detail::uninterrupted([&] { return files.sync_directory(parent); }))
+    throw_output_error(folder.string(), "making the disk keep the folder's entry",
+                       std::generic_category().message(error), "check the disk, or choose another one");
+}
+
+/// Makes a folder and those above it that are not there, and makes the disk keep them.
+void make_parents(const fs::path& folder) {
+  std::error_code error;
+  if (fs::is_directory(folder, error)) return;
+  if (folder.has_relative_path()) make_parents(folder.parent_path());
+  if (!create_folder(folder, error) && error) fail(folder, error, "choose a folder that you may write to");
+  sync_entry(folder);
+}
+
 /// Makes `wanted`, or `wanted`~1, ... : a folder that was not there before.
 fs::path make_folder(const fs::path& wanted) {
   fs::path folder = detail::is_taken(wanted) ? detail::kept_name(wanted) : wanted;
   std::error_code error;
-  while (!fs::create_directory(folder, error)) {
+  while (!create_folder(folder, error)) {
     if (error && error != std::errc::file_exists) fail(folder, error, "choose a folder that you may write to");
     folder = detail::kept_name(wanted);
   }
@@ -68,16 +93,17 @@ void Output::report(const fs::path& path, const std::exception& error) {
 
 OutputFolder::OutputFolder(fs::path target, bool overwrite) : target_(resolved(target)), overwrite_(overwrite) {
   if (!overwrite && holds_something(target_)) detail::throw_taken(target_);
+  make_parents(target_.parent_path());
   std::error_code error;
-  fs::create_directories(target_.parent_path(), error);
-  if (error) fail(target_.parent_path(), error, "choose a folder that you may write to");
   staging_ = target_;
   staging_ = make_folder(staging_ += ".partial");
   try {
+    sync_entry(staging_);
     AtomicFile trial(staging_ / "writable");
     trial.write(std::string_view("yes\n"));
     trial.commit();
   } catch (...) {
+    fs::remove(staging_ / "writable", error);
     fs::remove(staging_, error);
     throw;
   }
@@ -97,13 +123,14 @@ fs::path OutputFolder::commit() {
   RealFileSystem files;
   std::error_code ignored;
   detail::Naming naming{.error = EEXIST};
-  if (fs::is_directory(target_, ignored)) naming.error = files.rename(staging_, target_);  // fits if it is empty
+  if (fs::is_directory(target_, ignored))  // which fits if it is empty
+    naming.error = detail::uninterrupted([&] { return files.rename(staging_, target_); });
   if (naming.error != 0) naming = detail::give_name(files, staging_, target_, overwrite_);
   if (naming.error != 0)
     throw_output_error(target_.string(), naming.doing, std::generic_category().message(naming.error),
                        "the results are whole in " + staging_.string() + ": rename that by hand");
   committed_ = true;
-  if (const int error = files.sync_directory(target_.parent_path()))
+  if (const int error = detail::uninterrupted([&] { return files.sync_directory(target_.parent_path()); }))
     throw_output_error(
         target_.string(), "making the disk keep the folder's entry", std::generic_category().message(error),
         "the results are whole and have their name, but a power cut now could undo that: check the disk");
