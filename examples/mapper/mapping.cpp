@@ -129,7 +129,13 @@ class SessionMapper {
   }
 
  private:
+  /// What is shown is safe, but for the last second.
   void show(const SessionRun& session) {
+    if (at_risk() > most_at_risk) await_recording();
+    if (at_risk() > most_at_risk) {
+      pass();
+      await_recording();
+    }
     state_.done = session.scans;
     state_.keyframes = back_end_.keyframes();
     state_.direct_closures = back_end_.direct_closures();
@@ -138,7 +144,8 @@ class SessionMapper {
   }
 
   void add(const Frame& frame) {
-    if (!first_) first_ = frame.time;
+    if (!first_) first_ = safe_ = frame.time;
+    last_ = frame.time;
     state_.data_seconds = to_seconds(frame.time - *first_);
     frames_.push_back(record_of(frame));
     auto keyframe = select_(frame);
@@ -153,6 +160,7 @@ class SessionMapper {
   void pass() {
     if (!frames_.empty()) waiting_.emplace_back(std::exchange(frames_, {}));
     await_recording();
+    passed_ = last_;
     recording_ = std::async(std::launch::async, [this, inputs = std::exchange(waiting_, {})]() mutable {
       if (run_.record) run_.record(inputs);
       for (MapInput& input : inputs) pipeline_.push(std::move(input));
@@ -164,9 +172,13 @@ class SessionMapper {
     if (!recording_.valid()) return;
     const auto measurement = run_.times.measure("journal");
     recording_.get();
+    safe_ = passed_;
   }
 
-  static constexpr Duration most_waiting = std::chrono::milliseconds(400);
+  /// How far odometry is ahead of what no crash loses.
+  [[nodiscard]] Duration at_risk() const { return last_ - safe_; }
+
+  static constexpr Duration most_waiting = std::chrono::milliseconds(400), most_at_risk = std::chrono::seconds(1);
 
   datasets::Dataset& dataset_;
   const MappingRun& run_;
@@ -174,7 +186,8 @@ class SessionMapper {
   const MeteredBackEnd& back_end_;
   MapperPipeline& pipeline_;
   KeyframeSelector select_;
-  std::optional<Timestamp> first_;   ///< time of the first frame
+  std::optional<Timestamp> first_;   ///< time of the first frame,
+  Timestamp last_, passed_, safe_;   ///< of the last one, of the last passed on, of the last recorded
   std::vector<FrameRecord> frames_;  ///< that the back end does not have yet,
   std::vector<MapInput> waiting_;    ///< and what else it gets before these
   support::ProgressState state_;

@@ -77,8 +77,8 @@ void SessionFrontEnd::take_recorded() {
   while (wants_more()) {
     const std::optional<Frame> frame = odometry.next();
     if (!frame) break;
-    count_scan();
     add(*frame);
+    count_scan();
   }
   note(odometry.not_finite(), "frames left out: their poses are not finite");
   note(odometry.out_of_order(), "frames left out: not later than the one before");
