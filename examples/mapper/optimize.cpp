@@ -1,6 +1,9 @@
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <map>
+#include <queue>
 #include <string>
 #include <vector>
 
@@ -18,22 +21,29 @@ namespace chainslam::mapper {
 
 namespace {
 
-/// Gives vertices that the file does not state the place that the first edge from a known vertex puts them at.
+/// Gives vertices that the file does not state the place that an edge from a known vertex puts them at: always the
+/// first such edge in the file.
 template <class Pose>
 void add_missing_vertices(G2oRecords<Pose>& records) {
   std::map<std::int64_t, Pose> known;
-  for (const auto& vertex : records.vertices) known.emplace(vertex.id, vertex.pose);
+  std::map<std::int64_t, std::vector<std::size_t>> edges_of;
+  std::priority_queue<std::size_t, std::vector<std::size_t>, std::greater<>> next;
+  for (std::size_t i = 0; i < records.edges.size(); ++i)
+    for (const std::int64_t id : {records.edges[i].from, records.edges[i].to}) edges_of[id].push_back(i);
+  const auto add = [&](std::int64_t id, const Pose& pose) {
+    if (!known.emplace(id, pose).second) return;
+    for (const std::size_t edge : edges_of[id]) next.push(edge);
+  };
+  for (const auto& vertex : records.vertices) add(vertex.id, vertex.pose);
   const std::size_t stated = known.size();
-  if (known.empty() && !records.edges.empty()) known.emplace(records.edges.front().from, Pose());
-  for (bool found = true; found;) {
-    found = false;
-    for (const auto& edge : records.edges) {
-      const auto from = known.find(edge.from), to = known.find(edge.to);
-      if (from != known.end() && to == known.end())
-        found = known.emplace(edge.to, from->second * edge.measurement).second;
-      else if (from == known.end() && to != known.end())
-        found = known.emplace(edge.from, to->second * edge.measurement.inverse()).second;
-    }
+  if (known.empty() && !records.edges.empty()) add(records.edges.front().from, Pose());
+  while (!next.empty()) {
+    const auto& edge = records.edges[next.top()];
+    next.pop();
+    if (const auto from = known.find(edge.from); from != known.end())
+      add(edge.to, from->second * edge.measurement);
+    else
+      add(edge.from, known.at(edge.to) * edge.measurement.inverse());
   }
   if (known.size() == stated) return;
   records.vertices.clear();

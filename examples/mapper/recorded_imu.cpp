@@ -54,6 +54,7 @@ void read_intervals(const std::filesystem::path& path, const SimulateArguments& 
 
 Timestamp time_of_frame(const std::vector<Timestamp>& frame_times, double frame) {
   const double last = static_cast<double>(frame_times.size()) - 2.0;
+  frame = std::clamp(frame, -1e6, last + 1e6);
   const double whole = std::clamp(std::floor(frame), 0.0, last);
   const auto i = static_cast<std::size_t>(whole);
   return frame_times[i] + seconds((frame - whole) * to_seconds(frame_times[i + 1] - frame_times[i]));

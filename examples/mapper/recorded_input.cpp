@@ -94,8 +94,28 @@ SE3d frame_in_body(const SimulateArguments& arguments, TrajectoryFormat format, 
   return SE3d();
 }
 
-/// Refuses what no vehicle does. @throws IoError naming the pose.
-void check(const Trajectory& trajectory, const fs::path& path) {
+/// Drops the poses in intervals that touch the start or the end.
+void cut_ends(Trajectory& trajectory, const std::vector<SkippedInterval>& skipped) {
+  constexpr double touching = 0.5;  // seconds
+  Timestamp start = trajectory.times.front(), end = trajectory.times.back();
+  for (const SkippedInterval& interval : skipped) {
+    const auto time = [](double value) { return Timestamp(seconds(std::clamp(value, -9e9, 9e9))); };  // what it can be
+    const Timestamp from = time(interval.from), to = time(interval.to);
+    if (from <= start + seconds(touching)) start = std::max(start, to);
+    if (to >= end - seconds(touching)) end = std::min(end, from);
+  }
+  Trajectory kept;
+  for (std::size_t i = 0; i < trajectory.size(); ++i) {
+    if (trajectory.times[i] < start || trajectory.times[i] > end) continue;
+    kept.times.push_back(trajectory.times[i]);
+    kept.poses.push_back(trajectory.poses[i]);
+  }
+  trajectory = std::move(kept);
+}
+
+}  // namespace
+
+void check_drive(const Trajectory& trajectory, const fs::path& path) {
   constexpr double fastest = 70.0, quickest = 15.0;  // m/s, rad/s
   constexpr double longest_gap = 2.0;                // seconds
   const auto fail = [&](std::size_t pose, const std::string& found, const std::string& remedy) {
@@ -122,26 +142,6 @@ void check(const Trajectory& trajectory, const fs::path& path) {
                       "give a trajectory of at least 10 poses, 2 s and 5 m");
 }
 
-/// Drops the poses in intervals that touch the start or the end.
-void cut_ends(Trajectory& trajectory, const std::vector<SkippedInterval>& skipped) {
-  constexpr double touching = 0.5;  // seconds
-  Timestamp start = trajectory.times.front(), end = trajectory.times.back();
-  for (const SkippedInterval& interval : skipped) {
-    const Timestamp from(seconds(interval.from)), to(seconds(interval.to));
-    if (from <= start + seconds(touching)) start = std::max(start, to);
-    if (to >= end - seconds(touching)) end = std::min(end, from);
-  }
-  Trajectory kept;
-  for (std::size_t i = 0; i < trajectory.size(); ++i) {
-    if (trajectory.times[i] < start || trajectory.times[i] > end) continue;
-    kept.times.push_back(trajectory.times[i]);
-    kept.poses.push_back(trajectory.poses[i]);
-  }
-  trajectory = std::move(kept);
-}
-
-}  // namespace
-
 RecordedInput read_recorded_input(const SimulateArguments& arguments) {
   TrajectoryFile file = read_trajectory(arguments.trajectory, NcltPoses::imu);
   RecordedInput input{.trajectory = std::move(file.trajectory),
@@ -151,11 +151,13 @@ RecordedInput read_recorded_input(const SimulateArguments& arguments) {
   std::vector<Timestamp> frame_times;
   if (!input.trajectory.has_times())
     input.trajectory.times = frame_times = times_of_rows(arguments, input.trajectory.size());
+  // Frames that are numbered lie between two poses.
+  if (input.trajectory.size() < 2) check_drive(input.trajectory, arguments.trajectory);
   const SE3d T_body_frame = frame_in_body(arguments, file.format, input.T_body_lidar);
   for (SE3d& pose : input.trajectory.poses) pose = T_body_frame * pose * T_body_frame.inverse();
   const std::vector<SkippedInterval> skipped = read_skipped(arguments, frame_times);
   cut_ends(input.trajectory, skipped);
-  check(input.trajectory, arguments.trajectory);
+  check_drive(input.trajectory, arguments.trajectory);
   if (!arguments.imu.empty()) read_recorded_imu(arguments, frame_times, skipped, input);
   return input;
 }

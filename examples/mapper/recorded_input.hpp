@@ -35,13 +35,17 @@ struct SkippedInterval {
 /// calibration, IMU rows without overlap.
 [[nodiscard]] RecordedInput read_recorded_input(const SimulateArguments& arguments);
 
+/// Refuses what no vehicle does, and what is too short to be a drive. @throws IoError naming the pose.
+void check_drive(const Trajectory& trajectory, const std::filesystem::path& path);
+
 /// Reads intervals: "FROM:TO" in seconds, or a file with rows `FROM TO` in seconds or, as kitti_imu's filled.txt,
 /// `SEQUENCE FROM TO` in frames, of which those count whose sequence the trajectory's name begins with.
 /// @param frame_times  of KITTI's frames; empty if the trajectory has times of its own.
 [[nodiscard]] std::vector<SkippedInterval> read_skipped(const SimulateArguments& arguments,
                                                         const std::vector<Timestamp>& frame_times);
 
-/// Time of a frame number with a fraction; goes on evenly beyond the ends.
+/// Time of a frame number with a fraction; goes on evenly beyond the ends, by a million frames at most.
+/// @param frame_times  two or more.
 [[nodiscard]] Timestamp time_of_frame(const std::vector<Timestamp>& frame_times, double frame);
 
 /// Reads rows `timestamp,gx,gy,gz,ax,ay,az` (seconds) or `nominal_frame,...` into `input`.

@@ -1,6 +1,7 @@
 #include "recorded_simulation.hpp"
 
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -44,19 +45,33 @@ std::string text_of(const DriveChoice& choice) {
          "\n";
 }
 
+/// A number that the command line would have taken.
+double number_within(const nlohmann::json& json, const char* key, double least, double most) {
+  const double value = json.at(key).get<double>();
+  if (!(value >= least && value <= most)) throw std::out_of_range(std::string(key) + " = " + std::to_string(value));
+  return value;
+}
+
+DriveChoice choice_of(const nlohmann::json& json) {
+  const auto pose = json.at("T_body_lidar").get<std::array<double, 7>>();
+  const Eigen::Quaterniond q(pose[6], pose[3], pose[4], pose[5]);
+  const Eigen::Vector3d t(pose[0], pose[1], pose[2]);
+  if (!(std::abs(q.norm() - 1) < 1e-3 && t.norm() < 100)) throw std::out_of_range("T_body_lidar is no pose");
+  return {.lidar = json.at("lidar"),
+          .columns = static_cast<int>(number_within(json, "columns", 36, 8192)),
+          .lidar_height = number_within(json, "lidar_height", 0.2, 10.0),
+          .seed = json.at("seed"),
+          .recorded_imu = json.at("recorded_imu"),
+          .T_body_lidar = SE3d(SO3d::from_quaternion(q.normalized()), t)};
+}
+
 /// @throws IoError if it is not what `text_of` writes.
 DriveChoice read_choice(const fs::path& path) {
   try {
     std::ifstream file(path);
-    const nlohmann::json json = nlohmann::json::parse(file);
-    const auto pose = json.at("T_body_lidar").get<std::array<double, 7>>();
-    const Eigen::Quaterniond q(pose[6], pose[3], pose[4], pose[5]);
-    return {.lidar = json.at("lidar"),
-            .columns = json.at("columns"),
-            .lidar_height = json.at("lidar_height"),
-            .seed = json.at("seed"),
-            .recorded_imu = json.at("recorded_imu"),
-            .T_body_lidar = SE3d(SO3d::from_quaternion(q.normalized()), {pose[0], pose[1], pose[2]})};
+    return choice_of(nlohmann::json::parse(file));
+  } catch (const std::out_of_range& error) {
+    throw_input_error(path.string(), "", error.what(), "simulate the drive again");
   } catch (const nlohmann::json::exception& error) {
     throw_input_error(path.string(), "", error.what(), "simulate the drive again");
   }
@@ -172,6 +187,7 @@ std::unique_ptr<datasets::Dataset> open_recorded_simulation(const fs::path& fold
                       .T_body_lidar = choice.T_body_lidar,
                       .imu = {},
                       .imu_rows = {}};
+  check_drive(input.trajectory, folder / "simulation/trajectory.tum");
   if (choice.recorded_imu) {
     SimulateArguments arguments;
     arguments.imu = folder / "imu.csv";
