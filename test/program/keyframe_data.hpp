@@ -33,8 +33,9 @@ inline std::vector<Eigen::Vector3f> walled_place(Rng& rng, int points_of_a_wall)
 
 /// Writes a data set of keyframes with recorded odometry: one and a third rounds of the circle, with odometry that
 /// drifts, so that loops close. Mapping it takes the back end alone. @param gnss  whether each keyframe has a fix.
+/// @param spacing  of the keyframes in time, seconds.
 inline void write_keyframes(const fs::path& folder, int count, bool gnss = false, std::uint64_t seed = 5,
-                            int points_of_a_wall = 250) {
+                            int points_of_a_wall = 250, double spacing = 1.5) {
   fs::create_directories(folder / "Scans");
   Rng rng(1);
   const std::vector<Eigen::Vector3f> place = walled_place(rng, points_of_a_wall);
@@ -57,7 +58,7 @@ inline void write_keyframes(const fs::path& folder, int count, bool gnss = false
     char text[128];
     std::snprintf(text, sizeof text, "%06d.pcd", i);
     write_pcd(folder / "Scans" / text, near);
-    std::snprintf(text, sizeof text, "%.3f\n", 100 + 1.5 * i);
+    std::snprintf(text, sizeof text, "%.3f\n", 100 + spacing * i);
     times += text;
     std::snprintf(text, sizeof text, "%.9f %.9f 10 0.5\n", 48 + T_map_body.translation().y() / 111'000,
                   9 + T_map_body.translation().x() / 74'000);

@@ -5,6 +5,7 @@
 #include "chainslam/io/input_journal.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "io/maps.hpp"
+#include "program/faults.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/running.hpp"
 
@@ -14,10 +15,6 @@ namespace {
 
 using namespace chainslam;
 using namespace chainslam::test;
-
-bool three_lines_of(const std::string& errors) {
-  return contains(errors, "error: ") && contains(errors, "\n  found: ") && contains(errors, "\n  do: ");
-}
 
 /// Waits until a run has acknowledged so many keyframes.
 void await_keyframes(const fs::path& left, Index count) {
@@ -49,7 +46,7 @@ TEST_SUITE("program/limits") {
     const ProgramResult none =
         run_program(scratch.path(), command + quoted(scratch.path() / "no") + " --max-memory 1MB");
     CHECK(none.exit_code == 4);
-    CHECK(three_lines_of(none.errors));
+    CHECK(three_lines(none.errors));
     CHECK(!fs::exists(scratch.path() / "no"));
     CHECK(!fs::exists(scratch.path() / "no.partial"));
     const ProgramResult load = run_program(
@@ -128,14 +125,14 @@ TEST_SUITE("program/limits") {
     const ProgramResult limited =
         run_program(scratch.path(), command, "ulimit -f 24;");  // SIGXFSZ kills who does not expect it
     CHECK(limited.exit_code == 4);
-    CHECK(three_lines_of(limited.errors));
+    CHECK(three_lines(limited.errors));
     CHECK(contains(limited.errors, "ulimit -f"));
     for (const char* fault : {"mkdir:out.partial:28:0", "create:writable:28:0", "create:input.cslam:28:0"}) {
       CAPTURE(std::string(fault));
       const ProgramResult none = run_program(
           scratch.path(), command, "LD_PRELOAD=" CHAINSLAM_FAULTS " CHAINSLAM_FAULT='" + std::string(fault) + "'");
       CHECK(none.exit_code == 4);
-      CHECK(three_lines_of(none.errors));
+      CHECK(three_lines(none.errors));
       CHECK(!fs::exists(out));
     }
     const auto shell = [&](const std::string& line) {
@@ -159,7 +156,7 @@ TEST_SUITE("program/limits") {
       const ProgramResult result = run_program(scratch.path(), arguments);
       CAPTURE(result.errors);
       CHECK(result.exit_code == 2);
-      CHECK(three_lines_of(result.errors));
+      CHECK(three_lines(result.errors));
     }
     write_keyframes(scratch.path() / "data", 2);
     const ProgramResult truths = run_program(scratch.path(), "map " + quoted(scratch.path() / "data") + " --out " +

@@ -7,6 +7,7 @@
 
 #include "chainslam/io/map_archive.hpp"
 #include "io/maps.hpp"
+#include "program/faults.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"
 
@@ -16,22 +17,6 @@ namespace {
 
 using namespace chainslam;
 using namespace chainslam::test;
-
-/// What makes the program fail at one operation on files: see faults.cpp.
-std::string with_fault(const std::string& fault, const fs::path& log = {}) {
-  return "LD_PRELOAD=" CHAINSLAM_FAULTS " CHAINSLAM_FAULT='" + fault + "'" +
-         (log.empty() ? "" : " CHAINSLAM_FAULT_LOG=" + quoted(log));
-}
-
-std::set<std::string> names_in(const fs::path& folder) {
-  std::set<std::string> names;
-  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename().string());
-  return names;
-}
-
-bool three_lines(const std::string& errors) {
-  return contains(errors, "error: ") && contains(errors, "\n  found: ") && contains(errors, "\n  do: ");
-}
 
 std::string map_command(const fs::path& data, const fs::path& out) {
   return "map " + quoted(data) + " --out " + quoted(out);

@@ -6,6 +6,7 @@
 
 #include <chrono>
 #include <csignal>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -48,11 +49,27 @@ class Running {
   int wait() {
     int status = 0;
     ::waitpid(pid_, &status, 0);
+    return ended(status);
+  }
+
+  /// The same for so many seconds. @returns nothing if it still runs.
+  std::optional<int> wait_for(double seconds) {
+    const auto begin = std::chrono::steady_clock::now();
+    int status = 0;
+    while (::waitpid(pid_, &status, WNOHANG) == 0) {
+      if (std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() > seconds)
+        return std::nullopt;
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+    return ended(status);
+  }
+
+ private:
+  int ended(int status) {
     pid_ = -1;
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   }
 
- private:
   ::pid_t pid_ = -1;
 };
 

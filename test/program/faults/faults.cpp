@@ -1,7 +1,9 @@
 // Preloaded into the program, this makes one operation on files fail, or all from one on: CHAINSLAM_FAULT is
-// OPERATION:PART:ERRNO:COUNT[:stay], the COUNT-th (from 0) of the operations on files whose path holds PART; with
-// `stay` those after it fail as well, as on a full disk. With errno 0, a write takes half of its bytes.
-// CHAINSLAM_FAULT_LOG names a file that gets a line when the fault was met.
+// OPERATION:PART:ERRNO:COUNT[:stay], the COUNT-th (from 0) of the operations on files whose path, which a $ ends, holds
+// PART; with `stay` those after it fail as well, as on a full disk. OPERATION `any` is all of these. With errno 0, a
+// write takes half of its bytes, and nothing else fails. With errno -1 the power fails at a sync: the file keeps what
+// was synced before, and the program ends. CHAINSLAM_FAULT_LOG names a file that gets a line when the fault was met,
+// CHAINSLAM_FAULT_COUNT one that gets the number of operations that could have met it.
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -10,6 +12,7 @@
 
 #include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <cstdarg>
 #include <cstdio>
 #include <cstdlib>
@@ -48,39 +51,68 @@ Function original(const char* name) {
   return reinterpret_cast<Function>(::dlsym(RTLD_NEXT, name));
 }
 
-void log_fault() {
-  const char* log = std::getenv("CHAINSLAM_FAULT_LOG");
+void append_to(const char* log, const std::string& text) {
   if (log == nullptr) return;
   static const auto real_open = original<int (*)(const char*, int, ...)>("open");
   static const auto real_write = original<ssize_t (*)(int, const void*, size_t)>("write");
   const int file = real_open(log, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
   if (file < 0) return;
-  [[maybe_unused]] const ssize_t written = real_write(file, "met\n", 4);
+  [[maybe_unused]] const ssize_t written = real_write(file, text.data(), text.size());
   ::close(file);
 }
 
+__attribute__((destructor)) void count_operations() {
+  append_to(std::getenv("CHAINSLAM_FAULT_COUNT"), std::to_string(met) + "\n");
+}
+
+bool is_about(const Fault& wanted, std::string path) { return (path + '$').find(wanted.part) != std::string::npos; }
+
 bool fails(const char* operation, const char* path) {
   const Fault* wanted = fault();
-  if (wanted == nullptr || path == nullptr || wanted->operation != operation) return false;
-  if (std::strstr(path, wanted->part.c_str()) == nullptr) return false;
+  if (wanted == nullptr || path == nullptr || (wanted->operation != operation && wanted->operation != "any"))
+    return false;
+  if (!is_about(*wanted, path)) return false;
   const long number = met.fetch_add(1);
-  const bool now = wanted->stays ? number >= wanted->count : number == wanted->count;
+  bool now = wanted->stays ? number >= wanted->count : number == wanted->count;
+  now = now && (wanted->error != 0 || std::strcmp(operation, "write") == 0);
   if (now) {
-    log_fault();
+    append_to(std::getenv("CHAINSLAM_FAULT_LOG"), std::string(operation) + ' ' + path + '\n');
     errno = wanted->error;
   }
   return now;
 }
 
-bool fails(const char* operation, int file) {
-  const Fault* wanted = fault();
-  if (wanted == nullptr || wanted->operation != operation) return false;
+/// The path of an open file; empty if it has none.
+std::string path_of(int file) {
   char link[64], path[4096];
   std::snprintf(link, sizeof link, "/proc/self/fd/%d", file);
   const ssize_t size = ::readlink(link, path, sizeof path - 1);
-  if (size < 0) return false;
-  path[size] = '\0';
-  return fails(operation, path);
+  return size < 0 ? std::string() : std::string(path, static_cast<std::size_t>(size));
+}
+
+bool fails(const char* operation, int file) {
+  const Fault* wanted = fault();
+  if (wanted == nullptr || (wanted->operation != operation && wanted->operation != "any")) return false;
+  return fails(operation, path_of(file).c_str());
+}
+
+/// Where the file that a fault is about ended when it was synced last.
+std::atomic<off_t> synced_size{0};
+
+/// @returns the sync's result, if the program goes on.
+int synced(int file, int (*real)(int)) {
+  const bool failed = fails("sync", file);
+  if (failed && fault()->error == -1) {
+    [[maybe_unused]] const int cut = ::ftruncate(file, synced_size);
+    ::kill(::getpid(), SIGKILL);
+  }
+  if (failed) return -1;
+  const int result = real(file);
+  struct stat information {};
+  if (fault() != nullptr && fault()->error == -1 && is_about(*fault(), path_of(file)) &&
+      ::fstat(file, &information) == 0)
+    synced_size = information.st_size;
+  return result;
 }
 
 }  // namespace
@@ -128,12 +160,12 @@ ssize_t pread64(int file, void* data, size_t size, off64_t offset) {
 
 int fsync(int file) {
   static const auto real = original<int (*)(int)>("fsync");
-  return fails("sync", file) ? -1 : real(file);
+  return synced(file, real);
 }
 
 int fdatasync(int file) {
   static const auto real = original<int (*)(int)>("fdatasync");
-  return fails("sync", file) ? -1 : real(file);
+  return synced(file, real);
 }
 
 int rename(const char* from, const char* to) {
@@ -144,6 +176,16 @@ int rename(const char* from, const char* to) {
 int renameat2(int from_folder, const char* from, int to_folder, const char* to, unsigned flags) {
   static const auto real = original<int (*)(int, const char*, int, const char*, unsigned)>("renameat2");
   return fails("rename", to) ? -1 : real(from_folder, from, to_folder, to, flags);
+}
+
+int link(const char* from, const char* to) {
+  static const auto real = original<int (*)(const char*, const char*)>("link");
+  return fails("link", to) ? -1 : real(from, to);
+}
+
+int unlink(const char* path) {
+  static const auto real = original<int (*)(const char*)>("unlink");
+  return fails("remove", path) ? -1 : real(path);
 }
 
 int mkdir(const char* path, mode_t mode) {
