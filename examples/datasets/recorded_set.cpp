@@ -55,7 +55,7 @@ RecordingInfo info_of(const nlohmann::json& json) {
 RecordingInfo read_info(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
   const nlohmann::json json = nlohmann::json::parse(file, nullptr, false);
-  if (!json.is_object() || json.value("format", "") != recording_format)
+  if (!json.is_object() || json.value("format", nlohmann::json()) != recording_format)
     throw_input_error(
         path.string(), "", "no description of recorded odometry",
         "record it again with `chainslam odometry`; without this file the folder is a plain keyframe set");

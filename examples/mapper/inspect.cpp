@@ -41,8 +41,15 @@ void add_figures(const nlohmann::ordered_json& json, const std::string& prefix, 
 /// What the files of a map say, one after the other.
 datasets::Inspection inspect_map(const fs::path& path) {
   datasets::Inspection result{.kind = "map made by chainslam", .facts = {}, .warnings = {}};
+  constexpr int deepest = 16;  // more levels than summaries have; what takes them one by one has a stack that ends
   std::ifstream file(path / "summary.json");
-  const auto summary = nlohmann::ordered_json::parse(file, nullptr, false);
+  const auto shallow = [&](int depth, auto /*event*/, auto& /*parsed*/) {
+    if (depth > deepest)
+      throw_input_error((path / "summary.json").string(), "", "more than " + std::to_string(deepest) + " levels",
+                        "the file was changed: make the map again");
+    return true;
+  };
+  const auto summary = nlohmann::ordered_json::parse(file, shallow, false);
   if (summary.is_discarded())
     throw_input_error((path / "summary.json").string(), "", "no JSON text",
                       "the file was cut short or changed: make the map again");

@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <functional>
+#include <map>
 #include <new>
 #include <span>
 #include <string>
@@ -16,7 +17,9 @@
 
 #include "chainslam/io/euroc_csv.hpp"
 #include "chainslam/io/g2o.hpp"
+#include "chainslam/io/input_journal.hpp"
 #include "chainslam/io/kitti.hpp"
+#include "chainslam/io/map_archive.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
 #include "chainslam/io/tum.hpp"
@@ -70,20 +73,25 @@ using namespace datasets;
 constexpr std::size_t megabyte = 1'000'000;
 
 /// Has a file of these bytes read, which may be refused by an `IoError`.
-void check_bounded(const std::string& name, const std::string& bytes,
-                   const std::function<void(const std::filesystem::path&)>& read) {
-  CAPTURE(name);
+void check_bounded_file(const std::filesystem::path& path, const std::string& bytes,
+                        const std::function<void(const std::filesystem::path&)>& read) {
+  CAPTURE(path.filename().string());
   REQUIRE(bytes.size() <= megabyte);
-  const TemporaryFolder folder;
-  write_bytes(folder / name, bytes);
+  write_bytes(path, bytes);
   const std::size_t before = memory_now;
   memory_most = before;
   const auto start = std::chrono::steady_clock::now();
-  const std::string error = io_error([&] { return read(folder / name), 0; });
+  const std::string error = io_error([&] { return read(path), 0; });
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   CAPTURE(error);
   CHECK(memory_most - before < 512'000'000);
   CHECK(elapsed.count() < 1.0);
+}
+
+void check_bounded(const std::string& name, const std::string& bytes,
+                   const std::function<void(const std::filesystem::path&)>& read) {
+  const TemporaryFolder folder;
+  check_bounded_file(folder / name, bytes, read);
 }
 
 void read_data(const std::filesystem::path& path) {
@@ -335,6 +343,79 @@ TEST_SUITE("datasets/bounded readers") {
                                          filled("FIELDS ", "x ")};
     for (const auto& [name, read] : readers)
       for (const std::string& text : texts) check_bounded(name, text, read);
+  }
+
+  TEST_CASE("chunks of maps and of journals take what their bytes hold, whatever they claim under right checksums") {
+    const auto read_both = [](const std::filesystem::path& path) {
+      static_cast<void>(io_error([&] { return load_map(path, {.recover = true}).report.complete; }));
+      static_cast<void>(io_error([&] { return load_map(path).report.complete; }));
+      static_cast<void>(read_input_journal(path));
+    };
+    const auto bytes_of = [](std::uint16_t type, std::uint32_t codec, std::uint32_t count, std::uint64_t raw,
+                             const std::string& payload) {
+      const auto* text = reinterpret_cast<const std::byte*>(payload.data());
+      std::vector<std::byte> bytes;
+      detail::append_map_header(bytes, {.file_id = 1});
+      detail::append_chunk(bytes, {.type = static_cast<std::uint16_t>(detail::ChunkType::parameters), .file_id = 1},
+                           {});
+      detail::append_chunk(
+          bytes, {.type = type, .codec = codec, .count = count, .raw_bytes = raw, .sequence = 1, .file_id = 1},
+          std::vector<std::byte>(text, text + payload.size()));
+      detail::append_chunk(
+          bytes,
+          {.type = static_cast<std::uint16_t>(detail::ChunkType::commit), .count = 1, .sequence = 2, .file_id = 1},
+          std::vector<std::byte>(32));
+      return std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    };
+    const std::string zeros(900'000, '\0'), packed = zstd_packed(std::string(5'000'000, '\0')), ones(64, '\xFF');
+    for (std::uint16_t type = 1; type <= 15; ++type)
+      for (const std::uint16_t flag : {std::uint16_t{0}, detail::critical}) {
+        if (!detail::is_known_chunk(type | flag)) continue;
+        CAPTURE(type);
+        const auto kind = static_cast<std::uint16_t>(type | flag);
+        check_bounded("a.cslam", bytes_of(kind, 0, 0xFFFF'FFFFU, zeros.size(), zeros), read_both);
+        check_bounded("a.cslam", bytes_of(kind, 0, 1'000'000, ones.size(), ones), read_both);
+        check_bounded("a.cslam", bytes_of(kind, 1, 0xFFFF'FFFFU, std::uint64_t{1} << 28, packed), read_both);
+        check_bounded("a.cslam", bytes_of(kind, 1, 2'000'000'000, 6 * packed.size(), packed), read_both);
+      }
+  }
+
+  TEST_CASE("data sets of several files, one of which is large") {
+    const std::string row = "1 0 0 0 0 1 0 0 0 0 1 0\n",
+                      cloud = pcd("4 4 4", "F F F", "1 1 1", "1", "ascii") + "1 2 3\n";
+    const std::map<std::string, std::string> keyframes{
+        {"Scans/0.pcd", cloud}, {"times.txt", "1\n"}, {"odom_poses.txt", row}, {"gnss.txt", "48 9 100 1\n"}};
+    const std::map<std::string, std::string> images{{"data/0.png", zero_png(2, 2)},
+                                                    {"velodyne_config.txt", "500 4 2 180 -180 -30 0\n"},
+                                                    {"timestamps_start.txt", "2011-07-14 13:52:31.1\n"},
+                                                    {"timestamps_end.txt", "2011-07-14 13:52:31.2\n"}};
+    const std::map<std::string, std::string> tables{{"velodyne_sync/1326030975000000.bin", std::string(8, '\0')},
+                                                    {"ms25.csv", ""},
+                                                    {"gps.csv", ""},
+                                                    {"gps_rtk.csv", ""},
+                                                    {"groundtruth.csv", ""}};
+    std::map<std::string, std::string> recorded = keyframes;
+    recorded["odometry.json"] = recorded["frames.csv"] = recorded["fixes.csv"] = "";
+    const std::map<std::string, std::string> raw{{"velodyne_points/timestamps_start.txt", "2011-09-26 13:02:25.0\n"},
+                                                 {"velodyne_points/timestamps_end.txt", "2011-09-26 13:02:25.1\n"},
+                                                 {"velodyne_points/data/0.bin", std::string(16, '\0')},
+                                                 {"oxts/timestamps.txt", "2011-09-26 13:02:25.0\n"}};
+    const std::map<std::string, std::string> mulran{
+        {"Ouster/1.bin", std::string(16, '\0')}, {"xsens_imu.csv", ""}, {"gps.csv", ""}, {"global_pose.csv", ""}};
+    const std::map<std::string, std::string> scenes{
+        {"v1.0/scene.json", "[]"},       {"v1.0/sample.json", "[]"},
+        {"v1.0/sensor.json", "[]"},      {"v1.0/calibrated_sensor.json", "[]"},
+        {"v1.0/sample_data.json", "[]"}, {"v1.0/ego_pose.json", "[]"}};
+    for (const auto& set : {keyframes, images, tables, recorded, raw, mulran, scenes})
+      for (const auto& [name, text] : set)
+        for (const std::string& large :
+             {filled("", row), filled("", "1,2,3,4,5,6,7,8,9,10,11,12\n"), filled("", "9"), filled("", "["),
+              filled("[", "{\"token\": \"a\", \"name\": \"b\"},"), filled("", "\n"), filled(text, "1\n")}) {
+          const TemporaryFolder folder;
+          for (const auto& [other, bytes] : set)
+            if (other != name) write_bytes(folder / other, bytes);
+          check_bounded_file(folder / name, large, [&](const auto&) { read_data(folder.path()); });
+        }
   }
 }
 

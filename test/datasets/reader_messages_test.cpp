@@ -101,6 +101,8 @@ std::vector<DatasetCase> dataset_cases() {
   const std::string inspva = "Inertial_data/inspva.csv", scan = "LiDAR/Ouster/1691936500000000000.bin";
   return {
       // Recorded odometry.
+      {with(recorded_frame("0"), {{"odometry.json", "{\"format\": 7}"}}), "odometry.json", "",
+       "no description of recorded odometry", "record it again with `chainslam odometry`; without this file"},
       {with(recorded_frame("0"), {{"odometry.json", "{}"}}), "odometry.json", "", "no description of recorded odometry",
        "record it again with `chainslam odometry`; without this file"},
       {with(recorded_frame("0"),

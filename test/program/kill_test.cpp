@@ -122,7 +122,33 @@ TEST_SUITE("program/kill") {
     good(root, "map " + quoted(root / "data") + " --out " + quoted(root / "first"));
     const std::string arguments =
         "map " + quoted(root / "next") + " --load " + quoted(root / "first") + " --threads 1 --out ";
+    const auto begin = Clock::now();
     good(root, arguments + quoted(root / "whole"));
+    const double whole_run = seconds_since(begin);
+    const SlamMap whole = load_map(root / "whole/map.cslam").map;
+    Rng rng(5);
+    for (int i = 0; i < (full() ? 40 : 4); ++i) {  // at random moments, loading among them
+      CAPTURE(i);
+      {
+        Running run({"map", (root / "next").string(), "--load", (root / "first").string(), "--out", out.string()},
+                    root / "errors");
+        sleep_for(rng.uniform(0, 1.1 * whole_run));
+        run.signal(SIGKILL);
+        static_cast<void>(run.wait());
+      }
+      CHECK(load_map(root / "first/map.cslam").map.keyframes.size() == 40);
+      Index acknowledged = 0;
+      try_reading([&] { acknowledged = read_input_journal(left / "input.cslam.partial").keyframes; });
+      if (fs::exists(out)) CHECK(read_text(out / "map.cslam") == read_text(root / "whole/map.cslam"));
+      if (acknowledged > 0 && !fs::exists(left / "map.cslam")) {
+        good(root, "recover " + quoted(left) + " --out " + quoted(root / "recovered.cslam"));
+        const SlamMap recovered = load_map(root / "recovered.cslam").map;
+        CHECK(to_index(recovered.keyframes.size()) == 40 + acknowledged);
+        CHECK(begins_with(whole, recovered));
+        if (acknowledged == 40) CHECK(read_text(root / "recovered.cslam") == read_text(root / "whole/map.cslam"));
+      }
+      for (const char* name : {"out", "out.partial", "recovered.cslam"}) fs::remove_all(root / name);
+    }
     {
       // Killed where all inputs are in the journal, and loops are still being closed.
       Running run({"map", (root / "next").string(), "--load", (root / "first").string(), "--out", out.string()},

@@ -1,3 +1,5 @@
+#include <unistd.h>
+
 #include <csignal>
 #include <string>
 #include <vector>
@@ -43,6 +45,13 @@ TEST_SUITE("program/limits") {
     CHECK(keyframes > 0);
     CHECK(keyframes < 36);
     CHECK(fs::exists(out / "trajectory.tum"));
+    // By default, it may have half of the machine's memory: here of 32 MB.
+    const std::string small_machine = "LD_PRELOAD=" CHAINSLAM_FAULTS " CHAINSLAM_MACHINE_PAGES=" +
+                                      std::to_string(32'000'000 / ::sysconf(_SC_PAGESIZE));
+    const ProgramResult half = run_program(scratch.path(), command + quoted(scratch.path() / "half"), small_machine);
+    CHECK(half.exit_code == 4);
+    CHECK(contains(half.errors, "more than 16 MB in use (--max-memory)"));
+    CHECK(load_map(scratch.path() / "half/map.cslam").map.keyframes.size() > 0);
     const ProgramResult none =
         run_program(scratch.path(), command + quoted(scratch.path() / "no") + " --max-memory 1MB");
     CHECK(none.exit_code == 4);

@@ -188,6 +188,12 @@ int unlink(const char* path) {
   return fails("remove", path) ? -1 : real(path);
 }
 
+long sysconf(int name) {
+  static const auto real = original<long (*)(int)>("sysconf");
+  const char* pages = std::getenv("CHAINSLAM_MACHINE_PAGES");
+  return name == _SC_PHYS_PAGES && pages != nullptr ? std::atol(pages) : real(name);
+}
+
 int mkdir(const char* path, mode_t mode) {
   static const auto real = original<int (*)(const char*, mode_t)>("mkdir");
   return fails("mkdir", path) ? -1 : real(path, mode);
