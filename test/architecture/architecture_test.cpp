@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <set>
 #include <string>
 
@@ -193,5 +194,72 @@ TEST_SUITE("architecture") {
           Problems{"top/d.hpp: includes \"d.hpp\" without its whole name chainslam/..."});
     CHECK(problems_with("top/d.hpp", "#include <chainslam/base/a.hpp>\n") ==
           Problems{"top/d.hpp: includes <chainslam/base/a.hpp> with angle brackets"});
+  }
+
+  TEST_CASE("every source that reads files from outside is fuzzed by a target that is named here") {
+    // What opens nothing of its own, or opens the program's own or the system's files, has none.
+    const std::map<std::string, std::string> targets{{"include/chainslam/io/detail/map_file_reader.hpp", "map_chunks"},
+                                                     {"include/chainslam/io/detail/partial_file.hpp", ""},
+                                                     {"include/chainslam/io/detail/point_records.hpp", "pcd"},
+                                                     {"include/chainslam/io/euroc_csv.hpp", "euroc"},
+                                                     {"include/chainslam/io/file_system.hpp", ""},
+                                                     {"include/chainslam/io/g2o.hpp", "g2o"},
+                                                     {"include/chainslam/io/input_file.hpp", "tum"},
+                                                     {"include/chainslam/io/input_journal.hpp", "input_journal"},
+                                                     {"include/chainslam/io/kitti.hpp", "kitti_poses"},
+                                                     {"include/chainslam/io/map_archive.hpp", "cslam"},
+                                                     {"include/chainslam/io/pcd.hpp", "point_headers"},
+                                                     {"include/chainslam/io/ply.hpp", "ply"},
+                                                     {"include/chainslam/io/tum.hpp", "tum"},
+                                                     {"examples/datasets/cloud_folder.cpp", "kitti"},
+                                                     {"examples/datasets/db3.cpp", "db3"},
+                                                     {"examples/datasets/extrinsic.cpp", "extrinsic"},
+                                                     {"examples/datasets/files.cpp", "stamps"},
+                                                     {"examples/datasets/imu_table.cpp", "imu_table"},
+                                                     {"examples/datasets/inspect.cpp", ""},
+                                                     {"examples/datasets/json_table.cpp", "nuscenes"},
+                                                     {"examples/datasets/keyframe_set.cpp", "keyframes"},
+                                                     {"examples/datasets/kitti_calibration.cpp", "kitti_calibration"},
+                                                     {"examples/datasets/kitti_raw.cpp", "kitti_raw"},
+                                                     {"examples/datasets/mcap.cpp", "mcap"},
+                                                     {"examples/datasets/mulran.cpp", "mulran"},
+                                                     {"examples/datasets/nclt.hpp", "nclt_hits"},
+                                                     {"examples/datasets/number_rows.hpp", "nclt_tables"},
+                                                     {"examples/datasets/png_image.cpp", "png"},
+                                                     {"examples/datasets/pose_table.hpp", "newer_college"},
+                                                     {"examples/datasets/range_image.cpp", "range_images"},
+                                                     {"examples/datasets/recorded_set.cpp", "recorded_odometry"},
+                                                     {"examples/datasets/ros1_bag.cpp", "bag"},
+                                                     {"examples/mapper/inspect.cpp", ""},
+                                                     {"examples/mapper/main.cpp", ""},
+                                                     {"examples/mapper/map_file.cpp", "cslam"},
+                                                     {"examples/mapper/recorded_imu.cpp", "program_recorded_drive"},
+                                                     {"examples/mapper/recorded_input.cpp", "program_recorded_drive"},
+                                                     {"examples/mapper/recorded_simulation.cpp", ""},
+                                                     {"examples/mapper/trajectory_file.cpp", "program_trajectory"},
+                                                     {"examples/support/configuration.cpp", "toml"},
+                                                     {"examples/support/progress.cpp", ""},
+                                                     {"examples/support/report.cpp", ""}};
+    const std::filesystem::path root = CHAINSLAM_SOURCE_DIR;
+    const auto opens = [](const std::string& source) {
+      for (const char* word : {"InputFile file", "InputFile rows", "InputFile source", "InputFile(", "ifstream",
+                               "MapFileReader file", "sqlite3_open", "::open("})
+        if (source.find(word) != std::string::npos) return true;
+      return false;
+    };
+    std::set<std::string> readers;
+    for (const char* folder :
+         {"include/chainslam", "examples/datasets", "examples/mapper", "examples/support", "examples/simulator"})
+      for (const auto& entry : std::filesystem::recursive_directory_iterator(root / folder))
+        if (entry.is_regular_file() && opens(read_text(entry.path())))
+          readers.insert(entry.path().lexically_relative(root).generic_string());
+    CHECK(readers.size() > 30);
+    for (const std::string& reader : readers)
+      CHECK_MESSAGE(targets.contains(reader), reader << " reads files; name the target that fuzzes it");
+    for (const auto& entry : targets) {
+      CHECK_MESSAGE(std::filesystem::exists(root / entry.first), entry.first);
+      const std::string fuzzer = entry.second.empty() ? "run.sh" : entry.second + ".cpp";
+      CHECK_MESSAGE(std::filesystem::exists(root / "test/fuzz" / fuzzer), fuzzer);
+    }
   }
 }

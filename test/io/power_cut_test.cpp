@@ -129,6 +129,20 @@ TEST_SUITE("io/power_cut") {
     CHECK(other.files() == 0);
   }
 
+  TEST_CASE("a map's file is no journal of inputs, and is refused where it states a session again") {
+    const TemporaryFolder folder;
+    GrowingMap growing(4);
+    MapJournal<UnsyncedFiles> journal(folder / "a");
+    for (int i = 0; i < 3; ++i) growing.add_keyframe();
+    growing.begin_session("second");
+    growing.add_keyframe();
+    journal.update(growing.map());
+    growing.merge();
+    journal.update(growing.map());
+    const std::string words = io_error([&] { return read_input_journal(folder / "a.partial").keyframes; });
+    CHECK(says(words, "found: a session that the journal had already\n  do: this is no journal of inputs"));
+  }
+
   TEST_CASE("a power cut at any moment: every acknowledged input is there, and none is another") {
     const std::vector<MapInput> inputs = inputs_of(random_map(3, 10, 60));
     const TemporaryFolder folder;

@@ -198,17 +198,28 @@ inline GnssFix read_fix(const MapFileReader& file, std::size_t number) {
 }
 
 /// The inputs that the chunks up to a commit hold; `map` is what they say as a map.
+/// @throws IoError if a map's chunks stand where a journal of inputs has none: sessions, for one, are stated again
+/// there.
 inline JournaledInput inputs_of(const MapFileReader& file, std::size_t commit, SlamMap map) {
   JournaledInput recorded;
   std::size_t sessions = 0, keyframes = 0, frames = 0;
+  const auto require = [&](std::size_t number, std::size_t used, std::size_t wanted, std::size_t all,
+                           const char* what) {
+    if (wanted > all - used)
+      file.fail(file.place(number), std::string(what) + " that the journal had already",
+                "this is no journal of inputs: give map.cslam.partial to `chainslam recover` if it is a map's");
+  };
   for (std::size_t number = 0; number <= commit; ++number) {
     const ChunkHeader& header = file.chunks()[number].header;
     if (header.is(ChunkType::session)) {
+      require(number, sessions, 1, map.sessions.size(), "a session");
       recorded.inputs.emplace_back(SessionStart{map.sessions[sessions++].name});
     } else if (header.is(ChunkType::keyframes)) {
+      require(number, keyframes, header.count, map.keyframes.size(), "keyframes");
       for (std::uint32_t i = 0; i < header.count; ++i)
         recorded.inputs.emplace_back(std::move(map.keyframes[keyframes++]));
     } else if (header.is(ChunkType::frames)) {
+      require(number, frames, header.count, map.frames.size(), "frames");
       const auto first = map.frames.begin() + static_cast<std::ptrdiff_t>(frames);
       recorded.inputs.emplace_back(std::vector<FrameRecord>(first, first + header.count));
       frames += header.count;
