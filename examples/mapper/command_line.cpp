@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/printable.hpp"
 #include "chainslam/core/version.hpp"
 #include "exit_code.hpp"
 #include "simulator/lidar_model.hpp"
@@ -392,7 +393,7 @@ int run_command_line(int argc, const char* const* argv) {
     const std::vector<CLI::App*> verbs = program.get_subcommands();
     const std::string verb = verbs.empty() ? "" : " " + verbs.front()->get_name();
     std::fprintf(stderr, "error: chainslam%s\n  found: %s\n  do: `chainslam%s --help` says what it takes\n",
-                 verb.c_str(), error.what(), verb.c_str());
+                 verb.c_str(), printable(error.what()).c_str(), verb.c_str());
     return exit_usage;
   }
 }

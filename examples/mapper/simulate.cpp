@@ -70,10 +70,10 @@ int simulate_recorded(const SimulateArguments& arguments) {
   });
   if (!report) return exit_interrupted;
   folder.commit();
-  std::printf("%s\n%s%d scans%s, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n", simulation.texts.source.c_str(),
-              simulation.agreement.c_str(), report->scans, arguments.scans ? "" : " (not written)",
-              1e-6 * static_cast<double>(report->points), report->duration, report->length,
-              1e-6 * static_cast<double>(report->bytes), printable(folder.target().native()).c_str());
+  std::printf("%s\n%s%d scans%s, %.1f million points, %.0f s, %.0f m, %.0f MB in %s\n",
+              printable(simulation.texts.source).c_str(), simulation.agreement.c_str(), report->scans,
+              arguments.scans ? "" : " (not written)", 1e-6 * static_cast<double>(report->points), report->duration,
+              report->length, 1e-6 * static_cast<double>(report->bytes), printable(folder.target().native()).c_str());
   return exit_good;
 }
 

@@ -5,12 +5,14 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <iterator>
 #include <optional>
 #include <tuple>
 
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/printable.hpp"
 
 namespace chainslam::support {
 namespace {
@@ -26,17 +28,20 @@ Overloaded(Cases...) -> Overloaded<Cases...>;
 
 // ---- values as text ----
 
+/// As TOML has it, with nothing in it that a terminal obeys; bytes that are no UTF-8 become U+FFFD.
 std::string in_quotes(std::string_view text) {
-  constexpr char hex[] = "0123456789abcdef";
   std::string result = "\"";
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (c == '"' || c == '\\')
-      (result += '\\') += c;
-    else if (byte < 0x20 || byte == 0x7f)
-      ((result += "\\u00") += hex[byte >> 4]) += hex[byte & 15];
-    else
-      result += c;
+  while (!text.empty()) {
+    const auto [character, bytes] = chainslam::detail::first_character(text);
+    if (bytes == 0 || chainslam::detail::is_control(character)) {
+      char escaped[8];
+      std::snprintf(escaped, sizeof escaped, "\\u%04x", bytes == 0 ? 0xFFFDU : static_cast<unsigned>(character));
+      result += escaped;
+    } else {
+      if (character == '"' || character == '\\') result += '\\';
+      result += text.substr(0, bytes);
+    }
+    text.remove_prefix(std::max<std::size_t>(bytes, 1));
   }
   return result += '"';
 }

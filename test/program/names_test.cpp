@@ -55,6 +55,7 @@ TEST_SUITE("program/names") {
         "map 'simulate:" + evil + "' --out " + quoted(root / "b"),
         "simulate '" + evil + "' --out " + quoted(root / "b"),
         "config --print --set '" + evil + "=1'",
+        "config --print --set 'dataset.lidar_topic=" + evil + "'",
         "config --explain '" + evil + "'",
         "eval a b --align '" + evil + "'",
         "'" + evil + "'"};
