@@ -62,18 +62,17 @@ void add_usage(std::vector<ProgramMessage>& cases) {
                           const std::string& remedy) {
     cases.push_back({"config --print --config @/a.toml", 2, place, found, remedy, {{"a.toml", text}}});
   };
-  const std::string write = "write ";
   config("[odometry\n", "a.toml, line 1", "", "correct the line; `chainslam config --print` shows a whole file");
   config("[odometry]\nvoxel_sise = 1\n", "a.toml, line 2, column 1: unknown key 'odometry.voxel_sise'",
-         "did you mean 'odometry.voxel_size'", write);
+         "did you mean 'odometry.voxel_size'", "correct the name; `chainslam config --explain");
   config("zzzzqqqq = 1\n", "a.toml, line 1, column 1: unknown key 'zzzzqqqq'", "no key with a name near it",
          "remove it");
   config("odometry = 1\n", "a.toml, line 1, column 1: 'odometry' is a table", "a value", "write");
-  config("[odometry]\nvoxel_size = \"wide\"\n", "line 2, column 1: 'odometry.voxel_size' has a value of the wrong type",
-         "\"wide\"", "write a number");
+  config("[odometry]\nvoxel_size = \"wide\"\n",
+         "line 2, column 14: 'odometry.voxel_size' has a value of the wrong type", "\"wide\"", "write a number");
   config("[odometry]\nvoxel_size = nan\n", "'odometry.voxel_size' is not a finite number", "nan", "write a number");
   config("[odometry]\nvoxel_size = -5.0\n", "'odometry.voxel_size' is out of range", "-5", "write a number");
-  config("[odometry]\nsource = \"lidat\"\n", "'odometry.source' has no such choice", "did you mean 'lidar'", "write");
+  config("[odometry]\nsource = \"lidat\"\n", "'odometry.source' has no such choice", "did you mean \"lidar\"", "write");
   config("a" + std::string(200, '.') + "b = 1\n", "a.toml, line 1: nested too deeply", "levels",
          "write table.key = value");
   config("[dataset]\nT_body_lidar = [1, 2]\n", "'dataset.T_body_lidar' is", "[1, 2]", "write");
@@ -90,9 +89,9 @@ void add_usage(std::vector<ProgramMessage>& cases) {
                    "at most 1 MiB",
                    {{"big.toml", std::string(1048578, '\n')}}});
   cases.push_back(
-      {"config --print --set voxel", 2, "--set voxel: no assignment", "'voxel'", "write --set table.key=value"});
+      {"config --print --set voxel", 2, "--set voxel: no assignment", "\"voxel\"", "write --set table.key=value"});
   cases.push_back({"config --print --set odometry.voxel_sise=1", 2, "--set odometry.voxel_sise=1: unknown key",
-                   "did you mean", "write"});
+                   "did you mean", "correct the name"});
   cases.push_back({"config --print --set odometry.min_range=50 --set odometry.max_range=10", 2, "'odometry.m",
                    "odometry.m", "change one of them; `chainslam config --explain"});
   cases.push_back({"config --explain odometrie", 2, "--explain: unknown key 'odometrie'", "", ""});
@@ -311,7 +310,7 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
   optimize("VERTEX_SE2 0 0 0 0\n", "a.g2o", "no edges", "give a file with EDGE_SE2 or with EDGE_SE3:QUAT lines");
   optimize(edge + "EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1\n", "a.g2o",
            "edges in the plane and in space in one file", "give a file with EDGE_SE2");
-  optimize(edge + "EDGE_SE2 5 6 1 0 0 1 0 0 1 0 1\n", "a.g2o, vertex 5", "no pose and no edge to a known vertex",
+  optimize(edge + "EDGE_SE2 5 6 1 0 0 1 0 0 1 0 1\n", "a.g2o, vertex 6", "no pose and no edge to a known vertex",
            "add a VERTEX line, or the edge that is missing");
   optimize("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nVERTEX_SE2 2 1 0 0\n" + edge, "a.g2o",
            "parts of the graph are not connected with the first vertex", "check the edges of the vertices named above");
@@ -411,7 +410,8 @@ TEST_SUITE("program/messages") {
     // Messages that other tests trigger, and a program's own mistakes, which no input can.
     all +=
         "an allocation failed|a fault of the program's own|is another map now|another map than was written|"
-        "no three.js there|which would end the page's script|the other results are whole; run again with more memory|"
+        "no three.js there, which the report's 3-D view needs| in it, which would end the page's script|the other "
+        "results are whole; run again with more memory|"
         "a failure of the file|write a number below 2^31|write a number that is not negative|";
     int sources = 0;
     for (const char* folder : {"mapper", "support"})
