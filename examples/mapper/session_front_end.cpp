@@ -81,6 +81,7 @@ void SessionFrontEnd::take_recorded() {
     count_scan();
   }
   note(odometry.not_finite(), "frames left out: their poses are not finite");
+  note(odometry.too_far(), "frames left out: their poses are more than 1e9 m from the origin");
   note(odometry.out_of_order(), "frames left out: not later than the one before");
 }
 

@@ -302,14 +302,16 @@ TEST_SUITE("odometry/lidar_odometry") {
 }
 
 TEST_SUITE("odometry/recorded_odometry") {
-  TEST_CASE("frames are passed on; those without a pose or out of order are dropped and counted") {
-    std::vector<double> times{1, 2, 2, 3, 2.5, 4};
+  TEST_CASE("frames are passed on; those without a pose on Earth or out of order are dropped and counted") {
+    std::vector<double> times{1, 2, 2, 3, 2.5, 4, 5, 6};
     std::size_t at = 0;
     const auto next = [&]() -> std::optional<Frame> {
       if (at == times.size()) return std::nullopt;
       Frame frame;
       frame.time = Timestamp::from_seconds(times[at]);
       if (at == 3) frame.T_odom_body = SE3d(SO3d(), {std::numeric_limits<double>::quiet_NaN(), 0, 0});
+      if (at == 6) frame.T_odom_body = SE3d(SO3d(), {0, -1e150, 0});
+      if (at == 7) frame.T_odom_body = SE3d(SO3d(), {1e8, -1e8, 1e8});
       ++at;
       return frame;
     };
@@ -317,8 +319,9 @@ TEST_SUITE("odometry/recorded_odometry") {
     static_assert(OdometrySource<decltype(odometry)>);
     std::vector<double> seen;
     while (const auto frame = odometry.next()) seen.push_back(frame->time.to_seconds());
-    CHECK(seen == std::vector<double>{1, 2, 2.5, 4});
+    CHECK(seen == std::vector<double>{1, 2, 2.5, 4, 6});
     CHECK(odometry.not_finite() == 1);
+    CHECK(odometry.too_far() == 1);
     CHECK(odometry.out_of_order() == 1);
     CHECK_FALSE(odometry.next().has_value());
   }

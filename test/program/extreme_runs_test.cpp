@@ -55,7 +55,8 @@ SlamMap check_run(const fs::path& root, int keyframes) {
     CHECK_MESSAGE(fs::file_size(out / name) > 20, name);
   CHECK(read_text(out / "map.png").substr(0, 4) == "\x89PNG");
   CHECK(contains(read_text(out / "report.html"), "Map from above"));
-  for (const char* name : {"trajectory.tum", "keyframes.csv", "graph.g2o", "summary.json"})
+  for (const char* name :
+       {"trajectory.tum", "keyframes.csv", "closures.csv", "frames.csv", "graph.g2o", "summary.json"})
     for (const char* wrong : {"nan", "inf,", "inf "}) CHECK_MESSAGE(!contains(read_text(out / name), wrong), name);
   CHECK(summary_of(out)["keyframes"] == keyframes);
   for (const char* format : {"ply", "pcd"}) {
@@ -113,6 +114,36 @@ TEST_SUITE("program/extreme runs") {
       const Eigen::Vector3d moved =
           map.keyframes.back().T_map_body.translation() - map.keyframes.front().T_map_body.translation();
       CHECK((moved - Eigen::Vector3d(one.step * (one.count - 1), 0, 0)).norm() < 1);
+    }
+  }
+
+  TEST_CASE("poses that cannot be are left out and counted, and leave no number that is not finite") {
+    for (const double far : {1e20, 1e200, -1e308}) {
+      CAPTURE(far);
+      const ScratchFolder scratch("absurd");
+      const fs::path root = scratch.path(), out = root / "out";
+      Rng rng(3);
+      write_line(root / "data", 12, 1, Eigen::Vector3d::Zero(), [&] { return walls(rng); });
+      std::vector<std::string> rows(12);
+      for (int i = 0; i < 12; ++i)
+        rows[static_cast<std::size_t>(i)] = "1 0 0 " + std::to_string(i) + " 0 1 0 0 0 0 1 0";
+      char row[1200];
+      std::snprintf(row, sizeof row, "1 0 0 %g 0 1 0 %g 0 0 1 0", far, -far);
+      rows[5] = row;
+      std::string text;
+      for (const std::string& one : rows) text += one + "\n";
+      write_text(root / "data/odom_poses.txt", text);
+      const ProgramResult result = run_program(root, "map " + quoted(root / "data") + " --out " + quoted(out));
+      CAPTURE(result.errors);
+      REQUIRE(result.exit_code == 0);
+      CHECK(contains(result.errors, "1 frames left out: their poses are more than 1e9 m from the origin"));
+      const auto summary = summary_of(out);
+      CHECK(summary["keyframes"] == 11);
+      CHECK(summary["path_length_m"].get<double>() < 100);
+      for (const auto& entry : fs::directory_iterator(out))
+        for (const char* wrong : {",nan", " nan", ",inf", " inf", ":null"})
+          if (entry.path().extension() != ".html" && entry.path().extension() != ".cslam")
+            CHECK_MESSAGE(!contains(read_text(entry.path()), wrong), entry.path().filename().string());
     }
   }
 }
