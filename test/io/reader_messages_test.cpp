@@ -210,6 +210,41 @@ TEST_SUITE("io/messages of readers") {
     }
     CHECK(unsaid_calls("file.fail(place, \"a message of no case\");", "fail(", all).size() == 1);
   }
+
+  TEST_CASE("no place in map files, journals and results that fails is without a case") {
+    // In map_format_test, map_recovery_test, map_archive_test, power_cut_test, atomic_file_test and faults_test.
+    const std::string all =
+        "take a newer version of the program: this one may not know all that the file says|, raw bytes|session |"
+        "`chainslam recover` saves what is whole of it in a new file|check the path, and that you may read it|not a "
+        "plain file (a folder, a pipe or a device)|"
+        "a payload that does not unpack to |the end of the file, which was longer before| bytes, which is no map|"
+        "no map's mark|bytes that do not match their checksum|byte 8, the file's header|, without which the map would "
+        "be "
+        "wrong|take a newer version of the program|this one may not know all that the file says| stored ones|the end "
+        "of the map, with more behind it|payload|record "
+        "size|"
+        "first record|number|a text of |first keyframe|session|version|encoding|points|keyframe|, where |closure to "
+        "keyframe |scan of keyframe |an index that is not of this file|`chainslam recover` saves what is whole|nothing "
+        "that was committed|a map that takes |damage that comes and goes| that the journal had already|not a plain "
+        "file (a "
+        "folder or a device)|creating the file|making the disk keep the file|closing the file|making the disk keep the "
+        "folder's entry|giving it its name|something is there already|choose a file's name| is writing this map|what a "
+        "run "
+        "left that did not finish|locking the file|looking at the file that is there|keeping it as |; what had been "
+        "committed is in |record ";
+    int calls = 0;
+    for (const char* name : {"detail/map_file_reader", "detail/map_decoder", "map_archive", "input_journal",
+                             "atomic_file", "detail/partial_file", "detail/final_name"}) {
+      const std::string source =
+          read_bytes(std::string(CHAINSLAM_SOURCE_DIR) + "/include/chainslam/io/" + name + ".hpp");
+      for (const char* function : {"fail(", "throw_output_error("}) {
+        calls += static_cast<int>(calls_of(source, function).size());
+        for (const std::string& call : unsaid_calls(source, function, all))
+          CHECK_MESSAGE(false, std::string(name) << ": " << call);
+      }
+    }
+    CHECK(calls > 50);
+  }
 }
 
 }  // namespace chainslam::test
