@@ -15,6 +15,14 @@ namespace fs = std::filesystem;
 
 namespace {
 
+std::mutex begun_mutex;
+fs::path begun;  // the staging folder of this process
+
+void set_begun(const fs::path& folder) {
+  const std::lock_guard lock(begun_mutex);
+  begun = folder;
+}
+
 [[noreturn]] void fail(const fs::path& path, const std::error_code& error, const std::string& remedy) {
   throw_output_error(path.string(), "", error.message(), remedy);
 }
@@ -80,6 +88,11 @@ void require_free(const fs::path& path, bool overwrite) {
   if (!path.empty() && !overwrite && detail::is_taken(path)) detail::throw_taken(path);
 }
 
+BegunFolder begun_folder() {
+  std::unique_lock lock(begun_mutex);
+  return {std::move(lock), begun};
+}
+
 int Output::exit_code(int otherwise) const { return failures_ > 0 ? exit_output : otherwise; }
 
 void Output::report(const fs::path& path, const std::exception& error) {
@@ -108,9 +121,11 @@ OutputFolder::OutputFolder(fs::path target, bool overwrite) : target_(resolved(t
     throw;
   }
   fs::remove(staging_ / "writable", error);
+  set_begun(staging_);
 }
 
 OutputFolder::~OutputFolder() {
+  set_begun({});
   if (committed_ || keeps_all_) return;
   std::error_code ignored;
   if (drops_all_) fs::remove_all(staging_, ignored);
@@ -120,6 +135,8 @@ OutputFolder::~OutputFolder() {
 
 fs::path OutputFolder::commit() {
   keeps_all_ = true;  // whatever happens now, the results are whole
+  const std::lock_guard lock(begun_mutex);
+  begun.clear();
   RealFileSystem files;
   std::error_code ignored;
   detail::Naming naming{.error = EEXIST};

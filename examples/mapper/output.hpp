@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -98,5 +99,14 @@ class OutputFolder {
   bool keeps_all_ = false;
   Output output_{false};
 };
+
+/// The folder of results that this process has begun and not committed; empty if there is none.
+struct BegunFolder {
+  std::unique_lock<std::mutex> lock;  ///< while it is held, the folder is not committed
+  std::filesystem::path path;
+};
+
+/// For whoever ends the program from another thread, and leaves nothing begun.
+[[nodiscard]] BegunFolder begun_folder();
 
 }  // namespace chainslam::mapper

@@ -39,7 +39,7 @@ class FaultyVerbs {
     REQUIRE(fs::exists(root / "killed.partial/input.cslam.partial"));
     fs::create_directories(root / "old");
     write_text(root / "old/map.cslam", "an older map");
-    write_text(root / "old/trajectory.tum", "an older trajectory");
+    write_text(root / "old/joint.tum", "an older trajectory");
     write_text(root / "old.file", "an older file");
     const std::string small = quoted(root / "small/map.cslam"), out = " --overwrite --out " + quoted(root / "out");
     const std::string left = quoted(root / "killed.partial");
@@ -48,7 +48,7 @@ class FaultyVerbs {
                root / "out", "map.cslam"},
               {"save", "recover " + small + out, root / "out", ""},
               {"recover", "recover " + left + out, root / "out", ""},
-              {"export tum", "export " + small + " --format tum" + out, root / "out", "trajectory.tum"},
+              {"export tum", "export " + small + " --format tum" + out, root / "out", "joint.tum"},
               {"export g2o", "export " + small + " --format g2o" + out, root / "out", ""},
               {"export pcd", "export " + small + " --format pcd" + out, root / "out", ""}};
   }
@@ -99,6 +99,7 @@ TEST_SUITE("program/every fault") {
                           with_fault("any:" + place + ":5:1000000") + " CHAINSLAM_FAULT_COUNT=" + quoted(count))
                   .exit_code == 0);
       const std::string fresh = FaultyVerbs::content(verb);
+      REQUIRE(!fresh.empty());
       if (verb.name == "load and merge") {
         const SlamMap merged = load_map(verb.result / "map.cslam").map;
         CHECK(std::ranges::count(merged.closures, ClosureKind::merge, &LoopClosure::kind) > 0);

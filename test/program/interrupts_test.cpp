@@ -3,10 +3,15 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "chainslam/io/map_archive.hpp"
+#include "io/maps.hpp"
 #include "program/faults.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/running.hpp"
@@ -153,5 +158,32 @@ TEST_SUITE("program/interrupts") {
       ++waited;
     }
     CHECK(waited >= 6);
+  }
+
+  TEST_CASE("what was begun of results is gone, whatever operation a signal ends the program in") {
+    const ScratchFolder scratch("begun");
+    const fs::path root = scratch.path(), map = root / "a.cslam", result = root / "result";
+    save_map(map, random_map(2, 12));
+    const std::vector<std::pair<std::vector<std::string>, std::string>> verbs = {
+        {{"export", map.string(), "--format", "tum", "--out", result.string()}, "create:joint:-2:0"},
+        {{"export", map.string(), "--format", "kitti", "--out", result.string()}, "sync:session_0:-2:0"},
+        {{"export", map.string(), "--format", "pcd", "--out", result.string()}, "sync:result:-2:0"},
+        {{"export", map.string(), "--format", "g2o", "--out", result.string()}, "write:result:-2:0"},
+        {{"recover", map.string(), "--out", result.string()}, "write:result:-2:0"}};
+    for (const auto& one : verbs) {
+      const std::string& fault = one.second;
+      CAPTURE(fault);
+      ::setenv("LD_PRELOAD", CHAINSLAM_FAULTS, 1);
+      ::setenv("CHAINSLAM_FAULT", fault.c_str(), 1);
+      Running run(one.first, root / "errors");
+      ::unsetenv("LD_PRELOAD");
+      ::unsetenv("CHAINSLAM_FAULT");
+      CHECK(!run.wait_for(0.4));  // it is in that operation
+      run.signal(SIGINT);
+      const std::optional<int> code = run.wait_for(1.0);
+      REQUIRE(code);
+      CHECK(*code == 130);
+      CHECK(names_in(root) == std::set<std::string>{"a.cslam", "errors"});
+    }
   }
 }

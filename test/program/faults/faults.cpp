@@ -75,6 +75,10 @@ bool fails(const char* operation, const char* path) {
   const long number = met.fetch_add(1);
   bool now = wanted->stays ? number >= wanted->count : number == wanted->count;
   now = now && (wanted->error != 0 || std::strcmp(operation, "write") == 0);
+  if (now && wanted->error == -2) {
+    ::sleep(10);
+    return false;
+  }
   if (now) {
     append_to(std::getenv("CHAINSLAM_FAULT_LOG"), std::string(operation) + ' ' + path + '\n');
     errno = wanted->error;
