@@ -60,12 +60,16 @@ struct PointGrid {
   std::size_t rows = 0, columns = 0, point_step = 0, row_step = 0;
 };
 
-void check(const PointGrid& grid, const std::vector<PointField>& fields, std::size_t size) {
+/// @throws MessageError if they lie elsewhere. A grid without points then has no rows either, however many it stated.
+void check(PointGrid& grid, const std::vector<PointField>& fields, std::size_t size) {
   for (const PointField& field : fields)
     if (field.offset + detail::size_of(field.type) > grid.point_step)
       throw MessageError("field " + field.name + " at byte " + std::to_string(field.offset) + " of points of " +
                          std::to_string(grid.point_step) + " bytes");
-  if (grid.rows == 0 || grid.columns == 0) return;
+  if (grid.rows == 0 || grid.columns == 0) {
+    grid.rows = grid.columns = 0;
+    return;
+  }
   // The factors are below 2^32, the products below 2^64; rows that overlap would make many points of few bytes.
   const std::size_t row = grid.columns * grid.point_step;
   const bool fits = grid.point_step > 0 && row <= size && (grid.rows == 1 || grid.row_step >= row) &&

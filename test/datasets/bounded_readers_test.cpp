@@ -244,6 +244,17 @@ TEST_SUITE("datasets/bounded readers") {
     for (int i = 0; i < 40; ++i) CHECK(unpack(hardly, sensor.size()).fault.empty());
   }
 
+  TEST_CASE("rows without points take no time, however many there are") {
+    std::string rows = point_cloud2(MessageBytes::cdr_little, 1, 0, {{"x", 0, 7}, {"y", 4, 7}, {"z", 8, 7}}, 12, "");
+    constexpr std::size_t height = 24;  // behind encapsulation, stamp and "lidar"
+    REQUIRE(rows.substr(height, 8) == little(std::uint32_t{1}) + little(std::uint32_t{0}));
+    rows.replace(height, 4, 4, '\xFF');
+    const auto start = std::chrono::steady_clock::now();
+    const RosCloud cloud = decode_point_cloud2(MessageReader(std::as_bytes(std::span(rows)), MessageEncoding::cdr));
+    CHECK(cloud.points.cloud.empty());
+    CHECK(std::chrono::steady_clock::now() - start < std::chrono::milliseconds(100));
+  }
+
   TEST_CASE("points that share their bytes are bounded in number") {
     const std::string cloud = dense_cloud();
     const std::string bytes = std::string("\x89MCAP0\r\n", 8) +
