@@ -178,7 +178,7 @@ TEST_SUITE("program/interrupts") {
       Running run(one.first, root / "errors");
       ::unsetenv("LD_PRELOAD");
       ::unsetenv("CHAINSLAM_FAULT");
-      CHECK(!run.wait_for(0.4));  // it is in that operation
+      REQUIRE(!run.wait_for(0.4));  // it is in that operation
       run.signal(SIGINT);
       const std::optional<int> code = run.wait_for(1.0);
       REQUIRE(code);

@@ -43,7 +43,10 @@ class Running {
     }
   }
 
-  void signal(int number) const { ::kill(pid_, number); }
+  /// Nothing once it has ended: its number may be another's, and -1 would be every process there is.
+  void signal(int number) const {
+    if (pid_ > 0) ::kill(pid_, number);
+  }
 
   /// Waits for its end. @returns its exit code, 128 + number if a signal ended it.
   int wait() {
