@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "chainslam/core/printable.hpp"
+
 namespace chainslam::mapper {
 
 namespace {
@@ -32,7 +34,7 @@ ErrorStatistics in_degrees(ErrorStatistics statistics) {
 }
 
 void append_file(std::string& text, const char* role, const TrajectoryFile& file) {
-  append(text, "%-11s%s (%s, %zu poses, %.1f m", role, file.path.string().c_str(), format_name(file.format),
+  append(text, "%-11s%s (%s, %zu poses, %.1f m", role, printable(file.path.native()).c_str(), format_name(file.format),
          file.trajectory.size(), path_length(file.trajectory));
   if (file.trajectory.has_times())
     append(text, ", %.1f s", to_seconds(file.trajectory.times.back() - file.trajectory.times.front()));

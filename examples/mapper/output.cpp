@@ -145,7 +145,7 @@ fs::path OutputFolder::commit() {
   if (naming.error != 0) naming = detail::give_name(files, staging_, target_, overwrite_);
   if (naming.error != 0)
     throw_output_error(target_.string(), naming.doing, std::generic_category().message(naming.error),
-                       "the results are whole in " + staging_.string() + ": rename that by hand");
+                       "the results are whole in " + printable(staging_.native()) + ": rename that by hand");
   committed_ = true;
   if (const int error = detail::uninterrupted([&] { return files.sync_directory(target_.parent_path()); }))
     throw_output_error(

@@ -410,7 +410,7 @@ TEST_SUITE("program/messages") {
     // Messages that other tests trigger, and a program's own mistakes, which no input can.
     all +=
         "an allocation failed|a fault of the program's own|is another map now|another map than was written|"
-        "no three.js there, which the report's 3-D view needs| in it, which would end the page's script|the other "
+        "no three.js there, which the report's 3-D view needs|' in it, which would end the page's script|the other "
         "results are whole; run again with more memory|"
         "a failure of the file|write a number below 2^31|write a number that is not negative|";
     int sources = 0;

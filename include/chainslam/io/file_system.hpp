@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 
 namespace chainslam {
 
@@ -103,11 +104,11 @@ inline std::string output_remedy(int error, const std::filesystem::path& directo
     case EROFS:
     case EACCES:
     case EPERM:
-      return "choose a folder that you may write to; '" + directory.string() + "' refuses";
+      return "choose a folder that you may write to; '" + printable(directory.native()) + "' refuses";
     case ENOENT:
-      return "create the folder '" + directory.string() + "' first";
+      return "create the folder '" + printable(directory.native()) + "' first";
     case ENOTDIR:
-      return "'" + directory.string() + "' is not a folder: choose another output path";
+      return "'" + printable(directory.native()) + "' is not a folder: choose another output path";
     case EFBIG:
       return "raise the limit on file sizes (ulimit -f) or choose another file system";
     case ENAMETOOLONG:

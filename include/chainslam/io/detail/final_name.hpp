@@ -6,6 +6,7 @@
 #include <system_error>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/io/file_system.hpp"
 
 namespace chainslam::detail {
@@ -25,9 +26,9 @@ namespace chainslam::detail {
 }
 
 [[noreturn]] inline void throw_taken(const std::filesystem::path& path) {
-  throw_output_error(
-      path.string(), "", "something is there already",
-      "choose another name, or pass --overwrite: what is there is then kept as " + kept_name(path).filename().string());
+  throw_output_error(path.string(), "", "something is there already",
+                     "choose another name, or pass --overwrite: what is there is then kept as " +
+                         printable(kept_name(path).filename().native()));
 }
 
 /// What became of giving something its name.

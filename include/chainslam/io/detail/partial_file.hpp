@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/core/printable.hpp"
 #include "chainslam/io/detail/final_name.hpp"
 #include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
@@ -158,7 +159,7 @@ class PartialFile {
     if (!overwrite_)
       throw_output_error(partial_.string(), "", "what a run left that did not finish",
                          "save it by `chainslam recover`, or remove it; or allow overwriting: it is then kept as " +
-                             kept.filename().string());
+                             printable(kept.filename().native()));
     if (const int error = uninterrupted([&] { return files_.rename_new(partial_, kept); }))
       fail("keeping it as " + kept.string(), error);
   }
@@ -182,7 +183,8 @@ class PartialFile {
   [[noreturn]] void fail(const std::string& place, int error) {
     broken_ = true;  // after a failed sync the system may have dropped what it could not write: never try again
     const std::string saved =
-        synced_ ? "; what had been committed is in " + partial_.string() + ": `chainslam recover` reads it" : "";
+        synced_ ? "; what had been committed is in " + printable(partial_.native()) + ": `chainslam recover` reads it"
+                : "";
     throw_output_error(target_.string(), place, reason(error), output_remedy(error, folder()) + saved);
   }
 
