@@ -119,7 +119,7 @@ std::string memory_text(std::uint64_t max_memory, bool at_once, const fs::path& 
   std::snprintf(text, sizeof text, "memory\n  found: more than %.0f MB in use (--max-memory)\n  do: ",
                 1e-6 * static_cast<double>(max_memory));
   if (at_once) return text + std::string("allow more, or load smaller maps: there was no room for a keyframe");
-  return text + ("the map of what came before is saved: go on with --load " + (out / map_name).string() +
+  return text + ("the map of what came before is saved: go on with --load " + printable((out / map_name).native()) +
                  " where there is more, or raise keyframes.distance or keyframes.voxel_size");
 }
 
