@@ -371,6 +371,13 @@ void Configuration::set(std::string_view assignment) {
   const std::string text = trimmed(assignment.substr(equals + 1));
   const Key* key = find(name);
   if (key == nullptr) throw unknown_key(place, name);
+  const Value value = value_in(*key, text);
+  check(*key, value, place);
+  assignments_.push_back({static_cast<std::size_t>(key - keys_.data()), value, place});
+}
+
+/// Text as the command line and presets write it: without the quotes that the file wants.
+Configuration::Value Configuration::value_in(const Key& key, const std::string& text) {
   std::optional<Value> value;
   if (!too_deep_line(text)) try {
       const toml::table table = toml::parse("value = " + text);
@@ -378,19 +385,36 @@ void Configuration::set(std::string_view assignment) {
     } catch (const toml::parse_error&) {
       value.reset();  // text without quotes is no TOML; it is what keys that hold text take
     }
-  if (is_text_like(key->target) && !(value && std::holds_alternative<std::string>(*value))) value = text;
-  check(*key, value.value_or(text), place);
-  assignments_.push_back({static_cast<std::size_t>(key - keys_.data()), value.value_or(text), place});
+  if (is_text_like(key.target) && !(value && std::holds_alternative<std::string>(*value))) value = text;
+  return value.value_or(text);
+}
+
+void Configuration::apply_with_others() {
+  for (std::size_t i = 0; i < keys_.size(); ++i) {
+    if (!keys_[i].info.brings) continue;
+    const auto last = std::find_if(assignments_.rbegin(), assignments_.rend(),
+                                   [&](const Assignment& assignment) { return assignment.key == i; });
+    if (last == assignments_.rend()) continue;
+    assign(keys_[i], last->value);
+    for (const auto& [name, text] : keys_[i].info.brings()) {
+      const Key* other = find(name);
+      if (other == nullptr) throw std::logic_error("'" + keys_[i].name + "' brings an unknown key: " + std::string(name));
+      const Value value = value_in(*other, std::string(text));
+      try {
+        check(*other, value, keys_[i].name);
+      } catch (const ConfigError& error) {
+        throw std::logic_error(error.what());
+      }
+      assign(keys_[static_cast<std::size_t>(other - keys_.data())], value);
+    }
+  }
 }
 
 void Configuration::apply() {
-  for (const bool first_round : {true, false}) {
-    for (const Assignment& assignment : assignments_) {
-      Key& key = keys_[assignment.key];
-      if (static_cast<bool>(key.info.then) != first_round) continue;
-      assign(key, assignment.value);
-      if (key.info.then) key.info.then();
-    }
+  apply_with_others();
+  for (const Assignment& assignment : assignments_) {
+    Key& key = keys_[assignment.key];
+    if (!key.info.brings) assign(key, assignment.value);
   }
   for (const Rule& rule : rules_) {
     if (rule.holds()) continue;

@@ -39,7 +39,9 @@ struct KeyInfo {
   double max = std::numeric_limits<double>::infinity();
   double factor = 1.0;           ///< member = factor * file value: pi / 180 for "deg"
   std::string help{};            ///< a sentence or two
-  std::function<void()> then{};  ///< called once the member is set; such keys (presets) are set before all others
+  /// Other keys' values that the member's value, once it is set, brings along, as the file writes them: a preset's. Keys
+  /// with such are set before all others, in the order of registration.
+  std::function<std::vector<std::pair<std::string_view, std::string_view>>()> brings{};
 };
 
 /// The keys of a program's TOML file, each bound to a member of one of its plain option structs.
@@ -119,8 +121,9 @@ class Configuration {
   /// @throws ConfigError as `load`.
   void set(std::string_view assignment);
 
-  /// Sets the members from all that was read: first keys with a `then`, then the others, each in the order of reading.
-  /// @throws ConfigError if a rule is broken.
+  /// Sets the members from all that was read: first keys that bring others' values along, then the others. Of several
+  /// values for one key the last counts.
+  /// @throws ConfigError if a rule is broken. @throws std::logic_error if a value that is brought along does not fit.
   void apply();
 
   /// All keys as a TOML file with comments, each with its member's value; reading it back gives the same values.
@@ -156,6 +159,8 @@ class Configuration {
   [[nodiscard]] bool is_table(std::string_view name) const;
   [[nodiscard]] ConfigError unknown_key(const std::string& place, const std::string& name) const;
   [[nodiscard]] std::string place_of(std::string_view key) const;
+  static Value value_in(const Key& key, const std::string& text);
+  void apply_with_others();
   static void check(const Key& key, const Value& value, const std::string& place);
   static void assign(Key& key, const Value& value);
   static std::string type_name(const Key& key);

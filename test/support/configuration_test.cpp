@@ -56,8 +56,10 @@ Configuration bound_to(Options& options) {
                         .set = [&options](const std::vector<double>& v) { options.pair = v; }}),
                     {});
   configuration.add("preset", options.preset, {{"best", Preset::best}, {"paper", Preset::paper}},
-                    {.help = "Where all other keys start from.", .then = [&options] {
-                       if (options.preset == Preset::paper) options.voxel_size = 0.4;
+                    {.help = "Where all other keys start from.", .brings = [&options] {
+                       std::vector<std::pair<std::string_view, std::string_view>> values;
+                       if (options.preset == Preset::paper) values = {{"odometry.voxel_size", "0.4"}, {"name", "paper's"}};
+                       return values;
                      }});
   configuration.add("name", options.name, {});
   configuration.add("dataset", options.dataset, {});
@@ -167,6 +169,28 @@ pair = [4, 5]
     preset_only.set("preset=paper");
     preset_only.apply();
     CHECK(plain.voxel_size == 0.4);
+    CHECK(plain.name == "paper's");
+
+    Options back;
+    Configuration two_presets = bound_to(back);
+    two_presets.load_text("preset = \"paper\"", "site.toml");
+    two_presets.set("preset=best");
+    two_presets.apply();
+    CHECK(back.voxel_size == Options().voxel_size);  // the last preset alone counts
+  }
+
+  TEST_CASE("a preset that brings what no key is or takes is the program's own mistake") {
+    for (const std::string_view text : {"colour", "odometry.voxel_size"}) {
+      bool preset = false;
+      double voxel_size = 0.5;
+      Configuration configuration;
+      configuration.add("preset", preset, {.brings = [&] {
+                          return std::vector<std::pair<std::string_view, std::string_view>>{{text, "9"}};
+                        }});
+      configuration.add("odometry.voxel_size", voxel_size, {.max = 5});
+      configuration.set("preset=true");
+      CHECK_THROWS_AS(configuration.apply(), std::logic_error);
+    }
   }
 
   TEST_CASE("an unknown key is an error that names place, the nearest key and what it takes") {
