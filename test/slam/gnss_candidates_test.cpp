@@ -144,6 +144,14 @@ TEST_SUITE("slam/gnss_candidates") {
     CHECK(candidates.find(map, later).size() == 2);
   }
 
+  TEST_CASE("the radius can be one in space") {
+    const SlamMap map = two_sessions({{6, 0, 9}, {9, 0, 1}});
+    GnssCandidateOptions options = all;
+    CHECK(proposals(options, map) == std::vector<Index>{0, 1});
+    options.with_height = true;
+    CHECK(proposals(options, map) == std::vector<Index>{1});
+  }
+
   TEST_CASE("of neighbours in one session only the nearest is proposed, and no more than the count") {
     std::vector<Eigen::Vector3d> places;
     for (int i = 0; i < 30; ++i) places.emplace_back(0.5 * std::abs(i - 14), 1, 0);

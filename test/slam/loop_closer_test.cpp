@@ -64,13 +64,29 @@ struct AskedCandidates {
 };
 
 /// For which of `keyframes`, added one by one, candidates are looked for.
-std::vector<Index> searches(const std::vector<Keyframe>& keyframes, double min_travel) {
+std::vector<Index> searches(const std::vector<Keyframe>& keyframes, const LoopCloserOptions& options,
+                            std::vector<double>* spacing = nullptr) {
   const AskedCandidates candidates;
-  LoopCloser<AskedCandidates> closer({.min_travel = min_travel}, candidates);
+  LoopCloser<AskedCandidates> closer(options, candidates);
   const PositionIndex index;
   for (std::size_t i = 1; i <= keyframes.size(); ++i) CHECK(closer.close(std::span(keyframes).first(i), index).empty());
+  if (spacing != nullptr) *spacing = closer.search_spacing();
   return *candidates.asked;
 }
+std::vector<Index> searches(const std::vector<Keyframe>& keyframes, double min_travel) {
+  return searches(keyframes, {.min_travel = min_travel});
+}
+
+/// Remembers how many points it was given to align.
+struct CountingRegistration {
+  std::shared_ptr<std::vector<std::size_t>> sizes = std::make_shared<std::vector<std::size_t>>();
+
+  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult align(const Source& source, const Target&, const SE3d&, const Exec& = {}) const {
+    sizes->push_back(cloud_size(source));
+    return {};
+  }
+};
 
 }  // namespace
 
@@ -142,6 +158,43 @@ TEST_SUITE("slam/loop_closer") {
     CHECK(verdict([](AlignResult& r) { r.mean_squared_error = nan; }) == ClosureVerdict::high_residual);
     CHECK(verdict([](AlignResult& r) { r.mean_squared_residual = nan; }) == ClosureVerdict::high_residual);
     CHECK(verdict([](AlignResult& r) { r.T_target_source = test::shift(nan, 0, 0); }) == ClosureVerdict::implausible);
+    AlignResult unfinished = good;
+    unfinished.status = AlignStatus::iteration_limit;
+    CHECK(ClosureGate{.take_iteration_limit = true}.judge(unfinished, SE3d()) == ClosureVerdict::accepted);
+    unfinished.status = AlignStatus::no_overlap;
+    CHECK(ClosureGate{.take_iteration_limit = true}.judge(unfinished, SE3d()) == ClosureVerdict::too_few_inliers);
+  }
+
+  TEST_CASE("a scan is aligned as the keyframe has it, or thinned, each scan by itself") {
+    const Corner corner;
+    const CountingRegistration counting;
+    LoopCloser<ProximityCandidates, CountingRegistration> whole(test::small_submaps, {}, counting);
+    (void)whole.align(corner.keyframes, KeyframeId{8}, corner.query(), corner.guess());
+    LoopCloserOptions options = test::small_submaps;
+    options.scan_voxel = 2.0;
+    LoopCloser<ProximityCandidates, CountingRegistration> thinned(options, {}, counting);
+    for (const KeyframeId scan : {corner.query(), corner.query(), KeyframeId{3}})
+      (void)thinned.align(corner.keyframes, KeyframeId{8}, scan, corner.guess());
+    const auto size = [&](Index i, double voxel) {
+      const PointCloud<float>& scan = *corner.keyframes[static_cast<std::size_t>(i)].cloud;
+      return voxel > 0 ? voxel_downsample(scan, voxel).size() : scan.size();
+    };
+    const Index last = corner.query().value;
+    CHECK(*counting.sizes == std::vector{size(last, 0), size(last, 2), size(last, 2), size(3, 2)});
+    CHECK(size(last, 2) < size(last, 0));
+  }
+
+  TEST_CASE("searches can be a period of time apart, and the way between them is on record") {
+    std::vector<SE3d> poses;
+    for (int i = 0; i < 10; ++i) poses.push_back(test::shift(0.5 * i * i, 0, 0));  // ever faster; a second apart
+    std::vector<Keyframe> keyframes = test::keyframes_at(poses);
+    std::vector<double> spacing;
+    CHECK(searches(keyframes, {.min_travel = 0, .min_period = 2.5}, &spacing) == std::vector<Index>{0, 3, 6, 9});
+    CHECK(spacing == std::vector{4.5, 13.5, 22.5});
+    for (std::size_t i = 5; i < keyframes.size(); ++i) keyframes[i].session = SessionId{1};  // another clock
+    keyframes[5].time = keyframes[0].time;
+    CHECK(searches(keyframes, {.min_travel = 0, .min_period = 2.5}, &spacing) == std::vector<Index>{0, 3, 5, 6, 9});
+    CHECK(spacing.size() == 3);  // none from one session to the next
   }
 
   TEST_CASE("candidates are looked for once in the least travel, counted along the path") {

@@ -262,6 +262,27 @@ TEST_SUITE("slam/map_graph") {
     CHECK(kept.converge().initial_cost > 1);
   }
 
+  TEST_CASE("a session that begins has those before it measured again, as if they had been saved and loaded") {
+    for (const bool again : {false, true}) {
+      Rng rng(5);
+      MapGraphOptions options = to_the_end;
+      options.remeasure_loaded = again;
+      RandomSessions sessions(rng, 2, 10, options);
+      sessions.join(rng, 0, 1);
+      REQUIRE(sessions.graph.converge().ok());
+      sessions.graph.begin_session("next");
+      double most = 0;
+      const SlamMap& map = sessions.graph.map();
+      for (const LoopClosure& closure : map.closures) {
+        const SE3d between = map.keyframes[static_cast<std::size_t>(closure.from.value)].T_map_body.inverse() *
+                             map.keyframes[static_cast<std::size_t>(closure.to.value)].T_map_body;
+        most = std::max(most, between.local(closure.T_from_to).norm());
+      }
+      CHECK((most < 1e-12) == again);
+      CHECK(most < 1);
+    }
+  }
+
   TEST_CASE("what fails leaves the poses where they are, and is tried again with what comes next") {
     Rng rng(7);
     RandomSessions sessions(rng, 2, 8);

@@ -91,7 +91,7 @@ struct Outcome {
 
 using Verdicts = std::vector<ClosureVerdict>;
 constexpr MergeOptions merge_as_in_paper{.min_travel = 0, .confirmations = 1};
-constexpr MergeOptions unrefined{.min_travel = 0, .refine = false};
+constexpr MergeOptions unrefined{.min_travel = 0, .measurement = MergeMeasurement::submaps};
 const SE3d far_off(SO3d(), {5, 0, 0});
 
 }  // namespace
@@ -116,17 +116,52 @@ TEST_SUITE("slam/map_merger") {
     CHECK(merger.withdraw().empty());
   }
 
-  TEST_CASE("without refinement the registration's own pose is the measurement, of unknown certainty") {
+  TEST_CASE("the registration's own pose can be the measurement: the paper's alignment factor, lambda e I") {
     Sessions sessions(2);
     const Place place = sessions.place(45, 6, far_off);
+    sessions.script->places.back().inlier_rmse = 0.5;
     MergeOptions options = unrefined;
     options.confirmations = 1;
+    options.lambda = 4e-4;
     Merger merger = sessions.merger(options);
     const Outcome outcome(sessions.attempts(merger));
     REQUIRE(outcome.accepted.size() == 1);
-    CHECK(outcome.accepted.front().T_from_to == place.T_candidate_query);
-    CHECK(outcome.accepted.front().sqrt_information.isZero(0));
+    const LoopClosure& closure = outcome.accepted.front();
+    CHECK(closure.T_from_to == place.T_candidate_query);
+    CHECK(closure.mean_squared_error == 0.25);
+    CHECK((closure.sqrt_information - 100 * SqrtInformation<6>::Identity()).norm() < 1e-9);  // 1 / sqrt(4e-4 0.25)
     CHECK(sessions.closer.asked->empty());
+  }
+
+  TEST_CASE("as in the released code, the scan measures the closure if it can, and else nothing does") {
+    for (const bool seen : {true, false}) {
+      Sessions sessions(2);
+      const Place place = sessions.place(45, 6, far_off);
+      if (!seen) sessions.closer.reach = 0;
+      Merger merger = sessions.merger({.min_travel = 0, .measurement = MergeMeasurement::scan, .confirmations = 1});
+      const Outcome outcome(sessions.attempts(merger));
+      REQUIRE(outcome.accepted.size() == 1);
+      const LoopClosure& closure = outcome.accepted.front();
+      CHECK((closure.T_from_to == place.T_candidate_query) == !seen);
+      CHECK(closure.sqrt_information.isZero(0) == !seen);
+      REQUIRE(sessions.closer.asked->size() == 1);
+      CHECK(sessions.closer.asked->front().guess == place.T_candidate_query);
+    }
+  }
+
+  TEST_CASE("attempts can be a period of time apart") {
+    Sessions sessions(2);
+    for (const Index query : {45, 48, 50}) sessions.place(query, query - 39);
+    MergeOptions options = unrefined;
+    options.confirmations = 9;
+    options.min_period = 4.5;  // keyframes are a second apart
+    Merger merger = sessions.merger(options);
+    CHECK(Outcome(sessions.attempts(merger)).verdicts.empty());
+    CHECK(merger.withdraw().size() == 2);
+    options.min_period = 5.5;
+    Merger rarer = sessions.merger(options);
+    CHECK(Outcome(sessions.attempts(rarer)).verdicts.empty());
+    CHECK(rarer.withdraw().size() == 1);
   }
 
   TEST_CASE("two places that agree join the frames; the first waits for the second, and the newest comes last") {
@@ -242,6 +277,11 @@ TEST_SUITE("slam/map_merger") {
     released.min_putative = 0.5;
     CHECK(verdicts([](Place&) {}, released) == Verdicts{ClosureVerdict::low_fitness});
     CHECK(verdicts([](Place& place) { place.putative_ratio = 0.5; }, released) == Verdicts{ClosureVerdict::accepted});
+    released = unrefined;
+    released.min_source_fitness = 0.5;
+    CHECK(verdicts([](Place& place) { place.source_fitness = 0.49; }, released) ==
+          Verdicts{ClosureVerdict::low_fitness});
+    CHECK(verdicts([](Place& place) { place.source_fitness = 0.5; }, released) == Verdicts{ClosureVerdict::accepted});
   }
 
   TEST_CASE("a place that the closer does not see again is refused with the closer's reason") {

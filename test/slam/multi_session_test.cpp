@@ -33,6 +33,7 @@ struct DrivesRoundTheBlock {
   std::vector<SE3d> odometry;
   std::vector<SE3d> T_world_odom;
   std::shared_ptr<Script> script = std::make_shared<Script>();
+  KeyframeId blind{};  ///< whose scan fits nowhere
 
   explicit DrivesRoundTheBlock(int sessions) {
     const std::vector<SE3d> round = test::way_round(2.0, -2.0);
@@ -53,6 +54,7 @@ struct DrivesRoundTheBlock {
   [[nodiscard]] TruthCloser closer() const {
     TruthCloser closer;
     closer.truth = std::make_shared<const std::vector<SE3d>>(truth);
+    closer.blind = blind;
     return closer;
   }
 
@@ -280,8 +282,10 @@ TEST_SUITE("slam: several sessions") {
     for (const bool anchored : {true, false}) {
       DrivesRoundTheBlock drives(2);
       drives.place(per_session + 10, 22, SE3d(SO3d::exp({0, 0, 0.03}), {0.8, -0.3, 0}));
-      auto back_end = scripted_back_end(drives, {.min_travel = 0, .refine = false, .confirmations = 1},
-                                        {.graph = {.anchor_joined_sessions = anchored}});
+      drives.blind = KeyframeId{per_session + 10};
+      auto back_end =
+          scripted_back_end(drives, {.min_travel = 0, .measurement = MergeMeasurement::scan, .confirmations = 1},
+                            {.graph = {.anchor_joined_sessions = anchored}});
       drives.drive(back_end, 0);
       drives.drive(back_end, 1);
       const auto map = back_end.finish();
@@ -291,6 +295,73 @@ TEST_SUITE("slam: several sessions") {
       // Without the anchor nothing ties the sessions before the first closure: those poses stay as they were aligned.
       CHECK(back_end.counts().failed_optimisations == (anchored ? 0 : 1));
     }
+  }
+
+  TEST_CASE("the paper's alignment factor ties the sessions, and is an edge that chains go along") {
+    for (const bool chained : {false, true}) {
+      DrivesRoundTheBlock drives(3);
+      drives.place(per_session + 10, 22, SE3d(SO3d::exp({0, 0, 0.003}), {0.08, -0.03, 0}));
+      drives.place(2 * per_session + 1, per_session + 10);
+      auto back_end = scripted_back_end(
+          drives, {.min_travel = 0, .measurement = MergeMeasurement::submaps, .confirmations = 1},
+          {.graph = {.anchor_joined_sessions = true}, .recheck_travel = 1e9, .chain_merges = chained});
+      for (Index session = 0; session < 3; ++session) drives.drive(back_end, session);
+      const auto map = back_end.finish();
+      CHECK(back_end.counts().failed_optimisations == 0);
+      CHECK(frames(*map) == std::vector<Index>{0, 0, 0});
+      CHECK(count(*map, ClosureKind::merge) == 2);
+      CHECK(back_end.closure_graph().connected(22, per_session + 10));
+      // From the third session's merge with keyframe 60, the edge leads on to keyframe 22.
+      const auto found = std::ranges::find_if(map->closures, [](const LoopClosure& closure) {
+        return closure.kind == ClosureKind::chained && closure.from == KeyframeId{22} &&
+               closure.to == KeyframeId{2 * per_session + 1};
+      });
+      REQUIRE((found != map->closures.end()) == chained);
+      if (chained) CHECK(map->closures[static_cast<std::size_t>(found->cause)].kind == ClosureKind::merge);
+    }
+  }
+
+  TEST_CASE("closures before a merge can be left out, as the released code does; those after it are not") {
+    for (const bool before : {true, false}) {
+      DrivesRoundTheBlock drives(2);
+      drives.place(per_session + 37, 49);
+      TruthCloser closer = drives.closer();
+      closer.candidates.min_interval = seconds(3.0);  // a session closes loops with itself
+      closer.candidates.radius = 12;
+      ScriptedBackEnd back_end({.recheck_travel = 1e9, .close_before_merge = before}, closer, ChainedCloser(),
+                               MapMerger<ScriptedPlaces, ScriptedRegistration>({.min_travel = 0, .confirmations = 1},
+                                                                               {drives.script}, {drives.script}));
+      drives.drive(back_end, 0);
+      const auto within = [&](Index session, Index end) {
+        return std::ranges::count_if(back_end.map().closures, [&](const LoopClosure& closure) {
+          return closure.kind == ClosureKind::direct && closure.to.value / per_session == session &&
+                 closure.to.value % per_session < end;
+        });
+      };
+      CHECK(within(0, per_session) > 0);  // nothing to be merged with
+      drives.drive(back_end, 1);
+      CHECK(back_end.counts().merges == 1);
+      CHECK((within(1, 37) > 0) == before);
+      CHECK(within(1, per_session) > within(1, 38));
+    }
+  }
+
+  TEST_CASE("the recheck can pass over keyframes after one that was found") {
+    const auto rechecked = [](Index pause) {
+      const DrivesRoundTheBlock drives(2);
+      auto back_end = gnss_back_end(drives, {.recheck_travel = 0, .recheck_pause = pause});
+      drives.drive(back_end, 0);
+      drives.drive(back_end, 1);
+      std::vector<Index> found;
+      for (const LoopClosure& closure : back_end.map().closures)
+        if (closure.kind == ClosureKind::direct && closure.cause >= 0) found.push_back(closure.to.value);
+      return found;
+    };
+    const std::vector<Index> all = rechecked(0), some = rechecked(4);
+    REQUIRE(some.size() > 1);
+    CHECK(all.size() > 3 * some.size());
+    CHECK(some[0] == all[0]);
+    for (std::size_t i = 1; i < some.size(); ++i) CHECK(some[i] - some[i - 1] == 5);
   }
 
   TEST_CASE("without merging, sessions stay in frames of their own and close no loops with each other") {

@@ -75,6 +75,12 @@ TEST_SUITE("slam/odometry_doubt") {
   }
 
   // A match is wrong with the probability `wrong_rematch`, and then as far off as the pose had been predicted.
+  TEST_CASE("where it is switched off, nothing is doubted") {
+    const std::vector<FrameRecord> frames = frames_of({good, lost, good, degenerate}, {0.1, 0.5, 0.5, 0.9});
+    CHECK_FALSE(OdometryDoubt{}(frames).isZero(0));
+    CHECK(OdometryDoubt{.enabled = false}(frames).isZero(0));
+  }
+
   TEST_CASE("the share is the variance of a pose that is sometimes matched at a wrong place") {
     Rng rng(5);
     double sum = 0;

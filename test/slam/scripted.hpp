@@ -45,6 +45,7 @@ struct TruthCloser {
   std::shared_ptr<const std::vector<SE3d>> truth;  ///< by keyframe
   double reach = 12.0;                             ///< metres
   double sigma = 0.02;                             ///< metres and radians, as stated
+  KeyframeId blind{};                              ///< whose scan fits nowhere
   ProximityCandidates candidates{};
   std::shared_ptr<std::vector<Asked>> asked = std::make_shared<std::vector<Asked>>();
 
@@ -58,8 +59,8 @@ struct TruthCloser {
     asked->push_back({from, to, guess});
     const SE3d between = at(from).inverse() * at(to);
     LoopClosure closure{.from = from, .to = to, .T_from_to = between};
-    closure.verdict =
-        between.translation().norm() <= reach ? ClosureVerdict::accepted : ClosureVerdict::too_few_inliers;
+    closure.verdict = between.translation().norm() <= reach && to != blind ? ClosureVerdict::accepted
+                                                                           : ClosureVerdict::too_few_inliers;
     if (closure.verdict == ClosureVerdict::accepted) closure.sqrt_information = SqrtInformation<6>::Identity() / sigma;
     return closure;
   }
@@ -93,6 +94,8 @@ struct Place {
   SE3d T_candidate_query;
   double fitness = 0.4;
   double putative_ratio = 0.3;
+  double source_fitness = 0.8;
+  double inlier_rmse = 0.3;
   GlobalAlignStatus status = GlobalAlignStatus::found;
 };
 
@@ -136,6 +139,8 @@ struct ScriptedRegistration {
     result.T_target_source = place.T_candidate_query;
     result.fitness_target = place.fitness;
     result.putative_ratio = place.putative_ratio;
+    result.fitness_source = place.source_fitness;
+    result.inlier_rmse = place.inlier_rmse;
     result.status = place.status;
     return result;
   }

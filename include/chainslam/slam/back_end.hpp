@@ -24,7 +24,11 @@ struct BackEndOptions {
   MapGraphOptions graph{};
   /// After a merge, metres along the aligned path between two keyframes that are tried again (section 6 of the paper).
   double recheck_travel = 4.0;
+  Index recheck_pause = 0;       ///< keyframes that are passed over after one that was found (released: 4)
   bool chain_in_recheck = true;  ///< the released code does not
+  bool chain_merges = false;     ///< whether what joins two frames is chained, as direct closures are
+  /// Whether a session that follows others closes loops before it is joined to one of them; the released code does not.
+  bool close_before_merge = true;
 };
 
 /// Tries to close loops with the newest keyframe, the last of `keyframes`.
@@ -146,6 +150,14 @@ class BackEnd {
   template <Executor E>
   bool take(std::vector<LoopClosure> tried, Index cause, bool chain, const E& executor);
 
+  /// @param chain  whether to look for more from it. @returns its position among the map's closures.
+  template <Executor E>
+  Index take(LoopClosure closure, bool chain, const E& executor);
+
+  [[nodiscard]] bool may_close() const {
+    return options_.close_before_merge || session().id == SessionId{0} || session().frame != session().id;
+  }
+
   /// Looks for `query` in sessions of other frames, and joins the frames if it is found.
   template <Executor E>
   void try_merge(KeyframeId query, const E& executor);
@@ -211,7 +223,7 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Kernel>::add(Keyframe keyframe, cons
   const Keyframe& added = map().keyframes.back();
   positions_.append(id, added.T_map_body.translation());
   gnss_.add(id, added.time);
-  if (take(closer_.close(map().keyframes, positions_, executor), -1, true, executor)) optimise();
+  if (may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor)) optimise();
   try_merge(id, executor);
   publish_frame();
   return id;
@@ -254,21 +266,29 @@ bool BackEnd<Closer, Chainer, Merger, Kernel>::take(std::vector<LoopClosure> tri
     }
     closure_graph_.resize(to_index(map().keyframes.size()));
     if (closure_graph_.connected(closure.from.value, closure.to.value)) continue;  // a merge has measured it already
-    std::vector<LoopClosure> chained;
-    if (chain)
-      chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
-    counts_.alignments += to_index(chained.size());
-    const Index position = accept(closure);
+    take(closure, chain, executor);
     accepted = true;
-    for (LoopClosure& one : chained) {
-      one.cause = position;
-      if (one.verdict == ClosureVerdict::accepted)
-        accept(one);
-      else
-        graph_.refuse(one);
-    }
   }
   return accepted;
+}
+
+template <class Closer, class Chainer, class Merger, class Kernel>
+template <Executor E>
+Index BackEnd<Closer, Chainer, Merger, Kernel>::take(LoopClosure closure, bool chain, const E& executor) {
+  std::vector<LoopClosure> chained;
+  closure_graph_.resize(to_index(map().keyframes.size()));
+  if (chain)
+    chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
+  counts_.alignments += to_index(chained.size());
+  const Index position = accept(closure);
+  for (LoopClosure& one : chained) {
+    one.cause = position;
+    if (one.verdict == ClosureVerdict::accepted)
+      accept(one);
+    else
+      graph_.refuse(one);
+  }
+  return position;
 }
 
 template <class Closer, class Chainer, class Merger, class Kernel>
@@ -303,7 +323,8 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::merge(const std::vector<LoopClosu
     graph_.join(here, there, T_there_here.inverse());
   ++counts_.merges;
   Index position = -1;
-  for (const LoopClosure& closure : closures) position = accept(closure);
+  for (const LoopClosure& closure : closures)
+    position = take(closure, options_.chain_merges && !closure.sqrt_information.isZero(0), executor);
   optimise();
   recheck(joined, position, executor);
 }
@@ -313,6 +334,7 @@ template <Executor E>
 void BackEnd<Closer, Chainer, Merger, Kernel>::recheck(const std::vector<bool>& joined, Index cause,
                                                        const E& executor) {
   double travelled = options_.recheck_travel;
+  Index pause = 0;
   const Session current = session();
   PositionIndex others;
   const auto index_others = [&] {
@@ -327,9 +349,14 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::recheck(const std::vector<bool>& 
                        .norm();
     if (travelled < options_.recheck_travel) continue;
     travelled = 0;
+    if (pause > 0) {
+      --pause;
+      continue;
+    }
     if (!take(closer_.search(map().keyframes, others, KeyframeId{i}, executor), cause, options_.chain_in_recheck,
               executor))
       continue;
+    pause = options_.recheck_pause;
     optimise();
     index_others();
   }

@@ -34,8 +34,10 @@ struct IsotropicCovariance {
   double lambda = 1e-4;
   double least = 1e-9;  ///< m^2 and rad^2: a perfect fit is still no certainty
 
-  [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
-    const double variance = std::max(lambda * result.mean_squared_error, least);
+  [[nodiscard]] Matrix6d operator()(const AlignResult& result) const { return (*this)(result.mean_squared_error); }
+  /// @param mean_squared_error  m^2
+  [[nodiscard]] Matrix6d operator()(double mean_squared_error) const {
+    const double variance = std::max(lambda * mean_squared_error, least);
     Matrix6d covariance = zeros<Matrix6d>();
     for (int i = 0; i < 6; ++i) covariance(i, i) = variance;
     return covariance;

@@ -25,6 +25,7 @@ concept MergeCandidates = requires(C& candidates, const SlamMap& map, KeyframeId
 
 struct GnssCandidateOptions {
   double radius = 10.0;       ///< metres between two fixes, along the ground (the paper)
+  bool with_height = false;   ///< whether the radius is one in space (the released code)
   double max_height = 50.0;   ///< metres between two fixes in height, which GNSS knows worst
   double max_sigma = 20.0;    ///< metres: fixes that state more are not used
   Index min_separation = 10;  ///< keyframes between two proposals of one session
@@ -54,7 +55,7 @@ class GnssCandidates {
   }
 
  private:
-  using Found = PositionIndex::Found;  ///< with its distance along the ground
+  using Found = PositionIndex::Found;  ///< with its distance, as the options measure it
   /// Where a receiver put a keyframe.
   struct Fix {
     KeyframeId id;
@@ -85,7 +86,7 @@ class GnssCandidates {
       if (one.session < session && usable(one)) fixes_.push_back({one.id, one.gnss->position_ecef});
   }
 
-  /// Fixes of other frames within the radius along the ground, the nearest first.
+  /// Fixes of other frames within the radius, the nearest first.
   [[nodiscard]] std::vector<Found> near(const SlamMap& map, const Keyframe& here) const {
     const Eigen::Vector3d& center = here.gnss->position_ecef;
     const Eigen::Vector3d up = center.normalized();  // off the vertical by less than 0.2 degrees
@@ -95,7 +96,7 @@ class GnssCandidates {
       const double height = way.dot(up);
       const Eigen::Vector3d climb = height * up;
       const Eigen::Vector3d ground = way - climb;
-      const double distance = ground.norm();
+      const double distance = options_.with_height ? way.norm() : ground.norm();
       if (distance <= options_.radius && std::abs(height) <= options_.max_height &&
           frame(map, keyframe(map, fix.id)) != frame(map, here))
         found.push_back({fix.id, distance});

@@ -1,11 +1,15 @@
 #pragma once
 
 #include <limits>
+#include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/timestamp.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
@@ -25,10 +29,13 @@ struct ClosureGate {
   double min_inlier_ratio = 0.6;        ///< of the scan's points with a partner in the submap
   double max_translation = 10.0;        ///< metres that the graph may have been off
   double max_rotation = 0.5;            ///< radians that the graph may have been off
+  bool take_iteration_limit = false;  ///< whether an alignment that was still moving after its last step will do (PCL)
 
   /// Bounds are met or not: a figure that is not a number meets none.
   [[nodiscard]] ClosureVerdict judge(const AlignResult& result, const SE3d& guess) const {
-    if (result.status != AlignStatus::converged && result.status != AlignStatus::degenerate)
+    const bool ended = result.status == AlignStatus::converged || result.status == AlignStatus::degenerate ||
+                       (take_iteration_limit && result.status == AlignStatus::iteration_limit);
+    if (!ended)
       return result.status == AlignStatus::iteration_limit ? ClosureVerdict::not_converged
                                                            : ClosureVerdict::too_few_inliers;
     if (!(result.inlier_ratio >= min_inlier_ratio)) return ClosureVerdict::too_few_inliers;
@@ -44,6 +51,8 @@ struct ClosureGate {
 
 struct LoopCloserOptions {
   double min_travel = 4.0;  ///< metres along the path between two searches (v / f_lc of the paper); 0: every keyframe
+  double min_period = 0;    ///< seconds of the data between two searches (1 / f_lc); 0: by the way alone
+  double scan_voxel = 0;    ///< metres, of the scan that is aligned; 0: as the keyframe has it
   ClosureGate gate{};
   SubmapOptions submap{};
 };
@@ -101,18 +110,32 @@ class LoopCloser {
 
   [[nodiscard]] const LoopCloserOptions& options() const { return options_; }
   [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }
+  /// Metres along the path from one search to the next, of all that `close` made in one session.
+  [[nodiscard]] const std::vector<double>& search_spacing() const { return spacing_; }
 
  private:
-  /// Whether the newest keyframe lies far enough along the path from the last one that was tried.
+  /// Whether the newest keyframe lies far enough along the path from the last one that was tried, and late enough.
   [[nodiscard]] bool due(std::span<const Keyframe> keyframes);
+
+  /// The keyframe's scan as it is aligned; kept, since a chain asks for the same one many times.
+  [[nodiscard]] const PointCloud<float>& scan_of(const Keyframe& keyframe) {
+    if (options_.scan_voxel <= 0) return *keyframe.cloud;
+    if (thinned_of_ != keyframe.cloud) thinned_ = voxel_downsample(*keyframe.cloud, options_.scan_voxel);
+    thinned_of_ = keyframe.cloud;
+    return thinned_;
+  }
 
   LoopCloserOptions options_;
   [[no_unique_address]] Candidates candidates_;
   [[no_unique_address]] Registration registration_;
   [[no_unique_address]] Covariance covariance_;
   SubmapCache submaps_;
+  std::shared_ptr<const PointCloud<float>> thinned_of_;
+  PointCloud<float> thinned_;
   // Metres since the last search: the first is due at once.
   double travelled_ = std::numeric_limits<double>::infinity();
+  std::optional<std::pair<SessionId, Timestamp>> searched_;  ///< the last time
+  std::vector<double> spacing_;
 };
 
 template <class Candidates, class Registration, class Covariance>
@@ -148,7 +171,7 @@ LoopClosure LoopCloser<Candidates, Registration, Covariance>::align(std::span<co
   LoopClosure closure{.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::too_few_inliers};
   if (!i.cloud) return closure;
   const auto submap = submaps_.get(keyframes, from, executor);
-  const AlignResult result = registration_.align(*i.cloud, *submap, guess, executor);
+  const AlignResult result = registration_.align(scan_of(i), *submap, guess, executor);
   closure.T_from_to = result.T_target_source;
   closure.verdict = options_.gate.judge(result, guess);
   closure.mean_squared_error = result.mean_squared_error;
@@ -165,7 +188,11 @@ bool LoopCloser<Candidates, Registration, Covariance>::due(std::span<const Keyfr
     const Keyframe& before = keyframes[keyframes.size() - 2];
     travelled_ += (before.T_odom_body.inverse() * newest.T_odom_body).translation().norm();
   }
+  const bool same_session = searched_ && searched_->first == newest.session;
   if (travelled_ < options_.min_travel) return false;
+  if (same_session && to_seconds(newest.time - searched_->second) < options_.min_period) return false;
+  if (same_session) spacing_.push_back(travelled_);
+  searched_ = {newest.session, newest.time};
   travelled_ = 0;
   return true;
 }

@@ -29,8 +29,9 @@ struct MapGraphOptions {
   /// Whether a session that a merge joins to another frame is held there, at its aligned start, by a prior as tight
   /// (the paper); else closures alone tie it to the others.
   bool anchor_joined_sessions = false;
-  /// Whether measurements of a loaded map are replaced by what its optimum says of them, as the released code does: the
-  /// map then has no residuals, and counts what it knows twice.
+  /// Whether measurements of a loaded map, and of all sessions before the one that begins, are replaced by what their
+  /// poses say of them, as the released code does, which saves and loads between sessions: the map then has no
+  /// residuals, and counts what it knows twice.
   bool remeasure_loaded = false;
   /// How near each optimisation comes to the optimum. Without patience, since it goes on until nothing waits.
   SmootherOptions smoother{.patience = 0.0};
@@ -158,6 +159,10 @@ std::shared_ptr<const SlamMap> MapGraph<Kernel>::snapshot() const {
 template <class Kernel>
 void MapGraph<Kernel>::begin_session(std::string name) {
   const Change change(*this);
+  if (options_.remeasure_loaded && !map_.keyframes.empty()) {
+    remeasure();
+    rebuild();
+  }
   const SessionId id{to_index(map_.sessions.size())};
   priors_.emplace_back();
   map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});

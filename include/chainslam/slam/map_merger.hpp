@@ -1,33 +1,47 @@
 #pragma once
 
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/timestamp.hpp"
+#include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/map/submap.hpp"
 #include "chainslam/registration/feature_registration.hpp"
 #include "chainslam/slam/chained_closer.hpp"
+#include "chainslam/slam/closure_covariance.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
 
 namespace chainslam {
 
+/// What measures a merge's closure, once the submaps lie on each other.
+enum class MergeMeasurement {
+  refined,  ///< alignment of the scan to the submap, which must accept the place too
+  submaps,  ///< the registration of the submaps itself: the paper's alignment factor
+  scan,     ///< the scan to the submap (released); if that refuses, the frames are joined without a measurement
+};
+
 struct MergeOptions {
   bool enabled = true;
   double min_travel = 4.0;  ///< metres along the path between two attempts
+  double min_period = 0;    ///< seconds of the data between two attempts
   /// Keyframes n: up to 2n+1 of the earlier session, n+1 of the current one, which has no future.
   Index submap_radius = 20;
   double voxel_size = 1.0;  ///< metres, of both submaps
-  /// Inliers over target points (tau_R), and over matched features (what the released code bounds, by 0.5). Of half
-  /// submaps of four real sensors sought in whole ones, 101 of 102 right poses meet both, and none of 474 wrong ones.
+  /// Inliers over target points (tau_R), and over matched features. Of half submaps of four real sensors sought in
+  /// whole ones, 101 of 102 right poses meet both, and none of 474 wrong ones.
   double min_fitness = 0.30;
   double min_putative = 0.05;
-  double min_translation = 0;  ///< metres and
+  double min_source_fitness = 0;  ///< inliers over source points (released: 0.5, by Open3D 0.15.1, which it builds)
+  double min_translation = 0;     ///< metres and
   double min_rotation = 0;  ///< radians: frames that lie nearer together than both are not joined (released: 1, 0.035)
-  bool refine = true;       ///< scan-to-submap alignment must accept the place too, and gives the closure's measurement
-  Index confirmations = 2;  ///< places that have to agree before the frames are joined (the paper: 1)
-  double apart = 10.0;      ///< metres along the path between two such places
+  MergeMeasurement measurement = MergeMeasurement::refined;
+  double lambda = 1e-4;  ///< of `submaps`: variance, m^2 and rad^2, over the inliers' mean squared distance (the paper)
+  Index confirmations = 2;         ///< places that have to agree before the frames are joined (the paper: 1)
+  double apart = 10.0;             ///< metres along the path between two such places
   double agree_translation = 2.0;  ///< metres that two places may differ by,
   double agree_per_metre = 0.02;   ///< and metres for each metre of the path between them
   double agree_rotation = 0.1;     ///< radians
@@ -110,7 +124,8 @@ class MapMerger {
   [[no_unique_address]] Registration registration_;
   std::vector<Hypothesis> hypotheses_;
   Path path_;
-  double last_attempt_ = -std::numeric_limits<double>::infinity();
+  double last_attempt_ = -std::numeric_limits<double>::infinity();  ///< metres from the session's start
+  std::optional<Timestamp> last_time_;
 };
 
 template <class Candidates, class Registration>
@@ -122,8 +137,11 @@ std::vector<LoopClosure> MapMerger<Candidates, Registration>::attempt(const Slam
   const double travelled = travelled_to(map, query);
   const double since = travelled - last_attempt_;
   if (since < options_.min_travel || since <= 0) return tried;  // asked again at the same place: nothing new to see
+  const Timestamp now = keyframe(map, query).time;
+  if (last_time_ && to_seconds(now - *last_time_) < options_.min_period) return tried;
   for (const KeyframeId candidate : candidates_.find(map, query)) {
     last_attempt_ = travelled;
+    last_time_ = now;
     LoopClosure closure = register_submaps(map, candidate, query, closer, executor);
     if (closure.verdict != ClosureVerdict::accepted) {
       tried.push_back(closure);
@@ -145,6 +163,7 @@ std::vector<LoopClosure> MapMerger<Candidates, Registration>::withdraw() {
   hypotheses_.clear();
   path_ = {};
   last_attempt_ = -std::numeric_limits<double>::infinity();
+  last_time_.reset();
   return refused;
 }
 
@@ -173,8 +192,15 @@ LoopClosure MapMerger<Candidates, Registration>::register_submaps(const SlamMap&
   closure.verdict = judge(map, closure, result);
   closure.inlier_ratio = result.fitness_target;
   closure.mean_squared_error = result.inlier_rmse * result.inlier_rmse;
-  if (closure.verdict != ClosureVerdict::accepted || !options_.refine) return closure;
+  if (closure.verdict != ClosureVerdict::accepted) return closure;
+  if (options_.measurement == MergeMeasurement::submaps) {
+    closure.sqrt_information =
+        NoiseModel<6>::from_covariance(IsotropicCovariance{.lambda = options_.lambda}(closure.mean_squared_error))
+            .sqrt_information();
+    return closure;
+  }
   LoopClosure refined = closer.align(map.keyframes, from, to, closure.T_from_to, executor);
+  if (options_.measurement == MergeMeasurement::scan && refined.verdict != ClosureVerdict::accepted) return closure;
   refined.kind = ClosureKind::merge;
   refined.inlier_ratio = result.fitness_target;
   return refined;
@@ -184,7 +210,8 @@ template <class Candidates, class Registration>
 ClosureVerdict MapMerger<Candidates, Registration>::judge(const SlamMap& map, const LoopClosure& closure,
                                                           const GlobalAlignResult& result) const {
   if (!result.found()) return ClosureVerdict::not_converged;
-  if (!(result.fitness_target >= options_.min_fitness && result.putative_ratio >= options_.min_putative))
+  if (!(result.fitness_target >= options_.min_fitness && result.putative_ratio >= options_.min_putative &&
+        result.fitness_source >= options_.min_source_fitness))
     return ClosureVerdict::low_fitness;
   const SE3d T = T_frame_joined(map, closure);
   const bool same_frame =
