@@ -2,9 +2,12 @@
 
 #include <numbers>
 #include <string>
+#include <string_view>
 #include <tuple>
+#include <utility>
 #include <vector>
 
+#include "back_end_options.hpp"
 #include "datasets/extrinsic.hpp"
 
 namespace chainslam::mapper {
@@ -120,14 +123,22 @@ void add_imu(Configuration& configuration, ImuSettings& imu, datasets::DatasetOp
                              "known."});
 }
 
+/// What a front end sets beside itself: FAST-LIO2's published numbers, or what the others have by default.
+std::vector<std::pair<std::string_view, std::string_view>> numbers_of(OdometrySourceKind source) {
+  if (source == OdometrySourceKind::fast_lio2)
+    return {{"odometry.voxel_size", "0.5"}, {"odometry.map_radius", "500"}, {"odometry.max_iterations", "5"}};
+  return {{"odometry.voxel_size", "0.75"}, {"odometry.map_radius", "150"}, {"odometry.max_iterations", "20"}};
+}
+
 void add_odometry(Configuration& configuration, OdometrySourceKind& source, LidarOdometryOptions<>& odometry) {
   configuration.add("odometry.source", source,
                     {{"lidar", OdometrySourceKind::lidar},
                      {"lidar_inertial", OdometrySourceKind::lidar_inertial},
                      {"fast_lio2", OdometrySourceKind::fast_lio2}},
                     {.help = "lidar_inertial: an iterated filter of scans and inertial readings, of scans alone where "
-                             "there are none. fast_lio2: the same as it was published. lidar: scans, and the "
-                             "gyroscope's rotation."});
+                             "there are none. fast_lio2: the same as it was published, which sets voxel_size, "
+                             "map_radius and max_iterations, too. lidar: scans, and the gyroscope's rotation.",
+                     .brings = [&source] { return numbers_of(source); }});
   configuration.add("odometry.min_range", odometry.filter.min_range,
                     {.unit = "m", .min = 0, .max = 100, .help = "Nearer points are the carrier's own body."});
   configuration.add("odometry.max_range", odometry.filter.max_range,
@@ -139,9 +150,11 @@ void add_odometry(Configuration& configuration, OdometrySourceKind& source, Lida
   configuration.add(
       "odometry.map_radius", odometry.map_radius,
       {.unit = "m", .min = 5, .max = 2000, .help = "Half the edge of the local map's cube around the body."});
-  configuration.add(
-      "odometry.max_iterations", odometry.scan_to_map.max_iterations,
-      {.min = 1, .max = 1000, .help = "Steps of the registration of a scan to the local map, by source = lidar."});
+  configuration.add("odometry.max_iterations", odometry.scan_to_map.max_iterations,
+                    {.min = 1,
+                     .max = 1000,
+                     .help = "Steps of the registration of a scan to the local map, by source = lidar; passes of the "
+                             "filter over a scan, by fast_lio2."});
   configuration.add(
       "odometry.residual_scale", odometry.scan_to_map.residual_scale,
       {.unit = "m", .min = 0.001, .max = 10, .help = "Distances to planes beyond this count for little."});
@@ -164,136 +177,17 @@ void add_keyframes(Configuration& configuration, KeyframeOptions& keyframes) {
 }
 
 void add_presets(Configuration& configuration, MapperOptions& options) {
-  const auto apply_both = [&options] {
-    apply(options.preset, options.back_end);
-    apply(options.platform, options.preset, options.keyframes, options.back_end);
-  };
+  const auto brings = [&options] { return values_of(options.preset, options.platform); };
   configuration.add(
       "preset", options.preset, {{"best", Preset::best}, {"paper", Preset::paper}, {"released", Preset::released}},
-      {.help = "Sets closures, chain, merge and graph as a whole; other keys then change single values. paper: the "
-               "method as published. released: its published code. best: what measures better.",
-       .then = apply_both});
+      {.help = "Sets the whole system, odometry, keyframes, closures, chain, merge and graph; other keys then change "
+               "single values. paper: the method as published. released: its published code. best: what measures "
+               "better.",
+       .brings = brings});
   configuration.add("platform", options.platform, {{"nclt", Platform::nclt}, {"mars", Platform::mars}},
-                    {.help = "Keyframe distance, closure interval and rate for a slow robot (nclt) or a car (mars).",
-                     .then = apply_both});
-}
-
-void add_closures(Configuration& configuration, BackEndParts& parts) {
-  ProximityCandidates& candidates = parts.candidates;
-  ClosureGate& gate = parts.closures.gate;
-  configuration.add("closures.radius", candidates.radius,
-                    {.unit = "m", .min = 0, .max = 1000, .help = "Keyframes so near are tried. 0: no closures."});
-  configuration.add(
-      "closures.min_interval", candidates.min_interval,
-      {.unit = "s", .min = 0, .max = 1e6, .help = "Keyframes of the same session are tried after so long."});
-  configuration.add("closures.max_candidates", candidates.max_count,
-                    {.min = 1, .max = 1000, .help = "Keyframes tried for one scan at most."});
-  configuration.add(
-      "closures.min_travel", parts.closures.min_travel,
-      {.unit = "m", .min = 0, .max = 1e6, .help = "Way between two searches. 0: every keyframe searches."});
-  configuration.add(
-      "closures.submap_radius", parts.closures.submap.radius,
-      {.min = 0, .max = 1000, .help = "Keyframes on each side of the candidate that make up its submap."});
-  configuration.add("closures.voxel_size", parts.closures.submap.voxel_size,
-                    {.unit = "m", .min = 0.02, .max = 10, .help = "Edge of a submap's voxels."});
-  configuration.add(
-      "closures.method", parts.registration.method,
-      {{"point_to_plane", ClosureMethod::point_to_plane}, {"point_to_point", ClosureMethod::point_to_point}},
-      {.help = "How scans are aligned to submaps: coarse to fine on planes, or the paper's."});
-  configuration.add("closures.max_distance", parts.registration.point_to_point.max_distance,
-                    {.unit = "m", .min = 0.01, .max = 1000, .help = "Between matched points, of point_to_point."});
-  configuration.add("closures.noise_from_hessian", parts.noise.from_hessian,
-                    {.help = "Covariance from the alignment's Hessian; else lambda times its mean squared error."});
-  configuration.add("closures.lambda", parts.noise.isotropic.lambda,
-                    {.min = 1e-12, .max = 1e6, .help = "Variance over mean squared error, if not from the Hessian."});
-  configuration.add("closures.max_mean_squared_error", gate.max_mean_squared_error,
-                    {.unit = "m^2", .min = 0, .max = 1e9, .help = "Of the distances to nearest points, over inliers."});
-  configuration.add("closures.max_residual", gate.max_residual,
-                    {.unit = "m", .min = 0, .max = 1e9, .help = "Root mean square of what the method minimises."});
-  configuration.add("closures.min_inlier_ratio", gate.min_inlier_ratio,
-                    {.min = 0, .max = 1, .help = "Share of the scan's points with a partner in the submap."});
-  configuration.add("closures.max_translation", gate.max_translation,
-                    {.unit = "m", .min = 0, .max = 1e9, .help = "Corrections larger than this are not believed."});
-  configuration.add("closures.max_rotation", gate.max_rotation,
-                    {.unit = "deg",
-                     .min = 0,
-                     .max = 1e12,
-                     .factor = degree,
-                     .help = "Corrections larger than this are not believed."});
-  configuration.add(
-      "closures.kernel_width", parts.kernel.width,
-      {.min = 0.1, .max = 1e9, .help = "Standard deviations at which the graph halves a closure's weight."});
-}
-
-void add_chain(Configuration& configuration, BackEndParts& parts) {
-  ChainOptions& chain = parts.chain;
-  configuration.add("chain.enabled", chain.enabled,
-                    {.help = "Whether direct closures with earlier sessions are chained."});
-  configuration.add("chain.through_current_session", chain.through_current_session,
-                    {.help = "Whether the search walks through the current session's keyframes too."});
-  configuration.add(
-      "chain.reach", chain.reach,
-      {.min = 0, .max = 1000, .help = "Keyframes on each side of the partner whose closures count as its."});
-  configuration.add("chain.guess_through_chain", chain.guess_through_chain,
-                    {.help = "Whether alignments start from the direct closure; else from the graph's estimate."});
-  configuration.add("chain.max_distance", chain.max_distance,
-                    {.unit = "m", .min = 0, .max = 1e6, .help = "Farther keyframes are not tried. 0: all are."});
-  configuration.add("chain.min_separation", chain.min_separation,
-                    {.min = 0, .max = 100000, .help = "Keyframes between two that are tried in one session."});
-  configuration.add("chain.max_alignments", chain.max_alignments,
-                    {.min = 0, .max = 1000000, .help = "Alignments for one direct closure. 0: no bound."});
-  configuration.add("chain.max_translation", chain.max_translation,
-                    {.unit = "m", .min = 0, .max = 1e6, .help = "More contradicts the chain. 0: nothing does."});
-  configuration.add("chain.max_rotation", chain.max_rotation,
-                    {.unit = "deg", .min = 0, .max = 180, .factor = degree, .help = "More contradicts the chain."});
-  configuration.add(
-      "chain.correlation", chain.correlation,
-      {.min = 0, .max = 1, .help = "Of closures that share a scan: 0 counts each in full, 1 all as one."});
-}
-
-void add_merge(Configuration& configuration, BackEndParts& parts) {
-  MergeOptions& merge = parts.merge;
-  configuration.add("merge.enabled", merge.enabled, {.help = "Whether sessions are joined into one frame."});
-  configuration.add("merge.gnss_radius", parts.gnss.radius,
-                    {.unit = "m", .min = 0, .max = 10000, .help = "Keyframes whose fixes are so near are tried."});
-  configuration.add("merge.max_candidates", parts.gnss.max_count,
-                    {.min = 1, .max = 1000, .help = "Keyframes tried for one keyframe at most."});
-  configuration.add("merge.min_travel", merge.min_travel,
-                    {.unit = "m", .min = 0, .max = 1e6, .help = "Way between two attempts."});
-  configuration.add("merge.voxel_size", merge.voxel_size,
-                    {.unit = "m", .min = 0.05, .max = 10, .help = "Edge of the voxels of both submaps."});
-  configuration.add("merge.min_fitness", merge.min_fitness,
-                    {.min = 0, .max = 1, .help = "Inliers over target points (tau_R)."});
-  configuration.add("merge.min_putative", merge.min_putative,
-                    {.min = 0, .max = 1, .help = "Inliers over matched features."});
-  configuration.add("merge.refine", merge.refine,
-                    {.help = "Whether an alignment of the scan to the submap has to accept the place too."});
-  configuration.add("merge.confirmations", merge.confirmations,
-                    {.min = 1, .max = 1000, .help = "Places that must agree before sessions are joined."});
-  configuration.add("merge.apart", merge.apart,
-                    {.unit = "m", .min = 0, .max = 1e6, .help = "Way between two such places."});
-  configuration.add("merge.recheck_travel", parts.back_end.recheck_travel,
-                    {.unit = "m", .min = 0, .max = 1e6, .help = "Way between searches along a joined session."});
-  configuration.add("merge.recheck_chained", parts.back_end.chain_in_recheck,
-                    {.help = "Whether what these searches find is chained."});
-}
-
-void add_graph(Configuration& configuration, MapGraphOptions& graph) {
-  OdometryNoise& noise = graph.odometry_noise;
-  configuration.add("graph.odometry_translation", noise.translation,
-                    {.unit = "m", .min = 1e-6, .max = 100, .help = "Standard deviation of a step between keyframes,"});
-  configuration.add("graph.odometry_translation_per_metre", noise.translation_per_metre,
-                    {.min = 0, .max = 1, .help = "and what each metre of the way adds."});
-  configuration.add("graph.odometry_rotation", noise.rotation,
-                    {.unit = "deg", .min = 1e-6, .max = 100, .factor = degree, .help = "The same for the rotation,"});
-  configuration.add("graph.odometry_rotation_per_metre", noise.rotation_per_metre,
-                    {.unit = "deg/m", .min = 0, .max = 10, .factor = degree, .help = "and what each metre adds."});
-  configuration.add("graph.anchor_joined_sessions", graph.anchor_joined_sessions,
-                    {.help = "Whether a joined session's start is held where the merge put it."});
-  configuration.add("graph.remeasure_loaded", graph.remeasure_loaded,
-                    {.help = "Whether a loaded map's measurements are replaced by what its poses say."});
-  configuration.add("graph.max_iterations", graph.optimizer.max_iterations,
-                    {.min = 1, .max = 100000, .help = "Steps of one optimisation."});
+                    {.help = "Keyframe distance and closure interval for a slow robot (nclt) or a car (mars); of paper "
+                             "and released also closure rate, nearest points and IMU noise.",
+                     .brings = brings});
 }
 
 void add_goals(Configuration& configuration, Goals& goals) {
@@ -345,10 +239,7 @@ support::Configuration make_configuration(MapperOptions& options) {
   add_odometry(configuration, options.odometry_source, options.odometry);
   add_imu(configuration, options.imu, options.dataset);
   add_keyframes(configuration, options.keyframes);
-  add_closures(configuration, options.back_end);
-  add_chain(configuration, options.back_end);
-  add_merge(configuration, options.back_end);
-  add_graph(configuration, options.back_end.back_end.graph);
+  add_back_end(configuration, options.back_end);
   configuration.add("output.map_voxel", options.map_voxel,
                     {.unit = "m", .min = 0.01, .max = 10, .help = "Edge of the voxels of map.ply."});
   add_goals(configuration, options.goals);

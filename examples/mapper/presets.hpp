@@ -1,13 +1,18 @@
 #pragma once
 
+#include <array>
+#include <span>
+#include <string_view>
+#include <utility>
+#include <vector>
+
 #include "chainslam/registration/coarse_to_fine.hpp"
 #include "chainslam/slam/back_end.hpp"
-#include "chainslam/slam/keyframe_selector.hpp"
 
 namespace chainslam::mapper {
 
-/// Whose method: `paper` does what the paper says, `released` what its code does where that differs, `best` what can be
-/// shown to be better.
+/// Whose method: `paper` does what the paper says, `released` what its code does, front end included, `best` what can
+/// be shown to be better.
 enum class Preset { best, paper, released };
 
 /// Parameters that go with a vehicle's pace, as the paper's released configurations have them.
@@ -54,10 +59,17 @@ struct BackEndParts {
   Cauchy kernel{.width = 4.0};
 };
 
-/// Sets the parts as the preset has them.
-void apply(Preset preset, BackEndParts& parts);
+/// One setting as the published system has it, in the form in which the configuration file writes it.
+struct PresetValue {
+  std::string_view key;
+  std::array<std::string_view, 2> paper, released;  ///< by platform: nclt, mars
+  std::string_view source;                          ///< where paper and code say so
+};
 
-/// Sets what goes with the vehicle's pace; `released` closes loops as often as the released configurations do.
-void apply(Platform platform, Preset preset, KeyframeOptions& keyframes, BackEndParts& parts);
+/// All that `paper` and `released` set, front end and back end. What is not in the table is as `best` has it.
+[[nodiscard]] std::span<const PresetValue> preset_table();
+
+/// Settings that go with a preset on a platform; of `best` those that go with the platform's pace.
+[[nodiscard]] std::vector<std::pair<std::string_view, std::string_view>> values_of(Preset preset, Platform platform);
 
 }  // namespace chainslam::mapper

@@ -101,8 +101,12 @@ std::unique_ptr<SessionOdometry> make_session_odometry(const MapperOptions& give
       options.imu_check = imu_check_of(given.dataset);
       return std::make_unique<PlainOdometry<LidarOdometry<>>>(options);
     }
-    case OdometrySourceKind::fast_lio2:
-      return std::make_unique<PlainOdometry<FastLio2>>(inertial(fast_lio2_options(), given, dataset.T_body_lidar));
+    case OdometrySourceKind::fast_lio2: {
+      auto options = inertial(fast_lio2_options(), given, dataset.T_body_lidar);
+      options.scan_voxel = given.odometry.scan_voxel;
+      options.iteration.max_iterations = options.scan_to_map.max_matchings = given.odometry.scan_to_map.max_iterations;
+      return std::make_unique<PlainOdometry<FastLio2>>(options);
+    }
     case OdometrySourceKind::lidar_inertial:
       break;
   }

@@ -398,7 +398,8 @@ void Configuration::apply_with_others() {
     assign(keys_[i], last->value);
     for (const auto& [name, text] : keys_[i].info.brings()) {
       const Key* other = find(name);
-      if (other == nullptr) throw std::logic_error("'" + keys_[i].name + "' brings an unknown key: " + std::string(name));
+      if (other == nullptr)
+        throw std::logic_error("'" + keys_[i].name + "' brings an unknown key: " + std::string(name));
       const Value value = value_in(*other, std::string(text));
       try {
         check(*other, value, keys_[i].name);

@@ -37,10 +37,10 @@ struct KeyInfo {
   std::string unit{};                                     ///< as the file states it: "m", "s", "deg"; empty if none
   double min = -std::numeric_limits<double>::infinity();  ///< in the file's unit; for numbers and each part of a vector
   double max = std::numeric_limits<double>::infinity();
-  double factor = 1.0;           ///< member = factor * file value: pi / 180 for "deg"
-  std::string help{};            ///< a sentence or two
-  /// Other keys' values that the member's value, once it is set, brings along, as the file writes them: a preset's. Keys
-  /// with such are set before all others, in the order of registration.
+  double factor = 1.0;  ///< member = factor * file value: pi / 180 for "deg"
+  std::string help{};   ///< a sentence or two
+  /// Other keys' values that the member's value, once it is set, brings along, as the file writes them: a preset's.
+  /// Keys with such are set before all others, in the order of registration.
   std::function<std::vector<std::pair<std::string_view, std::string_view>>()> brings{};
 };
 

@@ -58,7 +58,8 @@ Configuration bound_to(Options& options) {
   configuration.add("preset", options.preset, {{"best", Preset::best}, {"paper", Preset::paper}},
                     {.help = "Where all other keys start from.", .brings = [&options] {
                        std::vector<std::pair<std::string_view, std::string_view>> values;
-                       if (options.preset == Preset::paper) values = {{"odometry.voxel_size", "0.4"}, {"name", "paper's"}};
+                       if (options.preset == Preset::paper)
+                         values = {{"odometry.voxel_size", "0.4"}, {"name", "paper's"}};
                        return values;
                      }});
   configuration.add("name", options.name, {});

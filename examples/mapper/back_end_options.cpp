@@ -1,0 +1,243 @@
+#include "back_end_options.hpp"
+
+#include <numbers>
+
+namespace chainslam::mapper {
+
+namespace {
+
+using support::Configuration;
+
+constexpr double degree = std::numbers::pi / 180;
+
+void add_point_to_point(Configuration& configuration, Icp<PointToPoint>& icp) {
+  const std::string of = " By method = point_to_point.";
+  configuration.add("closures.max_distance", icp.max_distance,
+                    {.unit = "m", .min = 0.01, .max = 1000, .help = "Between matched points." + of});
+  configuration.add("closures.max_iterations", icp.max_iterations,
+                    {.min = 1, .max = 100000, .help = "Steps of an alignment." + of});
+  configuration.add("closures.pilot", icp.pilot,
+                    {.min = 1,
+                     .max = 1000,
+                     .help = "The first steps look at one point of so many. 1: there are no such steps." + of});
+  configuration.add("closures.min_overlap", icp.min_overlap,
+                    {.min = 0, .max = 1, .help = "Least share of the scan's points with a match." + of});
+  configuration.add("closures.degeneracy_threshold", icp.degeneracy_threshold,
+                    {.min = 0,
+                     .max = 1,
+                     .help = "Directions told by less, a mean squared cosine, are left as guessed. 0: none is." + of});
+  configuration.add("closures.translation_tolerance", icp.translation_tolerance,
+                    {.unit = "m", .min = 0, .max = 1, .help = "An alignment ends with a step shorter than this" + of});
+  configuration.add("closures.rotation_tolerance", icp.rotation_tolerance,
+                    {.unit = "deg", .min = 0, .max = 10, .factor = degree, .help = "and than this," + of});
+  configuration.add("closures.cost_tolerance", icp.cost_tolerance,
+                    {.min = 0, .max = 1, .help = "or with one that changes the mean cost by a smaller share." + of});
+}
+
+void add_closures(Configuration& configuration, BackEndParts& parts) {
+  ProximityCandidates& candidates = parts.candidates;
+  ClosureGate& gate = parts.closures.gate;
+  configuration.add("closures.radius", candidates.radius,
+                    {.unit = "m", .min = 0, .max = 1000, .help = "Keyframes so near are tried. 0: no closures."});
+  configuration.add("closures.heading_weight", candidates.heading_weight,
+                    {.unit = "m/rad",
+                     .min = 0,
+                     .max = 1000,
+                     .help = "Of two candidates the nearer is tried first; a turn between two counts as so much way."});
+  configuration.add(
+      "closures.min_interval", candidates.min_interval,
+      {.unit = "s", .min = 0, .max = 1e6, .help = "Keyframes of the same session are tried after so long."});
+  configuration.add("closures.max_candidates", candidates.max_count,
+                    {.min = 1, .max = 1000, .help = "Keyframes tried for one scan at most."});
+  configuration.add(
+      "closures.min_travel", parts.closures.min_travel,
+      {.unit = "m", .min = 0, .max = 1e6, .help = "Way between two searches. 0: every keyframe searches."});
+  configuration.add(
+      "closures.min_period", parts.closures.min_period,
+      {.unit = "s", .min = 0, .max = 1e6, .help = "Time of the data between two searches. 0: the way alone decides."});
+  configuration.add("closures.before_merge", parts.back_end.close_before_merge,
+                    {.help = "Whether a session that follows others closes loops before it is joined to one of them."});
+  configuration.add(
+      "closures.submap_radius", parts.closures.submap.radius,
+      {.min = 0, .max = 1000, .help = "Keyframes on each side of the candidate that make up its submap."});
+  configuration.add("closures.voxel_size", parts.closures.submap.voxel_size,
+                    {.unit = "m", .min = 0.02, .max = 10, .help = "Edge of a submap's voxels."});
+  configuration.add("closures.scan_voxel", parts.closures.scan_voxel,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 10,
+                     .help = "Edge of the voxels of the scan that is aligned. 0: as the keyframe keeps it."});
+  configuration.add(
+      "closures.method", parts.registration.method,
+      {{"point_to_plane", ClosureMethod::point_to_plane}, {"point_to_point", ClosureMethod::point_to_point}},
+      {.help = "How scans are aligned to submaps: coarse to fine on planes, or the paper's."});
+  add_point_to_point(configuration, parts.registration.point_to_point);
+  configuration.add("closures.take_iteration_limit", gate.take_iteration_limit,
+                    {.help = "Whether an alignment that was still moving after its last step will do."});
+  configuration.add("closures.noise_from_hessian", parts.noise.from_hessian,
+                    {.help = "Covariance from the alignment's Hessian; else lambda times its mean squared error."});
+  configuration.add("closures.lambda", parts.noise.isotropic.lambda,
+                    {.min = 1e-12, .max = 1e6, .help = "Variance over mean squared error, if not from the Hessian."});
+  configuration.add("closures.least_variance", parts.noise.isotropic.least,
+                    {.unit = "m^2, rad^2", .min = 1e-15, .max = 1, .help = "The least, if not from the Hessian."});
+  configuration.add("closures.max_mean_squared_error", gate.max_mean_squared_error,
+                    {.unit = "m^2", .min = 0, .max = 1e9, .help = "Of the distances to nearest points, over inliers."});
+  configuration.add("closures.max_residual", gate.max_residual,
+                    {.unit = "m", .min = 0, .max = 1e9, .help = "Root mean square of what the method minimises."});
+  configuration.add("closures.min_inlier_ratio", gate.min_inlier_ratio,
+                    {.min = 0, .max = 1, .help = "Share of the scan's points with a partner in the submap."});
+  configuration.add("closures.max_translation", gate.max_translation,
+                    {.unit = "m", .min = 0, .max = 1e9, .help = "Corrections larger than this are not believed."});
+  configuration.add("closures.max_rotation", gate.max_rotation,
+                    {.unit = "deg",
+                     .min = 0,
+                     .max = 1e12,
+                     .factor = degree,
+                     .help = "Corrections larger than this are not believed."});
+  configuration.add(
+      "closures.kernel_width", parts.kernel.width,
+      {.min = 0.1, .max = 1e9, .help = "Standard deviations at which the graph halves a closure's weight."});
+}
+
+void add_chain(Configuration& configuration, BackEndParts& parts) {
+  ChainOptions& chain = parts.chain;
+  configuration.add("chain.enabled", chain.enabled,
+                    {.help = "Whether direct closures with earlier sessions are chained."});
+  configuration.add("chain.through_current_session", chain.through_current_session,
+                    {.help = "Whether the search walks through the current session's keyframes too."});
+  configuration.add(
+      "chain.reach", chain.reach,
+      {.min = 0, .max = 1000, .help = "Keyframes on each side of the partner whose closures count as its."});
+  configuration.add("chain.guess_through_chain", chain.guess_through_chain,
+                    {.help = "Whether alignments start from the direct closure; else from the graph's estimate."});
+  configuration.add("chain.max_distance", chain.max_distance,
+                    {.unit = "m", .min = 0, .max = 1e6, .help = "Farther keyframes are not tried. 0: all are."});
+  configuration.add("chain.min_separation", chain.min_separation,
+                    {.min = 0, .max = 100000, .help = "Keyframes between two that are tried in one session."});
+  configuration.add("chain.max_alignments", chain.max_alignments,
+                    {.min = 0, .max = 1000000, .help = "Alignments for one direct closure. 0: no bound."});
+  configuration.add("chain.max_translation", chain.max_translation,
+                    {.unit = "m", .min = 0, .max = 1e6, .help = "More contradicts the chain. 0: nothing does."});
+  configuration.add("chain.max_rotation", chain.max_rotation,
+                    {.unit = "deg", .min = 0, .max = 180, .factor = degree, .help = "More contradicts the chain."});
+  configuration.add(
+      "chain.correlation", chain.correlation,
+      {.min = 0, .max = 1, .help = "Of closures that share a scan: 0 counts each in full, 1 all as one."});
+}
+
+void add_feature_registration(Configuration& configuration, FeatureRegistration<>& features) {
+  configuration.add("merge.normal_radius", features.normals.radius,
+                    {.unit = "m", .min = 0.05, .max = 100, .help = "Farthest neighbours that a normal is fitted to."});
+  configuration.add("merge.normal_neighbors", features.normals.neighbors,
+                    {.min = 5, .max = 1000, .help = "Neighbours that a normal is fitted to at most."});
+  configuration.add("merge.feature_radius", features.features.radius,
+                    {.unit = "m", .min = 0.1, .max = 100, .help = "Farthest neighbours that a feature describes."});
+  configuration.add("merge.feature_neighbors", features.features.max_neighbors,
+                    {.min = 2, .max = 10000, .help = "Neighbours that a feature describes at most."});
+  Ransac& ransac = features.estimator;
+  configuration.add(
+      "merge.edge_length_ratio", ransac.edge_length_ratio,
+      {.min = 0, .max = 1, .help = "Least ratio of the edges of two triangles of points that are taken as the same."});
+  configuration.add("merge.max_distance", ransac.max_distance,
+                    {.unit = "m", .min = 0.01, .max = 100, .help = "Of matched points that agree; of inliers."});
+  configuration.add("merge.max_iterations", ransac.max_iterations,
+                    {.min = 1, .max = 10000000, .help = "Triples of matches that are tried at most."});
+  configuration.add("merge.confidence", ransac.confidence,
+                    {.min = 0.01, .max = 0.999999, .help = "That a right triple was among them, for ending early."});
+  configuration.add("merge.min_consensus", ransac.min_consensus,
+                    {.min = 3, .max = 100000, .help = "Matches that must agree."});
+}
+
+void add_merge(Configuration& configuration, BackEndParts& parts) {
+  MergeOptions& merge = parts.merge;
+  configuration.add("merge.enabled", merge.enabled, {.help = "Whether sessions are joined into one frame."});
+  configuration.add("merge.gnss_radius", parts.gnss.radius,
+                    {.unit = "m", .min = 0, .max = 10000, .help = "Keyframes whose fixes are so near are tried."});
+  configuration.add("merge.gnss_with_height", parts.gnss.with_height,
+                    {.help = "Whether that distance is one in space; else along the ground."});
+  configuration.add("merge.gnss_max_height", parts.gnss.max_height,
+                    {.unit = "m", .min = 0, .max = 1e9, .help = "Largest difference in height of the two fixes."});
+  configuration.add(
+      "merge.gnss_max_sigma", parts.gnss.max_sigma,
+      {.unit = "m", .min = 0, .max = 1e9, .help = "Fixes that state a larger standard deviation are not used."});
+  configuration.add("merge.max_candidates", parts.gnss.max_count,
+                    {.min = 1, .max = 1000, .help = "Keyframes tried for one keyframe at most."});
+  configuration.add("merge.min_travel", merge.min_travel,
+                    {.unit = "m", .min = 0, .max = 1e6, .help = "Way between two attempts."});
+  configuration.add("merge.min_period", merge.min_period,
+                    {.unit = "s", .min = 0, .max = 1e6, .help = "Time of the data between two attempts."});
+  configuration.add("merge.submap_radius", merge.submap_radius,
+                    {.min = 0,
+                     .max = 1000,
+                     .help = "Keyframes on each side that make up the earlier submap, and before of the current one."});
+  configuration.add("merge.voxel_size", merge.voxel_size,
+                    {.unit = "m", .min = 0.05, .max = 10, .help = "Edge of the voxels of both submaps."});
+  add_feature_registration(configuration, parts.features);
+  configuration.add("merge.min_fitness", merge.min_fitness,
+                    {.min = 0, .max = 1, .help = "Inliers over target points (tau_R)."});
+  configuration.add("merge.min_putative", merge.min_putative,
+                    {.min = 0, .max = 1, .help = "Inliers over matched features."});
+  configuration.add("merge.min_source_fitness", merge.min_source_fitness,
+                    {.min = 0, .max = 1, .help = "Inliers over points of the current submap."});
+  configuration.add("merge.min_translation", merge.min_translation,
+                    {.unit = "m", .min = 0, .max = 1e6, .help = "Frames that lie nearer together than this and"});
+  configuration.add(
+      "merge.min_rotation", merge.min_rotation,
+      {.unit = "deg", .min = 0, .max = 180, .factor = degree, .help = "are turned by less are not joined."});
+  configuration.add("merge.measurement", merge.measurement,
+                    {{"refined", MergeMeasurement::refined},
+                     {"submaps", MergeMeasurement::submaps},
+                     {"scan", MergeMeasurement::scan}},
+                    {.help = "What measures the closure that joins two sessions. refined: an alignment of the scan to "
+                             "the submap, which must accept the place too. submaps: their registration. scan: that "
+                             "alignment; if it refuses, nothing does, and the sessions are joined all the same."});
+  configuration.add("merge.lambda", merge.lambda,
+                    {.min = 1e-12, .max = 1e6, .help = "Variance over mean squared error, by measurement = submaps."});
+  configuration.add("merge.confirmations", merge.confirmations,
+                    {.min = 1, .max = 1000, .help = "Places that must agree before sessions are joined."});
+  configuration.add("merge.apart", merge.apart,
+                    {.unit = "m", .min = 0, .max = 1e6, .help = "Way between two such places."});
+  configuration.add("merge.chained", parts.back_end.chain_merges,
+                    {.help = "Whether the closure that joins two sessions is chained, as direct ones are."});
+  configuration.add("merge.recheck_travel", parts.back_end.recheck_travel,
+                    {.unit = "m", .min = 0, .max = 1e6, .help = "Way between searches along a joined session."});
+  configuration.add("merge.recheck_pause", parts.back_end.recheck_pause,
+                    {.min = 0, .max = 1000, .help = "Keyframes that are left out there after one that was found."});
+  configuration.add("merge.recheck_chained", parts.back_end.chain_in_recheck,
+                    {.help = "Whether what these searches find is chained."});
+}
+
+void add_graph(Configuration& configuration, MapGraphOptions& graph) {
+  OdometryNoise& noise = graph.odometry_noise;
+  configuration.add("graph.odometry_translation", noise.translation,
+                    {.unit = "m", .min = 1e-6, .max = 100, .help = "Standard deviation of a step between keyframes,"});
+  configuration.add("graph.odometry_translation_per_metre", noise.translation_per_metre,
+                    {.min = 0, .max = 1, .help = "and what each metre of the way adds."});
+  configuration.add("graph.odometry_rotation", noise.rotation,
+                    {.unit = "deg", .min = 1e-6, .max = 100, .factor = degree, .help = "The same for the rotation,"});
+  configuration.add("graph.odometry_rotation_per_metre", noise.rotation_per_metre,
+                    {.unit = "deg/m", .min = 0, .max = 10, .factor = degree, .help = "and what each metre adds."});
+  configuration.add("graph.odometry_doubt", graph.odometry_doubt.enabled,
+                    {.help = "Whether steps count for less where scans between were lost or saw too little."});
+  configuration.add("graph.anchor", graph.anchor,
+                    {.min = 1e-9,
+                     .max = 1,
+                     .help = "Standard deviation, metres and radians, by which the start of a frame is held."});
+  configuration.add("graph.anchor_joined_sessions", graph.anchor_joined_sessions,
+                    {.help = "Whether a joined session's start is held where the merge put it."});
+  configuration.add("graph.remeasure_loaded", graph.remeasure_loaded,
+                    {.help = "Whether a loaded map's measurements are replaced by what its poses say."});
+  configuration.add("graph.max_iterations", graph.optimizer.max_iterations,
+                    {.min = 1, .max = 100000, .help = "Steps of one optimisation."});
+}
+
+}  // namespace
+
+void add_back_end(Configuration& configuration, BackEndParts& parts) {
+  add_closures(configuration, parts);
+  add_chain(configuration, parts);
+  add_merge(configuration, parts);
+  add_graph(configuration, parts.back_end.graph);
+}
+
+}  // namespace chainslam::mapper

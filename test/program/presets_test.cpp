@@ -1,0 +1,208 @@
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <map>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "program/run_program.hpp"
+
+// The presets of the paper and of its released program: every value of theirs, spelled out a second time.
+
+namespace {
+
+using namespace chainslam;
+using namespace chainslam::test;
+
+using Settings = std::map<std::string, std::string>;
+
+/// What the program has for every key with these settings, by name, without the quotes of texts.
+Settings printed(const std::string& settings) {
+  const ScratchFolder scratch("presets");
+  const ProgramResult result = run_program(scratch.path(), "config --print " + settings);
+  CAPTURE(result.errors);
+  REQUIRE(result.exit_code == 0);
+  Settings values;
+  std::string line, table;
+  for (std::istringstream lines(result.output); std::getline(lines, line);) {
+    if (line.starts_with("[")) table = line.substr(1, line.size() - 2) + ".";
+    const std::size_t equals = line.find(" = ");
+    if (line.starts_with("#") || line.starts_with("[") || equals == std::string::npos) continue;
+    std::string value = line.substr(equals + 3);
+    std::erase(value, '"');
+    values[table + line.substr(0, equals)] = value;
+  }
+  return values;
+}
+
+/// Key and value: one for all, or paper on nclt, paper on mars, released on nclt, released on mars.
+constexpr const char* values_of_presets = R"(
+odometry.source                      fast_lio2
+odometry.min_range                   4 1 4 1
+odometry.max_range                   1000
+odometry.every                       4
+odometry.voxel_size                  0.5
+odometry.map_radius                  500
+odometry.max_iterations              4
+imu.gyro_noise                       0.1 0.039547439866570375 0.1 0.039547439866570375
+imu.accel_noise                      0.1 0.06319810123729984 0.1 0.06319810123729984
+imu.gyro_random_walk                 0.01 0.00596992462263972 0.01 0.00596992462263972
+imu.accel_random_walk                0.01 0.008022468448052631 0.01 0.008022468448052631
+keyframes.distance                   3 10 3 10
+keyframes.angle                      11.459155902616464
+keyframes.voxel_size                 0
+closures.radius                      15
+closures.min_interval                30 30 30 60
+closures.max_candidates              1
+closures.heading_weight              0
+closures.min_travel                  16 25 0 0
+closures.min_period                  0 0 3.3333333333333335 2.5
+closures.before_merge                true true false false
+closures.submap_radius               20
+closures.voxel_size                  0.4
+closures.scan_voxel                  0.4
+closures.method                      point_to_point
+closures.max_distance                2 2 150 150
+closures.max_iterations              100
+closures.pilot                       1
+closures.min_overlap                 0
+closures.degeneracy_threshold        0
+closures.translation_tolerance       0.001
+closures.rotation_tolerance          0.08102846845413955
+closures.cost_tolerance              1e-6
+closures.take_iteration_limit        false false true true
+closures.noise_from_hessian          false
+closures.lambda                      1e-4
+closures.least_variance              1e-12
+closures.max_mean_squared_error      0.3
+closures.max_residual                1e9
+closures.min_inlier_ratio            0
+closures.max_translation             1e9
+closures.max_rotation                1e9
+closures.kernel_width                1e9
+chain.enabled                        true true true false
+chain.through_current_session        true true false false
+chain.reach                          0
+chain.guess_through_chain            false
+chain.max_distance                   0
+chain.min_separation                 0
+chain.max_alignments                 0 0 200 200
+chain.max_translation                0
+chain.correlation                    0
+merge.gnss_radius                    10
+merge.gnss_with_height               false false true true
+merge.gnss_max_height                1e9
+merge.gnss_max_sigma                 1e9
+merge.max_candidates                 1
+merge.min_travel                     0
+merge.min_period                     0 0 3.3333333333333335 2.5
+merge.submap_radius                  20
+merge.voxel_size                     1
+merge.normal_radius                  2 2 4 4
+merge.normal_neighbors               30
+merge.feature_radius                 5
+merge.feature_neighbors              100
+merge.edge_length_ratio              0.9
+merge.max_distance                   1
+merge.max_iterations                 10000
+merge.confidence                     0.999
+merge.min_consensus                  3
+merge.min_fitness                    0.3 0.3 0 0
+merge.min_source_fitness             0 0 0.5 0.5
+merge.min_putative                   0
+merge.min_translation                0 0 1 1
+merge.min_rotation                   0 0 2.0258172320113044 2.0258172320113044
+merge.measurement                    submaps submaps scan scan
+merge.lambda                         1e-4
+merge.confirmations                  1
+merge.chained                        true
+merge.recheck_travel                 16 25 0 0
+merge.recheck_pause                  0 0 4 4
+merge.recheck_chained                true true false false
+graph.odometry_translation           0.01
+graph.odometry_translation_per_metre 0
+graph.odometry_rotation              0.057295779513082325
+graph.odometry_rotation_per_metre    0
+graph.odometry_doubt                 false
+graph.anchor                         1e-6
+graph.anchor_joined_sessions         true
+graph.remeasure_loaded               false false true true
+)";
+
+enum Column { paper_nclt, paper_mars, released_nclt, released_mars };
+
+Settings expected(Column column) {
+  Settings values;
+  std::string line;
+  for (std::istringstream lines(values_of_presets); std::getline(lines, line);) {
+    std::istringstream words(line);
+    std::string key, word;
+    std::vector<std::string> row;
+    if (!(words >> key)) continue;
+    while (words >> word) row.push_back(word);
+    REQUIRE((row.size() == 1 || row.size() == 4));
+    values[key] = row[row.size() == 1 ? 0 : static_cast<std::size_t>(column)];
+  }
+  return values;
+}
+
+bool same_value(const std::string& a, const std::string& b) {
+  const auto number = [](const std::string& text, double& value) {
+    std::istringstream stream(text);
+    return static_cast<bool>(stream >> value) && stream.peek() == std::istringstream::traits_type::eof();
+  };
+  double x = 0, y = 0;
+  return number(a, x) && number(b, y) ? x == y : a == b;
+}
+
+/// Every key that the preset sets has its value, and every other one the default.
+void check_preset(Column column, const std::string& settings) {
+  CAPTURE(settings);
+  const Settings defaults = printed(""), found = printed(settings), preset = expected(column);
+  REQUIRE(found.size() == defaults.size());
+  for (const auto& row : preset) CHECK_MESSAGE(found.contains(row.first), row.first);
+  for (const auto& setting : found) {
+    if (setting.first == "preset" || setting.first == "platform") continue;
+    const auto row = preset.find(setting.first);
+    const std::string& wanted = row == preset.end() ? defaults.at(setting.first) : row->second;
+    CHECK_MESSAGE(same_value(setting.second, wanted), setting.first, " is ", setting.second, ", not ", wanted);
+  }
+}
+
+}  // namespace
+
+TEST_SUITE("program/presets") {
+  TEST_CASE("the presets paper and released have the values of the paper and of its code, all of them and no others") {
+    check_preset(paper_nclt, "--set preset=paper");
+    check_preset(paper_mars, "--set platform=mars --set preset=paper");
+    check_preset(released_nclt, "--set preset=released --set platform=nclt");
+    check_preset(released_mars, "--set preset=released --set platform=mars");
+  }
+
+  TEST_CASE("best is the default, whose keyframes and closures go with the platform's pace") {
+    Settings defaults = printed("");
+    CHECK(defaults.at("preset") == "best");
+    CHECK(printed("--set preset=paper --set preset=best") == defaults);
+    CHECK(printed("--set preset=best --set platform=nclt") == defaults);
+    defaults["platform"] = "mars";
+    defaults["keyframes.distance"] = "10.0";
+    defaults["closures.min_interval"] = "60.0";
+    CHECK(printed("--set platform=mars") == defaults);
+  }
+
+  TEST_CASE("single settings change a preset, wherever they stand, and a front end brings its own numbers") {
+    const Settings changed = printed("--set closures.radius=7 --set odometry.source=lidar --set preset=paper");
+    CHECK(changed.at("closures.radius") == "7.0");
+    CHECK(changed.at("odometry.source") == "lidar");
+    CHECK(changed.at("odometry.map_radius") == "150.0");
+    CHECK(changed.at("odometry.every") == "4");
+    const Settings published = printed("--set odometry.source=fast_lio2");
+    CHECK(published.at("odometry.map_radius") == "500.0");
+    CHECK(published.at("odometry.voxel_size") == "0.5");
+    CHECK(published.at("odometry.max_iterations") == "5");
+    CHECK(published.at("odometry.every") == "1");
+    const Settings cut = printed("--set odometry.map_radius=90 --set odometry.source=fast_lio2");
+    CHECK(cut.at("odometry.map_radius") == "90.0");
+  }
+}
