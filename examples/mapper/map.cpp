@@ -162,6 +162,8 @@ void print_outcome(const RunOutcome& outcome, const OutputFolder& folder, const 
               count(ClosureKind::merge));
   for (const auto& [reason, refused] : summary.refusals)
     std::printf("             %d refused: %s\n", refused, reason.c_str());
+  if (const std::string spacing = support::spacing_sentence(summary); !spacing.empty())
+    std::printf("v/f_lc>r_lc  %s\n", spacing.c_str());
   print_errors(outcome);
   std::printf("time         %.1f s, %.1f times real time\n", summary.wall_seconds,
               summary.data_seconds / std::max(summary.wall_seconds, 1e-9));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdio>
 #include <future>
 #include <memory>
 #include <optional>
@@ -15,6 +16,7 @@
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/pipeline.hpp"
 #include "session_front_end.hpp"
+#include "support/summary.hpp"
 
 namespace chainslam::mapper {
 
@@ -72,6 +74,8 @@ class MeteredBackEnd {
     figures.merges = counts.merges;
     figures.optimisations = counts.optimisations;
     figures.failed_optimisations = counts.failed_optimisations;
+    figures.closure_radius = run_.options.back_end.candidates.radius;
+    figures.search_spacing = back_end_.closer().search_spacing();
     return figures;
   }
 
@@ -209,11 +213,17 @@ void await(MapperPipeline& pipeline, const MeteredBackEnd& back_end, support::Pr
 }
 
 /// The paper keeps the components of the adjacency graph apart by v / f_lc > r_lc; the chain's own bounds do it too.
-std::optional<std::string> spacing_note(const BackEndParts& parts) {
-  const bool bounded = parts.chain.max_distance > 0 && parts.chain.max_alignments > 0;
-  if (!parts.chain.enabled || bounded || parts.closures.min_travel > parts.candidates.radius) return std::nullopt;
-  return "closures are sought more often (closures.min_travel) than they reach (closures.radius): components of the "
-         "adjacency graph grow together, and chains with them; see components in summary.json";
+std::optional<std::string> spacing_note(const ChainOptions& chain, const BackEndFigures& figures) {
+  const support::SearchSpacing spacing = support::search_spacing(figures.search_spacing, figures.closure_radius);
+  const bool bounded = chain.max_distance > 0 && chain.max_alignments > 0;
+  if (!chain.enabled || bounded || spacing.intervals == 0 || spacing.kept()) return std::nullopt;
+  char text[320];
+  std::snprintf(text, sizeof text,
+                "closures were sought each %.1f m (closures.min_travel, closures.min_period), nearer than they reach "
+                "(closures.radius, %.4g m): components of the adjacency graph grow together, and chains with them; see "
+                "components in summary.json",
+                spacing.mean, spacing.radius);
+  return text;
 }
 
 }  // namespace
@@ -225,7 +235,6 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
   MapperBackEnd back_end = make_back_end(run.options.back_end);
   for (const SlamMap& map : loaded) back_end.load(map);
   MappingResult result;
-  if (const auto note = spacing_note(run.options.back_end)) result.notes.push_back(*note);
   const auto first = to_index(back_end.map().sessions.size());
   {
     const ThreadPool front_end_threads(std::max(Index{1}, run.threads - run.threads / 2));
@@ -248,6 +257,7 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
     result.figures = metered.figures();
   }
   run.progress.finish();
+  if (const auto note = spacing_note(run.options.back_end.chain, result.figures)) result.notes.push_back(*note);
   result.interrupted = run.stop.stop_requested() || result.failure || result.memory_full;
   if (result.figures.failed_optimisations > 0)
     result.notes.push_back(std::to_string(result.figures.failed_optimisations) +

@@ -115,6 +115,8 @@ void add_rows(const support::RunSummary& summary, support::ReportData& data) {
   if (summary.direct_closures > 0)
     data.summary.emplace_back("registrations per direct closure, median (largest)",
                               number(alignments.p50) + " (" + number(alignments.max) + ")");
+  if (const std::string spacing = support::spacing_sentence(summary); !spacing.empty())
+    data.summary.emplace_back("v / f_lc > r_lc, the paper's rule for closures", spacing);
   data.summary.emplace_back("peak memory", std::to_string(summary.peak_memory / 1'000'000) + " MB");
 }
 

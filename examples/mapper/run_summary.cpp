@@ -126,6 +126,19 @@ void add_sessions(const RunOutcome& outcome, support::RunSummary& summary) {
   }
 }
 
+/// Metres from a component's middle to the farthest of its keyframes.
+double reach_of(const support::ReportComponent& component, const SlamMap& map) {
+  const auto position = [&](Index keyframe) -> const Eigen::Vector3d& {
+    return map.keyframes[static_cast<std::size_t>(keyframe)].T_map_body.translation();
+  };
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const Index keyframe : component.keyframes) middle += position(keyframe);
+  middle /= static_cast<double>(component.keyframes.size());
+  double reach = 0;
+  for (const Index keyframe : component.keyframes) reach = std::max(reach, (position(keyframe) - middle).norm());
+  return reach;
+}
+
 void add_closures(const SlamMap& map, support::RunSummary& summary) {
   const auto count = [&](ClosureKind kind) {
     return to_index(std::ranges::count(map.closures, kind, &LoopClosure::kind));
@@ -144,6 +157,7 @@ void add_closures(const SlamMap& map, support::RunSummary& summary) {
     ++summary.components.histogram[size];
     summary.components.keyframes += size;
     summary.components.largest = std::max(summary.components.largest, size);
+    summary.components.widest = std::max(summary.components.widest, reach_of(component, map));
   }
 }
 
@@ -163,6 +177,7 @@ std::vector<double> alignments_per_closure(const SlamMap& map) {
 void add_back_end(const MappingResult& mapping, support::RunSummary& summary) {
   const BackEndFigures& figures = mapping.figures;
   summary.merges = figures.merges;
+  summary.spacing = support::search_spacing(figures.search_spacing, figures.closure_radius);
   summary.back_end = {.optimisations = figures.optimisations,
                       .failed_optimisations = figures.failed_optimisations,
                       .alignments = figures.alignments,

@@ -101,10 +101,23 @@ Json session_json(const SessionSummary& session) {
 }
 
 Json components_json(const ComponentSummary& components) {
-  Json json{{"count", components.count}, {"keyframes", components.keyframes}, {"largest", components.largest}};
+  Json json{{"count", components.count},
+            {"keyframes", components.keyframes},
+            {"largest", components.largest},
+            {"widest_m", components.widest}};
   json["histogram"] = Json::array();
   for (const auto& [size, count] : components.histogram)
     json["histogram"].push_back({{"keyframes", size}, {"components", count}});
+  return json;
+}
+
+Json spacing_json(const SearchSpacing& spacing) {
+  Json json{{"radius_m", spacing.radius}, {"intervals", spacing.intervals}};
+  if (spacing.intervals == 0) return json;
+  json["mean_m"] = spacing.mean;
+  json["shortest_m"] = spacing.shortest;
+  json["within_radius"] = spacing.within_radius;
+  json["kept"] = spacing.kept();
   return json;
 }
 
@@ -120,6 +133,30 @@ Json back_end_json(const BackEndSummary& back_end) {
 }
 
 }  // namespace
+
+SearchSpacing search_spacing(const std::vector<double>& spacing, double radius) {
+  SearchSpacing result{.radius = radius, .intervals = to_index(spacing.size())};
+  if (spacing.empty()) return result;
+  double sum = 0;
+  for (const double way : spacing) sum += way;
+  result.mean = sum / static_cast<double>(spacing.size());
+  result.shortest = *std::ranges::min_element(spacing);
+  result.within_radius = to_index(std::ranges::count_if(spacing, [&](double way) { return way <= radius; }));
+  return result;
+}
+
+std::string spacing_sentence(const RunSummary& summary) {
+  const SearchSpacing& spacing = summary.spacing;
+  if (spacing.intervals == 0) return "";
+  const ComponentSummary& components = summary.components;
+  char text[240];
+  std::snprintf(text, sizeof text,
+                "%s: %.1f m between two searches on average (%.1f m at least), radius %.4g m; %d component%s of the "
+                "adjacency graph, of %d keyframes and %.1f m from the middle at most",
+                spacing.kept() ? "kept" : "not kept", spacing.mean, spacing.shortest, spacing.radius, components.count,
+                components.count == 1 ? "" : "s", components.largest, components.widest);
+  return text;
+}
 
 std::string health_sentence(const SessionSummary& session) {
   const Index lost = session.unregistered_scans(), restarts = session.health.restarts;
@@ -175,6 +212,7 @@ std::string summary_json(const RunSummary& summary) {
   json["refusals"] = object_of(summary.refusals);
   json["refusals_by_kind"] = object_of(summary.refusals_by_kind);
   json["components"] = components_json(summary.components);
+  json["closure_spacing"] = spacing_json(summary.spacing);
   json["back_end"] = back_end_json(summary.back_end);
   json["data_seconds"] = summary.data_seconds;
   json["wall_seconds"] = summary.wall_seconds;

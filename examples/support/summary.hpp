@@ -57,8 +57,24 @@ struct ComponentSummary {
   Index count = 0;
   Index keyframes = 0;                 ///< in all of them
   Index largest = 0;                   ///< keyframes in the largest
+  double widest = 0;                   ///< metres from the middle of one to a keyframe of it, at most
   std::map<Index, Index> histogram{};  ///< how many there are of each size
 };
+
+/// How far apart closures were sought, and how far they reach. The paper asks for v / f_lc > r_lc, so that components
+/// of the adjacency graph stay as far apart as places are: the way from one search to the next is v / f_lc as it was.
+struct SearchSpacing {
+  double radius = 0;    ///< metres: r_lc
+  Index intervals = 0;  ///< from one search to the next in the same session, without those of rechecks
+  double mean = 0;      ///< metres along the path
+  double shortest = 0;
+  Index within_radius = 0;  ///< intervals that are no longer than the radius
+
+  [[nodiscard]] bool kept() const { return intervals > 0 && mean > radius; }
+};
+
+/// @param spacing  metres along the path, of each interval.
+[[nodiscard]] SearchSpacing search_spacing(const std::vector<double>& spacing, double radius);
 
 /// What the back end did, and what each keyframe and each closure cost it.
 struct BackEndSummary {
@@ -88,6 +104,7 @@ struct RunSummary {
   std::map<std::string, Index> refusals{};                                 ///< by reason
   std::map<std::string, std::map<std::string, Index>> refusals_by_kind{};  ///< by kind of closure, then by reason
   ComponentSummary components{};
+  SearchSpacing spacing{};
   BackEndSummary back_end{};
   double data_seconds = 0.0;      ///< time that the data spans, all sessions of this run
   double wall_seconds = 0.0;      ///< time that the run took
@@ -110,12 +127,16 @@ struct Verdict {
 /// map is not to be trusted there"; of a few scans, "the poses there are predicted". Empty if it lost none.
 [[nodiscard]] std::string health_sentence(const SessionSummary& session);
 
+/// Whether the paper's rule for closures held, by the way between searches and the components that came of it: "kept:
+/// 18.2 m between two searches on average (16.1 m at least), radius 15 m; ..."; empty without two searches.
+[[nodiscard]] std::string spacing_sentence(const RunSummary& summary);
+
 [[nodiscard]] Verdict verdict_of(const RunSummary& summary);
 
 /// The summary as JSON text: `verdict`, `sessions[].health.intervals[]`, `scans`, `keyframes`, `sessions[]`,
 /// `closures.direct`, `closures.chained`, `closures.merge`, `refusals.<reason>`, `refusals_by_kind.<kind>.<reason>`,
-/// `components`, `back_end`, `sessions[].imu.rejected.<kind>`, `sessions[].imu.time_offset` and so on as the settings
-/// take them, `sessions[].health.imu_use`, `stages.<name>.p50_ms`, `peak_memory_bytes`, `errors...`
+/// `components`, `closure_spacing`, `back_end`, `sessions[].imu.rejected.<kind>`, `sessions[].imu.time_offset` and so
+/// on as the settings take them, `sessions[].health.imu_use`, `stages.<name>.p50_ms`, `peak_memory_bytes`, `errors...`
 /// and so on. A figure that is not finite is null.
 [[nodiscard]] std::string summary_json(const RunSummary& summary);
 

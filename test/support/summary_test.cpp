@@ -117,6 +117,26 @@ TEST_SUITE("support/summary") {
     CHECK(has(text, "\"alignments_per_direct_closure\": {\n      \"p50\": 4.0"));
   }
 
+  TEST_CASE("the paper's rule for closures is judged by the mean way between searches, and told with the components") {
+    RunSummary summary;
+    CHECK(spacing_sentence(summary).empty());
+    CHECK(has(summary_json(summary), "\"intervals\": 0"));
+    CHECK_FALSE(has(summary_json(summary), "\"kept\""));
+    summary.components = {.count = 1, .keyframes = 9, .largest = 9, .widest = 12.34, .histogram = {{9, 1}}};
+    summary.spacing = search_spacing({15, 20.5, 11}, 15);
+    CHECK(spacing_sentence(summary) ==
+          "kept: 15.5 m between two searches on average (11.0 m at least), radius 15 m; 1 component of the adjacency "
+          "graph, of 9 keyframes and 12.3 m from the middle at most");
+    CHECK(has(summary_json(summary), "\"widest_m\": 12.34"));
+    CHECK(has(summary_json(summary), "\"within_radius\": 2"));
+    CHECK(has(summary_json(summary), "\"kept\": true"));
+    summary.spacing = search_spacing({15, 15}, 15);  // beyond the radius, not at it
+    summary.components.count = 3;
+    CHECK(spacing_sentence(summary).starts_with("not kept: 15.0 m between two searches on average (15.0 m at least)"));
+    CHECK(has(spacing_sentence(summary), "; 3 components of"));
+    CHECK(has(summary_json(summary), "\"kept\": false"));
+  }
+
   TEST_CASE("nothing found is an empty object, a figure that is none is null, and a bad name does not throw") {
     RunSummary summary{.dataset = "bad \xff name"};
     CHECK(has(summary_json(summary), "\"refusals\": {},"));
