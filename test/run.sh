@@ -227,6 +227,8 @@ if [ "$mode" = full ]; then
   run_step "every bench runs" "$root/bench/run.sh" --smoke
   run_step "the table of odometries is written" "$root/bench/odometry_table.sh" --only nuscenes_scene
   run_step "the example runs from end to end" "$root/examples/run.sh"
+  run_step "no value of a preset changes unnoticed" "$root/test/presets_survivors.sh" \
+    "$build/gcc/test/test_program" "$build/gcc/examples/chainslam"
 fi
 
 for failure in ${failures[@]+"${failures[@]}"}; do say "FAILED" "$failure"; done
