@@ -334,8 +334,8 @@ TEST_SUITE("slam: several sessions") {
       drives.drive(back_end, 0);
       const auto within = [&](Index session, Index end) {
         return std::ranges::count_if(back_end.map().closures, [&](const LoopClosure& closure) {
-          return closure.kind == ClosureKind::direct && closure.to.value / per_session == session &&
-                 closure.to.value % per_session < end;
+          return closure.cause < 0 && closure.kind == ClosureKind::direct &&
+                 closure.to.value / per_session == session && closure.to.value % per_session < end;
         });
       };
       CHECK(within(0, per_session) > 0);  // nothing to be merged with
@@ -348,8 +348,10 @@ TEST_SUITE("slam: several sessions") {
 
   TEST_CASE("the recheck can pass over keyframes after one that was found") {
     const auto rechecked = [](Index pause) {
-      const DrivesRoundTheBlock drives(2);
-      auto back_end = gnss_back_end(drives, {.recheck_travel = 0, .recheck_pause = pause});
+      DrivesRoundTheBlock drives(2);
+      drives.place(per_session + 30, 42);
+      auto back_end = scripted_back_end(drives, {.min_travel = 0, .confirmations = 1},
+                                        {.recheck_travel = 0, .recheck_pause = pause});
       drives.drive(back_end, 0);
       drives.drive(back_end, 1);
       std::vector<Index> found;
@@ -361,7 +363,7 @@ TEST_SUITE("slam: several sessions") {
     REQUIRE(some.size() > 1);
     CHECK(all.size() > 3 * some.size());
     CHECK(some[0] == all[0]);
-    for (std::size_t i = 1; i < some.size(); ++i) CHECK(some[i] - some[i - 1] == 5);
+    for (std::size_t i = 1; i < some.size(); ++i) CHECK(some[i] - some[i - 1] >= 5);
   }
 
   TEST_CASE("without merging, sessions stay in frames of their own and close no loops with each other") {
