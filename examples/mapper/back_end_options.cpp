@@ -8,7 +8,7 @@ namespace {
 
 using support::Configuration;
 
-constexpr double degree = std::numbers::pi / 180;
+constexpr double radians_a_degree = std::numbers::pi / 180;
 
 void add_point_to_point(Configuration& configuration, Icp<PointToPoint>& icp) {
   const std::string of = " By method = point_to_point.";
@@ -29,7 +29,7 @@ void add_point_to_point(Configuration& configuration, Icp<PointToPoint>& icp) {
   configuration.add("closures.translation_tolerance", icp.translation_tolerance,
                     {.unit = "m", .min = 0, .max = 1, .help = "An alignment ends with a step shorter than this" + of});
   configuration.add("closures.rotation_tolerance", icp.rotation_tolerance,
-                    {.unit = "deg", .min = 0, .max = 10, .factor = degree, .help = "and than this," + of});
+                    {.unit = "deg", .min = 0, .max = 10, .factor = radians_a_degree, .help = "and than this," + of});
   configuration.add("closures.cost_tolerance", icp.cost_tolerance,
                     {.min = 0, .max = 1, .help = "or with one that changes the mean cost by a smaller share." + of});
 }
@@ -92,7 +92,7 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                     {.unit = "deg",
                      .min = 0,
                      .max = 1e12,
-                     .factor = degree,
+                     .factor = radians_a_degree,
                      .help = "Corrections larger than this are not believed."});
   configuration.add(
       "closures.kernel_width", parts.kernel.width,
@@ -118,8 +118,9 @@ void add_chain(Configuration& configuration, BackEndParts& parts) {
                     {.min = 0, .max = 1000000, .help = "Alignments for one direct closure. 0: no bound."});
   configuration.add("chain.max_translation", chain.max_translation,
                     {.unit = "m", .min = 0, .max = 1e6, .help = "More contradicts the chain. 0: nothing does."});
-  configuration.add("chain.max_rotation", chain.max_rotation,
-                    {.unit = "deg", .min = 0, .max = 180, .factor = degree, .help = "More contradicts the chain."});
+  configuration.add(
+      "chain.max_rotation", chain.max_rotation,
+      {.unit = "deg", .min = 0, .max = 180, .factor = radians_a_degree, .help = "More contradicts the chain."});
   configuration.add(
       "chain.correlation", chain.correlation,
       {.min = 0, .max = 1, .help = "Of closures that share a scan: 0 counts each in full, 1 all as one."});
@@ -183,7 +184,7 @@ void add_merge(Configuration& configuration, BackEndParts& parts) {
                     {.unit = "m", .min = 0, .max = 1e6, .help = "Frames that lie nearer together than this and"});
   configuration.add(
       "merge.min_rotation", merge.min_rotation,
-      {.unit = "deg", .min = 0, .max = 180, .factor = degree, .help = "are turned by less are not joined."});
+      {.unit = "deg", .min = 0, .max = 180, .factor = radians_a_degree, .help = "are turned by less are not joined."});
   configuration.add("merge.measurement", merge.measurement,
                     {{"refined", MergeMeasurement::refined},
                      {"submaps", MergeMeasurement::submaps},
@@ -213,10 +214,12 @@ void add_graph(Configuration& configuration, MapGraphOptions& graph) {
                     {.unit = "m", .min = 1e-6, .max = 100, .help = "Standard deviation of a step between keyframes,"});
   configuration.add("graph.odometry_translation_per_metre", noise.translation_per_metre,
                     {.min = 0, .max = 1, .help = "and what each metre of the way adds."});
-  configuration.add("graph.odometry_rotation", noise.rotation,
-                    {.unit = "deg", .min = 1e-6, .max = 100, .factor = degree, .help = "The same for the rotation,"});
-  configuration.add("graph.odometry_rotation_per_metre", noise.rotation_per_metre,
-                    {.unit = "deg/m", .min = 0, .max = 10, .factor = degree, .help = "and what each metre adds."});
+  configuration.add(
+      "graph.odometry_rotation", noise.rotation,
+      {.unit = "deg", .min = 1e-6, .max = 100, .factor = radians_a_degree, .help = "The same for the rotation,"});
+  configuration.add(
+      "graph.odometry_rotation_per_metre", noise.rotation_per_metre,
+      {.unit = "deg/m", .min = 0, .max = 10, .factor = radians_a_degree, .help = "and what each metre adds."});
   configuration.add("graph.odometry_doubt", graph.odometry_doubt.enabled,
                     {.help = "Whether steps count for less where scans between were lost or saw too little."});
   configuration.add("graph.anchor", graph.anchor,

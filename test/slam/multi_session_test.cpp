@@ -311,9 +311,9 @@ TEST_SUITE("slam: several sessions") {
       CHECK(frames(*map) == std::vector<Index>{0, 0, 0});
       CHECK(count(*map, ClosureKind::merge) == 2);
       CHECK(back_end.closure_graph().connected(22, per_session + 10));
-      // From the third session's merge with keyframe 60, the edge leads on to keyframe 22.
+      // From the third session's merge with keyframe 60, edges lead on to the first session.
       const auto found = std::ranges::find_if(map->closures, [](const LoopClosure& closure) {
-        return closure.kind == ClosureKind::chained && closure.from == KeyframeId{22} &&
+        return closure.kind == ClosureKind::chained && closure.from.value < per_session &&
                closure.to == KeyframeId{2 * per_session + 1};
       });
       REQUIRE((found != map->closures.end()) == chained);

@@ -29,9 +29,8 @@ struct MapGraphOptions {
   /// Whether a session that a merge joins to another frame is held there, at its aligned start, by a prior as tight
   /// (the paper); else closures alone tie it to the others.
   bool anchor_joined_sessions = false;
-  /// Whether measurements of a loaded map, and of all sessions before the one that begins, are replaced by what their
-  /// poses say of them, as the released code does, which saves and loads between sessions: the map then has no
-  /// residuals, and counts what it knows twice.
+  /// Whether measurements of a loaded map, and of sessions before the one that begins, are replaced by what their poses
+  /// say, as by the released code, which saves and loads each: no residuals are left, and what is known counts twice.
   bool remeasure_loaded = false;
   /// How near each optimisation comes to the optimum. Without patience, since it goes on until nothing waits.
   SmootherOptions smoother{.patience = 0.0};
@@ -159,10 +158,7 @@ std::shared_ptr<const SlamMap> MapGraph<Kernel>::snapshot() const {
 template <class Kernel>
 void MapGraph<Kernel>::begin_session(std::string name) {
   const Change change(*this);
-  if (options_.remeasure_loaded && !map_.keyframes.empty()) {
-    remeasure();
-    rebuild();
-  }
+  if (options_.remeasure_loaded) remeasure();
   const SessionId id{to_index(map_.sessions.size())};
   priors_.emplace_back();
   map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});
@@ -307,12 +303,10 @@ void MapGraph<Kernel>::load(const SlamMap& other) {
   }
   append_closures(other.closures, map_.closures);
   append_closures(other.refusals, map_.refusals);
-  if (options_.remeasure_loaded) {
+  if (options_.remeasure_loaded)
     remeasure();
-    rebuild();
-  } else {
+  else
     add_to_smoother(sessions, keyframes, odometry, closures);
-  }
 }
 
 template <class Kernel>
@@ -361,6 +355,7 @@ void MapGraph<Kernel>::remeasure() {
   const auto pose = [&](KeyframeId id) { return map_.keyframes[static_cast<std::size_t>(id.value)].T_map_body; };
   for (OdometryMeasurement& step : map_.odometry) step.T_from_to = pose(step.from).inverse() * pose(step.to);
   for (LoopClosure& closure : map_.closures) closure.T_from_to = pose(closure.from).inverse() * pose(closure.to);
+  rebuild();
 }
 
 template <class Kernel>
