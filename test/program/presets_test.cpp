@@ -186,6 +186,7 @@ void check_preset(Column column, const std::string& settings) {
 struct Found {
   Index merges, merge_closures, direct, chained;
   double error, between;  ///< metres, root mean square: against the truth, and between sessions at one place
+  bool rule_kept;         ///< v / f_lc > r_lc
 };
 
 /// Whether a preset is to be left alone since another one was changed.
@@ -231,7 +232,8 @@ Found mapped(const ScratchFolder& scratch, const std::string& sets, const std::s
                     .direct = closures["direct"],
                     .chained = closures["chained"],
                     .error = rmse(summary, "optimised"),
-                    .between = rmse(summary, "inter_session", "rpe")};
+                    .between = rmse(summary, "inter_session", "rpe"),
+                    .rule_kept = summary["closure_spacing"]["kept"]};
   std::printf(
       "FIGURE preset %s, three drives through the town: %d merges, closures %d merge, %d direct, %d chained; APE "
       "%.3f m, odometry alone %.3f m, between sessions %.3f m; rule v / f_lc > r_lc %s\n",
@@ -256,10 +258,23 @@ TEST_SUITE("program/presets") {
     if (!spared("paper")) {
       const Found paper = mapped(scratch, sets, "paper");
       CHECK(paper.merges == 2);
+      CHECK(paper.merge_closures == 2);
+      CHECK(paper.direct == 47);
+      CHECK(paper.chained == 6);
+      CHECK(paper.error < 0.38);    // 0.365 m when written, odometry alone 0.375 m
+      CHECK(paper.between < 0.09);  // 0.083 m
+      CHECK(paper.rule_kept);
     }
     if (!spared("released")) {
       const Found released = mapped(scratch, sets, "released");
       CHECK(released.merges == 2);
+      CHECK(released.merge_closures == 2);
+      CHECK(released.direct == 35);
+      CHECK(released.chained ==
+            0);  // j itself has seldom closed a loop with another session: `best` asks its neighbours
+      CHECK(released.error < 0.365);   // 0.352 m when written
+      CHECK(released.between < 0.11);  // 0.101 m
+      CHECK(released.rule_kept);
     }
   }
 
