@@ -218,7 +218,7 @@ std::string recorded_town(const ScratchFolder& scratch) {
 }
 
 /// Maps three drives through the town, recorded by the front end that both presets have.
-Found mapped(const ScratchFolder& scratch, const std::string& sets, const std::string& preset) {
+Found mapped_by_preset(const ScratchFolder& scratch, const std::string& sets, const std::string& preset) {
   const fs::path out = scratch.path() / ("map_" + preset);
   const ProgramResult result = run_program(
       scratch.path(), "map " + sets + " --set preset=" + preset + change_to(preset) + " --out " + quoted(out));
@@ -256,7 +256,7 @@ TEST_SUITE("program/presets") {
     const ScratchFolder scratch("presets");
     const std::string sets = recorded_town(scratch);
     if (!spared("paper")) {
-      const Found paper = mapped(scratch, sets, "paper");
+      const Found paper = mapped_by_preset(scratch, sets, "paper");
       CHECK(paper.merges == 2);
       CHECK(paper.merge_closures == 2);
       CHECK(paper.direct == 47);
@@ -266,7 +266,7 @@ TEST_SUITE("program/presets") {
       CHECK(paper.rule_kept);
     }
     if (!spared("released")) {
-      const Found released = mapped(scratch, sets, "released");
+      const Found released = mapped_by_preset(scratch, sets, "released");
       CHECK(released.merges == 2);
       CHECK(released.merge_closures == 2);
       CHECK(released.direct == 35);
