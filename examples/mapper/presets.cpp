@@ -124,7 +124,7 @@ constexpr PresetValue preset_values[] = {
     // Graph.
     alike("graph.odometry_translation", "0.01", "code: 1e-4 m^2"),
     alike("graph.odometry_translation_per_metre", "0", "code: the same for each step"),
-    alike("graph.odometry_rotation", "0.057295779513082325", "code: 1e-6 rad^2"),
+    alike("graph.odometry_rotation", "0.05729577951308232", "code: 1e-6 rad^2"),
     alike("graph.odometry_rotation_per_metre", "0", "code: the same for each step"),
     alike("graph.odometry_doubt", "false", "code: the same for each step"),
     alike("graph.anchor", "1e-6", "paper III-A: prior factors; code: variance 1e-12"),
