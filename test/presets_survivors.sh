@@ -40,7 +40,7 @@ changed() {
         else if (v == 0) print 0.5
         else if (v >= 1e9) print 0.1
         else printf "%.17g\n", 1.5 * v }' ;;
-    *) awk -v v="$2" 'BEGIN { print v < 3 ? v + 2 : int(v / 2) }' ;;
+    *) awk -v v="$2" 'BEGIN { print v < 4 ? v + 2 : int(v / 2) }' ;;
   esac
 }
 
