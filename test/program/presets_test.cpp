@@ -272,8 +272,7 @@ TEST_SUITE("program/presets") {
       CHECK(released.merges == 2);
       CHECK(released.merge_closures == 2);
       CHECK(released.direct == 35);
-      CHECK(released.chained ==
-            0);  // j itself has seldom closed a loop with another session: `best` asks its neighbours
+      CHECK(released.chained == 0);  // j itself seldom knows another session: `best` asks its neighbours, too
       CHECK(std::abs(released.error - 0.352) < 0.005);
       CHECK(std::abs(released.between - 0.101) < 0.005);
       CHECK(released.rule_kept);
