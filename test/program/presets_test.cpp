@@ -277,6 +277,16 @@ TEST_SUITE("program/presets") {
       CHECK(std::abs(released.between - 0.101) < 0.005);
       CHECK(released.rule_kept);
     }
+    if (spared("best")) return;
+    // Best seeks closures each 4 m and more, 15 m around: the report says that the rule does not hold.
+    const fs::path out = scratch.path() / "best";
+    const std::string first = sets.substr(0, sets.find(' '));
+    REQUIRE(run_program(scratch.path(), "map " + first + " --out " + quoted(out)).exit_code == 0);
+    const nlohmann::json spacing = summary_of(out)["closure_spacing"];
+    CHECK(spacing["kept"] == false);
+    CHECK(spacing["mean_m"] > 4);
+    CHECK(spacing["mean_m"] < 8);
+    CHECK(contains(read_text(out / "report.html"), "not kept: "));
   }
 
   TEST_CASE("best is the default, whose keyframes and closures go with the platform's pace") {
