@@ -15,7 +15,11 @@ namespace chainslam::datasets {
 namespace {
 
 constexpr std::array<std::string_view, 3> statuses{"good", "degenerate", "lost"};
-constexpr std::array<std::string_view, 4> imu_uses{"all", "gyroscope", "rough_gyroscope", "none"};
+/// The uses, then what is more than one of them says: none is stated, and the accelerometer is left out by the
+/// settings.
+constexpr std::array<std::string_view, 6> imu_uses{"all",  "gyroscope", "rough_gyroscope",
+                                                   "none", "",          "gyroscope_as_set"};
+constexpr std::size_t no_imu_use = 4, gyroscope_as_set = 5;
 constexpr std::array<std::string_view, 6> qualities{"none",         "two_dimensional", "three_dimensional",
                                                     "differential", "rtk_float",       "rtk_fixed"};
 
@@ -96,7 +100,10 @@ std::string text_of(const FrameRow& row) {
   append(text, static_cast<int>(health.map_restarted));
   append(text, static_cast<int>(health.after_gap));
   text += ',';
-  if (health.imu_use) text += imu_uses[static_cast<std::size_t>(*health.imu_use)];
+  if (health.imu_as_set)
+    text += imu_uses[gyroscope_as_set];
+  else if (health.imu_use)
+    text += imu_uses[static_cast<std::size_t>(*health.imu_use)];
   for (const Index count : {health.points, health.matches, health.iterations}) append(text, count);
   append(text, health.residual_rms);
   const Eigen::Vector3d& t = row.frame.T_odom_body.translation();
@@ -123,9 +130,9 @@ FrameRow read_frame_row(LineFields& fields) {
   health.status = static_cast<FrameStatus>(read_word(fields, "status", statuses));
   health.map_restarted = read_flag(fields, "map_restarted");
   health.after_gap = read_flag(fields, "after_gap");
-  constexpr std::array<std::string_view, 5> uses{"all", "gyroscope", "rough_gyroscope", "none", ""};
-  const std::size_t use = read_word(fields, "imu_use", uses);
-  if (use < imu_uses.size()) health.imu_use = static_cast<ImuUse>(use);
+  const std::size_t use = read_word(fields, "imu_use", imu_uses);
+  health.imu_as_set = use == gyroscope_as_set;
+  if (use != no_imu_use) health.imu_use = health.imu_as_set ? ImuUse::gyroscope : static_cast<ImuUse>(use);
   health.points = read_index(fields, "points");
   health.matches = read_index(fields, "matches");
   health.iterations = read_index(fields, "iterations");

@@ -20,7 +20,7 @@ bool concerns_frame(FrameConcern concern, const FrameHealth& health) {
     case FrameConcern::degenerate:
       return health.status == FrameStatus::degenerate;
     case FrameConcern::accelerometer:
-      return health.imu_use == ImuUse::gyroscope;
+      return health.imu_use == ImuUse::gyroscope && !health.imu_as_set;
     case FrameConcern::gyroscope:
       return health.imu_use == ImuUse::rough_gyroscope;
     case FrameConcern::imu:
@@ -105,10 +105,7 @@ SessionHealth health_of(std::span<const FrameRecord> frames) {
   }
   for (const FrameRecord& frame : frames) count_use(frame.health.imu_use, health.imu_use);
   for (const FrameConcern concern : concerns) add_intervals(frames, concern, health.intervals);
-  const bool chosen = health.imu_use.all == 0;  // an accelerometer that was never used was not contradicted
-  std::erase_if(health.intervals, [&](const FrameInterval& interval) {
-    return !lasts(interval) || (chosen && interval.concern == FrameConcern::accelerometer);
-  });
+  std::erase_if(health.intervals, [](const FrameInterval& interval) { return !lasts(interval); });
   for (FrameInterval& interval : health.intervals) interval.distance = distance(frames, interval);
   std::ranges::stable_sort(health.intervals, {}, &FrameInterval::begin);
   return health;

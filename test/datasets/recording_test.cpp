@@ -42,6 +42,7 @@ FrameRecord random_frame(Rng& rng, std::int64_t time) {
                   .map_restarted = rng.uniform() < 0.5,
                   .after_gap = rng.uniform() < 0.5};
   if (rng.uniform() < 0.8) frame.health.imu_use = static_cast<ImuUse>(rng.uniform_index(4));
+  frame.health.imu_as_set = frame.health.imu_use == ImuUse::gyroscope && rng.uniform() < 0.5;
   return frame;
 }
 
@@ -163,6 +164,7 @@ TEST_SUITE("datasets/recording") {
         CHECK(read.health.map_restarted == wanted.health.map_restarted);
         CHECK(read.health.after_gap == wanted.health.after_gap);
         CHECK(read.health.imu_use == wanted.health.imu_use);
+        CHECK(read.health.imu_as_set == wanted.health.imu_as_set);
         CHECK(frame->cloud.positions == drive.scans[i].positions);
       }
       CHECK(!dataset->next_frame());

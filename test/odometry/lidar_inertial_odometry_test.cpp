@@ -131,7 +131,16 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.tilt < 0.02);
   }
 
-  TEST_CASE("... at 10 Hz, and with none at all" * doctest::skip(quick())) {
+  TEST_CASE("by the gyroscope alone, as settings ask for: no frame is doubtful") {
+    const Followed run = follow_stroll(strolling(), stroll_packets(), {.imu_use = ImuUse::gyroscope});
+    CHECK(run.counts.lost_scans == 0);
+    CHECK(count_use(run.frames, ImuUse::gyroscope) == 49);
+    CHECK(run.counts.doubted_accelerations == 0);
+    CHECK(std::ranges::count_if(run.frames, [](const Frame& frame) { return frame.health.doubtful(); }) == 0);
+    CHECK(run.max_error < 0.03);
+  }
+
+  TEST_CASE("a walk with readings at 10 Hz, and with none at all" * doctest::skip(quick())) {
     InertialTrip slow = strolling();
     slow.imu_rate = 10;
     const Followed ten = follow_stroll(slow, slow.packets());

@@ -97,10 +97,19 @@ TEST_SUITE("support/frame_health") {
 
   TEST_CASE("an accelerometer that settings leave out is not contradicted") {
     auto frames = frames_at_10_hz(40);
-    for (FrameRecord& frame : frames) frame.health.imu_use = ImuUse::gyroscope;
+    for (FrameRecord& frame : frames) {
+      frame.health.imu_use = ImuUse::gyroscope;
+      frame.health.imu_as_set = true;
+    }
     CHECK(health_of(frames).intervals.empty());
-    frames[0].health.imu_use = ImuUse::all;
+    CHECK(text_of(health_of(frames).imu_use) ==
+          "0.0 % of frames with all of the IMU, 100.0 % with its gyroscope, 0.0 % by scans alone");
+    CHECK_FALSE(frames[20].health.doubtful());
+    for (FrameRecord& frame : frames) frame.health.imu_as_set = false;  // contradicted from the first frame on
     CHECK(health_of(frames).intervals.size() == 1);
+    for (FrameRecord& frame : frames) frame.health.imu_use = ImuUse::rough_gyroscope;
+    frames[20].health.imu_as_set = true;  // which says nothing of the gyroscope
+    CHECK(frames[20].health.doubtful());
   }
 
   TEST_CASE("a session without an IMU is not one whose IMU is not used") {

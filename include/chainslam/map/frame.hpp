@@ -25,10 +25,11 @@ struct FrameHealth {
   bool after_gap = false;      ///< no frame before for longer than the motion can be predicted
   /// What of the IMU the pose relies on; empty if odometry does not say.
   std::optional<ImuUse> imu_use{};
+  bool imu_as_set = false;  ///< settings leave the accelerometer out: `ImuUse::gyroscope` is then no contradiction
 
   /// Whether the pose may be wrong by more than registration to the local map leaves.
   [[nodiscard]] bool doubtful() const {
-    const bool imu_contradicted = imu_use && (*imu_use == ImuUse::gyroscope || *imu_use == ImuUse::rough_gyroscope);
+    const bool imu_contradicted = (imu_use == ImuUse::gyroscope && !imu_as_set) || imu_use == ImuUse::rough_gyroscope;
     return status != FrameStatus::good || map_restarted || after_gap || imu_contradicted;
   }
 };

@@ -170,7 +170,7 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::next_frame(const E& exe
   ++counts_.frames;
   const bool gap = since_last > options_.motion.max_free, measured = motion_.measured_share() > 0.5;
   if (gap) ++counts_.gaps;
-  if (motion_.use() == ImuUse::gyroscope) ++counts_.doubted_accelerations;
+  if (motion_.use() == ImuUse::gyroscope && options_.imu_use == ImuUse::all) ++counts_.doubted_accelerations;
   if (motion_.use() > ImuUse::gyroscope) ++counts_.doubted_rates;
   ++(measured ? counts_.gyro_scans : counts_.unmeasured_scans);
   Frame frame = believable(*found) ? follow(*found) : lose(*found, since_last);
@@ -298,6 +298,8 @@ extern template std::optional<Frame> LidarInertialOdometry<>::process(const Pack
 extern template std::optional<Frame> LidarInertialOdometry<>::process(const Packet&, const ThreadPool&);
 extern template std::optional<Frame> LidarInertialOdometry<>::flush(const Serial&);
 extern template std::optional<Frame> LidarInertialOdometry<>::flush(const ThreadPool&);
+    frame.health.imu_as_set = frame.health.imu_use == ImuUse::gyroscope && options_.imu_use == ImuUse::gyroscope;
+  }
 #endif
 
 }  // namespace chainslam

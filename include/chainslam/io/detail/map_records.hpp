@@ -24,7 +24,8 @@ namespace chainslam::detail {
 inline constexpr std::size_t pose_bytes = 56, session_bytes = 360, keyframe_bytes = 72, odometry_bytes = 352,
                              closure_bytes = 376, gnss_bytes = 112, frame_bytes = 172;
 inline constexpr std::uint32_t keyframe_has_scan = 1;
-inline constexpr std::uint8_t frame_map_restarted = 1, frame_after_gap = 2, frame_imu_unknown = 255;
+inline constexpr std::uint8_t frame_map_restarted = 1, frame_after_gap = 2, frame_imu_as_set = 4,
+                              frame_imu_unknown = 255;
 inline constexpr std::size_t longest_session_name = 65535;
 
 /// What is wrong with a record.
@@ -237,7 +238,8 @@ inline void append_frame(std::vector<std::byte>& out, const FrameRecord& frame) 
   append_bytes(out, frame.session.value);
   append_bytes(out, static_cast<std::uint8_t>(health.status));
   append_bytes(out, static_cast<std::uint8_t>((health.map_restarted ? frame_map_restarted : 0) |
-                                              (health.after_gap ? frame_after_gap : 0)));
+                                              (health.after_gap ? frame_after_gap : 0) |
+                                              (health.imu_as_set ? frame_imu_as_set : 0)));
   append_bytes(out, health.imu_use ? static_cast<std::uint8_t>(*health.imu_use) : frame_imu_unknown);
   append_bytes(out, std::uint8_t{0});
   append_bytes(out, health.points);
@@ -259,6 +261,7 @@ inline FrameRecord read_frame_begin(ByteReader& in) {
   const auto imu_use = static_cast<std::uint8_t>(in.take<std::uint16_t>());  // and a byte of zero
   health.map_restarted = (flags & frame_map_restarted) != 0;
   health.after_gap = (flags & frame_after_gap) != 0;
+  health.imu_as_set = (flags & frame_imu_as_set) != 0;
   if (imu_use != frame_imu_unknown) health.imu_use = static_cast<ImuUse>(imu_use);
   health.points = in.take<Index>();
   health.matches = in.take<Index>();
