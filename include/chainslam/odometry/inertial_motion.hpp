@@ -281,6 +281,10 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   way_.push_back({time, T_odom_body(x), none, none, none});
   return start;
 }
+  // Measurements as quiet as at rest may be of a slow, steady turn: then all of their mean is no bias.
+  constexpr int bias = inertial_offset<Inertial::gyro_bias>;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) covariance(bias + i, bias + j) += start.gyro_bias[i] * start.gyro_bias[j];
 
 inline void InertialMotion::step(const ImuInput& input, double dt) {
   const InertialState x = state();
