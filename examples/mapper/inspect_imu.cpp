@@ -7,12 +7,9 @@
 #include <optional>
 #include <string>
 #include <utility>
-#include <variant>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/odometry/imu_alignment.hpp"
-#include "chainslam/odometry/lidar_odometry.hpp"
-#include "chainslam/sensor/imu_check.hpp"
+#include "chainslam/sensor/imu_use.hpp"
 #include "session_odometry.hpp"
 #include "support/progress.hpp"
 
@@ -20,51 +17,13 @@ namespace chainslam::mapper {
 
 namespace {
 
-/// LiDAR odometry without the IMU, and the comparison of both.
-class Comparison {
- public:
-  Comparison(const MapperOptions& options, const datasets::DatasetInfo& dataset)
-      : odometry_(lidar_options(options)),
-        check_(imu_check_of(options.dataset)),
-        alignment_(alignment_options(dataset)),
-        calibration_(given_calibration(options.dataset, dataset)) {}
-
-  void add(const Packet& packet) {
-    if (const auto* sample = std::get_if<ImuSample>(&packet))
-      check_.add(*sample, [&](const ImuSample& checked) { alignment_.add(checked); });
-    if (!std::holds_alternative<LidarScan>(packet)) return;
-    const std::optional<Frame> frame = odometry_.process(packet, threads_);
-    if (!frame) return;
-    if (!first_) first_ = frame->time;
-    seconds_ = to_seconds(frame->time - *first_);
-    constexpr double angle = 5e-4, distance = 0.02;  // rad, m: what registration leaves
-    if (frame->health.status == FrameStatus::good)
-      alignment_.add(LidarPose{frame->time, frame->T_odom_body, angle, distance});
-  }
-
-  [[nodiscard]] double seconds() const { return seconds_; }
-  [[nodiscard]] support::ImuCalibration calibration() const {
-    support::ImuCalibration calibration = calibration_;
-    calibration.found = alignment_.estimate();
-    return calibration;
-  }
-
- private:
-  /// Its body is the LiDAR.
-  [[nodiscard]] static LidarOdometryOptions<> lidar_options(const MapperOptions& options) {
-    LidarOdometryOptions<> lidar = options.odometry;
-    lidar.T_body_lidar = SE3d();
-    return lidar;
-  }
-
-  ThreadPool threads_;
-  LidarOdometry<> odometry_;
-  ImuCheck check_;
-  ImuAlignment alignment_;
-  support::ImuCalibration calibration_;
-  std::optional<Timestamp> first_;
-  double seconds_ = 0;
-};
+/// The odometry that finds clock and axes of the IMU, whichever one the settings choose for mapping.
+std::unique_ptr<SessionOdometry> calibrating_odometry(MapperOptions options, const datasets::DatasetInfo& dataset) {
+  options.odometry_source = OdometrySourceKind::lidar_inertial;
+  options.imu.calibrate = true;
+  options.imu.use = ImuUse::all;
+  return make_session_odometry(options, dataset);
+}
 
 }  // namespace
 
@@ -76,21 +35,26 @@ void inspect_imu(const std::filesystem::path& path, const MapperOptions& options
     return std::ranges::count(info.sensors, kind, &datasets::SensorInfo::kind) > 0;
   };
   if (info.has_odometry || !has(SensorKind::imu) || !has(SensorKind::lidar)) return;
-  Comparison comparison(options, info);
+  const std::unique_ptr<SessionOdometry> odometry = calibrating_odometry(options, info);
+  const ThreadPool threads;
+  std::optional<Timestamp> first;
+  double passed = 0;
   support::Progress progress;
   support::ProgressState state{.stage = "comparing IMU and scans", .total = static_cast<Index>(std::ceil(seconds))};
-  while (!stop.stop_requested() && comparison.seconds() < seconds) {
+  while (!stop.stop_requested() && passed < seconds) {
     const std::optional<Packet> packet = dataset->next();
     if (!packet) break;
-    comparison.add(*packet);
-    state.done = static_cast<Index>(comparison.seconds());
+    const std::optional<Frame> frame = odometry->process(*packet, threads);
+    if (!frame) continue;
+    if (!first) first = frame->time;
+    passed = to_seconds(frame->time - *first);
+    state.done = static_cast<Index>(passed);
     progress.update(state);
   }
   progress.finish();
-  const support::ImuCalibration calibration = comparison.calibration();
+  const auto calibration = odometry->calibration().value_or(given_calibration(options.dataset, info));
   char used[64];
-  std::snprintf(used, sizeof used, "the first %.0f s%s", comparison.seconds(),
-                stop.stop_requested() ? ", interrupted" : "");
+  std::snprintf(used, sizeof used, "the first %.0f s%s", passed, stop.stop_requested() ? ", interrupted" : "");
   result.facts.emplace_back("IMU and scans", used);
   result.facts.emplace_back("imu.time_offset", time_offset_text(calibration));
   result.facts.emplace_back("R_body_lidar", rotation_text(calibration));

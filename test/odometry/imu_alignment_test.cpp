@@ -383,6 +383,30 @@ TEST_SUITE("odometry/imu_alignment") {
     });
   }
 
+  TEST_CASE("what else is known of the rotation counts about each axis as far as it is known there") {
+    ImuAlignmentOptions options;
+    options.T_body_lidar = SE3d(SO3d::exp({0.5, -0.3, 2}), {0.1, 0.05, -0.2});
+    const ImuAlignment alignment(options);
+    RotationEvidence evidence{.about = options.T_body_lidar.rotation() * SO3d::exp({0, 0, 0.02})};
+    const ImuAlignmentEstimate same = alignment.with(evidence);
+    CHECK(same.R_body_lidar.local(alignment.estimate().R_body_lidar).norm() < 1e-4);
+    CHECK((same.rotation_covariance - alignment.estimate().rotation_covariance).norm() < 1e-9);
+    CHECK(same.observed_rotation_axes == 0);
+    evidence.information(0, 0) = 1 / (0.002 * 0.002);
+    evidence.vector[0] = 0.01 * evidence.information(0, 0);
+    const ImuAlignmentEstimate better = alignment.with(evidence);
+    const Eigen::Vector3d off = options.T_body_lidar.rotation().local(better.R_body_lidar);
+    CHECK((off - Eigen::Vector3d(0.01, 0, 0)).norm() < 3e-4);
+    CHECK(better.observed_rotation_axes == 1);
+    CHECK_FALSE(better.rotation_known);
+    CHECK(std::sqrt(better.rotation_covariance(0, 0)) ==
+          doctest::Approx(std::hypot(0.002, options.rotation_floor)).epsilon(0.01));
+    CHECK(std::sqrt(better.rotation_covariance(1, 1)) == doctest::Approx(options.rotation_deviation).epsilon(0.01));
+    evidence.information *= 1e6;  // what all data have in common stays
+    evidence.vector *= 1e6;
+    CHECK(std::sqrt(alignment.with(evidence).rotation_covariance(0, 0)) > 0.99 * options.rotation_floor);
+  }
+
   TEST_CASE("motion after a long rest is enough") {
     Rng rng(1);
     const SE3d T_body_lidar(any_rotation(rng), {0.1, 0.05, -0.2});

@@ -217,4 +217,31 @@ TEST_SUITE("odometry/inertial_motion") {
     const Eigen::Vector3d across = mean.unitOrthogonal();
     CHECK(std::sqrt(across.dot(covariance * across)) < 0.0021);
   }
+
+  TEST_CASE("what was measured of the mounting is told without what was assumed of it") {
+    InertialMotionOptions options;
+    InertialMotion motion(options, SE3d(SO3d::exp({0.1, 0.2, 0.3}), {1, 0, 0}));
+    motion.start(at(begin_time));
+    CHECK(motion.mounting_evidence().information.norm() == 0);  // held
+    motion.doubt_mounting();
+    CHECK(motion.mounting_evidence().information.norm() < 1e-3);
+    // A measurement of the rotation by 0.002 rad about x and 0.01 rad about y: nothing is seen of z.
+    constexpr int first = inertial_offset<Inertial::lidar_rotation>;
+    const Eigen::Vector3d measured(0.004, -0.008, 0);
+    const Eigen::Vector3d information(1 / (0.002 * 0.002), 1 / (0.01 * 0.01), 0);
+    InertialState x = motion.state();
+    InertialState::Jacobian covariance = motion.filter().covariance();
+    Eigen::Vector3d step = Eigen::Vector3d::Zero();
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < InertialState::dof; ++j) covariance(first + i, j) = covariance(j, first + i) = 0;
+      covariance(first + i, first + i) = 1 / (information[i] + 1 / (options.lidar_rotation * options.lidar_rotation));
+      step[i] = covariance(first + i, first + i) * information[i] * measured[i];
+    }
+    x.get<Inertial::lidar_rotation>() = x.get<Inertial::lidar_rotation>().retract(step);
+    motion.filter().reset(x, covariance);
+    const RotationEvidence evidence = motion.mounting_evidence();
+    CHECK((evidence.information.diagonal() - information).norm() < 1e-6 * information.norm());
+    CHECK((evidence.vector - information.cwiseProduct(measured)).norm() < 1e-3 * evidence.vector.norm());
+    CHECK(evidence.about.local(SO3d::exp({0.1, 0.2, 0.3})).norm() < 1e-12);
+  }
 }

@@ -116,11 +116,10 @@ class Reference {
   /// @param degrees  that the rotation found may be off: what a drive's turns show.
   void check_turned(const Eigen::Vector3d& turn, double allowed, double degrees) {
     const SO3d R = SO3d::exp(turn);
-    check("axes turned by " + std::to_string(std::lround(turn.norm() * 180 / std::numbers::pi)) + " degrees about " +
-              std::string(1, "xyz"[turn.x() != 0   ? 0
-                                   : turn.y() != 0 ? 1
-                                                   : 2]),
-          allowed, test::turned(drive_->imu, R));
+    std::string fault =
+        "axes turned by " + std::to_string(std::lround(turn.norm() * 180 / std::numbers::pi)) + " degrees about";
+    for (const double along : turn) fault += ' ' + std::to_string(along / turn.norm()).substr(0, 5);
+    check(fault, allowed, test::turned(drive_->imu, R));
     const double off = (R * drive_->T_body_lidar.rotation()).local(found_.R_body_lidar).norm() * 180 / std::numbers::pi;
     MESSAGE("rotation off by ", off, " degrees");
     CHECK(found_.contradicted);
@@ -137,9 +136,8 @@ class Reference {
     Default::Options options{.T_body_lidar = drive_->T_body_lidar * SE3d(SO3d::exp(turn), Eigen::Vector3d::Zero())};
     Default odometry(options);
     const double error = checked_error(*drive_, test::run_drive(*drive_, odometry, options.T_body_lidar));
-    const SO3d found = odometry.odometry().imu_correction().R_body_imu.inverse() *
-                       T_body_lidar(odometry.odometry().state()).rotation();
-    const double left = found.local(drive_->T_body_lidar.rotation()).norm() * 180 / std::numbers::pi;
+    const double left =
+        odometry.alignment().R_body_lidar.local(drive_->T_body_lidar.rotation()).norm() * 180 / std::numbers::pi;
     const auto doubted = odometry.counts().doubted_rates + odometry.counts().doubted_accelerations;
     MESSAGE(name_, ", mounting off by (", turn[0], ", ", turn[1], ", ", turn[2], ") rad: ", error, " m, ",
             error / error_, " times ", error_, ", ", left, " degrees left, IMU doubted in ", doubted, " scans");
@@ -227,12 +225,14 @@ TEST_SUITE("odometry on real drives") {
     CHECK(raw.error() < 0.275);
     raw.check_without_imu();  // keyframes 207 to 209 are 1.5 and 2.6 s apart
     raw.check_mounting_off({0.05, 0, 0}, 1.05, true);
+    // What the poses of scans tell of these axes is 1.6 degrees off, and half a minute passes until it is known.
+    raw.check_turned(std::numbers::pi * Eigen::Vector3d(0, std::sqrt(0.5), -std::sqrt(0.5)), 1.2, 0.5);
     if (!test::full()) return;
     raw.check_late(0.2, 1.1);
     raw.check_noise(1.1);
     raw.check_mountings_off(1.05, true);
     raw.check_late(0.067, 1.1);
-    raw.check_turned_about_all_axes(1.2, 0.9);
+    raw.check_turned_about_all_axes(1.2, 0.5);
     raw.check_stuck(1.3);
     raw.check_spikes_and_units(1.1);
   }

@@ -23,6 +23,7 @@
 #include "chainslam/odometry/detail/alignment_solution.hpp"
 #include "chainslam/odometry/detail/imu_track.hpp"
 #include "chainslam/odometry/imu_alignment_options.hpp"
+#include "chainslam/odometry/rotation_evidence.hpp"
 #include "chainslam/sensor/imu_sample.hpp"
 
 namespace chainslam {
@@ -51,6 +52,8 @@ class ImuAlignment {
   bool add(const LidarPose& pose);
 
   [[nodiscard]] const ImuAlignmentEstimate& estimate() const { return estimate_; }
+  /// The same with what else is known of R_body_lidar. Both may rest on the same data: then the better one counts.
+  [[nodiscard]] ImuAlignmentEstimate with(const RotationEvidence& evidence) const;
   [[nodiscard]] bool known() const { return estimate_.time_known && estimate_.rotation_known; }
 
  private:
@@ -76,6 +79,7 @@ class ImuAlignment {
   [[nodiscard]] AlignmentMatrix with_floor(AlignmentMatrix covariance) const;
   void compare_with_given(const AlignmentMatrix& covariance);
   void report(const AlignmentState& x, const AlignmentMatrix& P);
+  void report_rotation(const SO3d& R, const Eigen::Matrix3d& covariance, ImuAlignmentEstimate& e) const;
 
   ImuAlignmentOptions options_;
   detail::ImuTrack track_;
@@ -180,17 +184,12 @@ inline void ImuAlignment::report(const AlignmentState& x, const AlignmentMatrix&
   ImuAlignmentEstimate& e = estimate_;
   e.time_offset = x.time_offset;
   e.time_offset_deviation = std::sqrt(P(0, 0));
-  e.R_body_lidar = x.R_body_lidar;
-  e.rotation_covariance = block_of<3, 3>(P, 1, 1);
+  report_rotation(x.R_body_lidar, block_of<3, 3>(P, 1, 1), e);
   e.gyro_bias = x.gyro_bias;
   e.gyro_bias_covariance = block_of<3, 3>(P, 4, 4);
   e.accel_bias = x.accel_bias;
   e.accel_bias_covariance = block_of<3, 3>(P, 7, 7);
   e.time_known = e.time_offset_deviation <= options_.known_time_offset;
-  e.observed_rotation_axes = 0;
-  for (const double variance : jacobi_eigen(e.rotation_covariance).values)
-    if (variance <= options_.known_rotation * options_.known_rotation) ++e.observed_rotation_axes;
-  e.rotation_known = e.observed_rotation_axes == 3;
   e.seconds_used = 0;
   const auto count_time = [&](const detail::AlignmentBlock& block) {
     if (block.turns > 0) e.seconds_used += block.end - block.begin;
@@ -199,6 +198,27 @@ inline void ImuAlignment::report(const AlignmentState& x, const AlignmentMatrix&
   std::for_each(newest_.begin(), newest_.end(), count_time);
   for (const detail::AlignmentBlock& block : newest_)
     if (block.forces > 0) e.up_odom = block.up_force / block.up_force.norm();
+}
+
+inline void ImuAlignment::report_rotation(const SO3d& R, const Eigen::Matrix3d& covariance,
+                                          ImuAlignmentEstimate& e) const {
+  e.R_body_lidar = R;
+  e.rotation_covariance = covariance;
+  e.observed_rotation_axes = 0;
+  for (const double variance : jacobi_eigen(covariance).values)
+    if (variance <= options_.known_rotation * options_.known_rotation) ++e.observed_rotation_axes;
+  e.rotation_known = e.observed_rotation_axes == 3;
+}
+
+inline ImuAlignmentEstimate ImuAlignment::with(const RotationEvidence& evidence) const {
+  ImuAlignmentEstimate e = estimate_;
+  const RotationEvidence other = evidence.with_common_error(options_.rotation_floor);
+  const Eigen::Matrix3d own = detail::spd_inverse(estimate_.rotation_covariance);
+  const Eigen::Matrix3d covariance = detail::spd_inverse(sum_of(own, other.information));
+  const Eigen::Vector3d off = other.about.local(estimate_.R_body_lidar);
+  const Eigen::Vector3d step = product(covariance, sum_of(product(own, off), other.vector));
+  report_rotation(other.about.retract(step), covariance, e);
+  return e;
 }
 
 /// Whether the data, which know the rotation about some axis well, exclude the one given.

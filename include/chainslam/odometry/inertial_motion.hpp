@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/filter/ieskf.hpp"
 #include "chainslam/odometry/deskew.hpp"
@@ -17,6 +18,7 @@
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/imu_record.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/odometry/rotation_evidence.hpp"
 #include "chainslam/sensor/imu_use.hpp"
 
 namespace chainslam {
@@ -155,8 +157,12 @@ class InertialMotion {
   bool bound_mounting(double max_position, double max_rotation);
   /// The mounting is the given one from now on, known as such: without the gyroscope nothing tells it.
   void hold_mounting();
-  /// The mounting is as uncertain as at the start.
+  /// The mounting is as uncertain as at the start, or as the axes are.
   void doubt_mounting();
+  /// The body's axes are others from now on: R_body_lidar is known with this covariance (right tangent, rad^2).
+  void set_axes_covariance(const Eigen::Matrix3d& covariance) { mounting_root_ = cholesky(covariance); }
+  /// What was measured since then says of the mounting's rotation, about the given one; nothing while it is held.
+  [[nodiscard]] RotationEvidence mounting_evidence() const;
   /// Tells the mean rate of the last interval, which is continued where there are no readings. To be called once the
   /// pose at the end is final.
   void follow();
@@ -253,6 +259,8 @@ class InertialMotion {
   Eigen::Vector3d mean_rate_ = zeros<Eigen::Vector3d>();  ///< rad/s, body frame, between the last two scans
   double measured_share_ = 0;
   Index followed_ = 0;
+  /// A root of the covariance of R_body_lidar when it is doubted, rad.
+  Eigen::Matrix3d mounting_root_ = scaled(options_.lidar_rotation, identity<Eigen::Matrix3d>());
 };
 
 inline ImuStart InertialMotion::start(Timestamp time) {
@@ -273,6 +281,10 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   set.operator()<Inertial::accel_bias>(options_.start_accel_bias);
   set.operator()<Inertial::bend>(options_.start_bend);
   set.operator()<Inertial::up>(options_.start_up);
+  // Measurements as quiet as at rest may be of a slow, steady turn: then all of their mean is no bias.
+  constexpr int bias = inertial_offset<Inertial::gyro_bias>;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) covariance(bias + i, bias + j) += start.gyro_bias[i] * start.gyro_bias[j];
   filter_ = Filter(x, covariance, options_.process);
   time_ = time;
   started_ = true;
@@ -281,10 +293,6 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   way_.push_back({time, T_odom_body(x), none, none, none});
   return start;
 }
-  // Measurements as quiet as at rest may be of a slow, steady turn: then all of their mean is no bias.
-  constexpr int bias = inertial_offset<Inertial::gyro_bias>;
-  for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < 3; ++i) covariance(bias + i, bias + j) += start.gyro_bias[i] * start.gyro_bias[j];
 
 inline void InertialMotion::step(const ImuInput& input, double dt) {
   const InertialState x = state();
@@ -366,7 +374,7 @@ inline void InertialMotion::follow() {
 
 inline void InertialMotion::doubt_mounting() {
   InertialState::Jacobian covariance = filter_.covariance();
-  detail::doubt_mounting(covariance, state(), options_.lidar_position, options_.lidar_rotation);
+  detail::doubt_mounting(covariance, state(), options_.lidar_position, mounting_root_);
   filter_.reset(state(), covariance);
 }
 
@@ -375,6 +383,18 @@ inline void InertialMotion::hold_mounting() {
   separate<Inertial::lidar_position>(covariance, 0);
   separate<Inertial::lidar_rotation>(covariance, 0);
   filter_.reset(detail::remounted(state(), T_body_lidar_), covariance);
+}
+
+inline RotationEvidence InertialMotion::mounting_evidence() const {
+  constexpr int first = inertial_offset<Inertial::lidar_rotation>;
+  RotationEvidence evidence{.about = T_body_lidar_.rotation()};
+  const Eigen::Matrix3d covariance = block_of<3, 3>(filter_.covariance(), first, first);
+  if (!(covariance(0, 0) > 0)) return evidence;
+  const Eigen::Matrix3d posterior = RotationEvidence::inverse_of(covariance);
+  const Eigen::Matrix3d prior = RotationEvidence::inverse_of(product_transposed(mounting_root_, mounting_root_));
+  evidence.information = difference_of(posterior, prior);
+  evidence.vector = product(posterior, evidence.about.local(state().get<Inertial::lidar_rotation>()));
+  return evidence;
 }
 
 inline bool InertialMotion::bound_mounting(double max_position, double max_rotation) {

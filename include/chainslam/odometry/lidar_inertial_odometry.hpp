@@ -25,6 +25,7 @@
 #include "chainslam/odometry/lidar_inertial_options.hpp"
 #include "chainslam/odometry/local_map.hpp"
 #include "chainslam/odometry/odometry_counts.hpp"
+#include "chainslam/odometry/rotation_evidence.hpp"
 #include "chainslam/odometry/scan_filter.hpp"
 #include "chainslam/odometry/scan_measurement.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
@@ -77,10 +78,17 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
 
   /// Corrects IMU samples from now on. What was learnt from them with axes or a clock that were clearly wrong is
   /// forgotten. @param up  against gravity in odom, where it is known apart from the filter.
-  void correct_imu(const ImuCorrection& correction, const std::optional<Eigen::Vector3d>& up = std::nullopt);
+  /// @param axes_covariance  of R_body_lidar by axes that differ from those before; right tangent, rad^2.
+  void correct_imu(const ImuCorrection& correction, const std::optional<Eigen::Vector3d>& up = std::nullopt,
+                   const std::optional<Eigen::Matrix3d>& axes_covariance = std::nullopt);
   [[nodiscard]] const ImuCorrection& imu_correction() const { return motion_.imu().correction(); }
   /// Of the last scan by registration alone, as far as the scan shows it; in the local map's frame.
   [[nodiscard]] const SE3d& T_map_lidar() const { return T_map_lidar_; }
+  /// What the filter has found of R_body_lidar, in the body's axes as corrected; nothing unless the IMU is believed.
+  [[nodiscard]] RotationEvidence mounting_evidence() const {
+    const bool believed = monitor_.use() == ImuUse::all && options_.imu_use == ImuUse::all;
+    return believed ? motion_.mounting_evidence() : RotationEvidence{.about = options_.T_body_lidar.rotation()};
+  }
   [[nodiscard]] const ImuMonitor& imu_monitor() const { return monitor_; }
   [[nodiscard]] LidarInertialOdometryCounts counts() const {
     LidarInertialOdometryCounts counts = counts_;
@@ -242,12 +250,14 @@ void LidarInertialOdometry<Map, Kernel>::watch_imu() {
 
 template <class Map, class Kernel>
 void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correction,
-                                                     const std::optional<Eigen::Vector3d>& up) {
+                                                     const std::optional<Eigen::Vector3d>& up,
+                                                     const std::optional<Eigen::Matrix3d>& axes_covariance) {
   constexpr double clearly_late = 0.02, clearly_turned = 0.02, turned = 1e-6;  // seconds, radians
   const ImuCorrection change = correction.since(imu_correction());
   motion_.correct(correction);
   const double angle = change.R_body_imu.log().norm();
   const bool clear = std::abs(change.time_offset) >= clearly_late || angle >= clearly_turned;
+  if (angle >= turned && axes_covariance) motion_.set_axes_covariance(*axes_covariance);
   if (!motion_.started() || (!clear && angle < turned)) return;
   motion_.hold_mounting();  // what the filter has learnt of it is in the correction
   if (clear) {
@@ -286,8 +296,10 @@ Frame LidarInertialOdometry<Map, Kernel>::answer(Attempt& attempt, FrameStatus s
                   .matches = attempt.match.matches,
                   .residual_rms = attempt.match.residual_rms,
                   .iterations = attempt.match.iterations};
-  if (motion_.interval() > 0 && !motion_.imu().samples().empty())  // else it is the first frame, or there is no IMU
+  if (motion_.interval() > 0 && !motion_.imu().samples().empty()) {  // else it is the first frame, or there is no IMU
     frame.health.imu_use = motion_.measured_share() > 0.5 ? motion_.use() : ImuUse::none;
+    frame.health.imu_as_set = frame.health.imu_use == ImuUse::gyroscope && options_.imu_use == ImuUse::gyroscope;
+  }
   frame.cloud = std::move(attempt.clouds.whole);
   return frame;
 }
@@ -298,8 +310,6 @@ extern template std::optional<Frame> LidarInertialOdometry<>::process(const Pack
 extern template std::optional<Frame> LidarInertialOdometry<>::process(const Packet&, const ThreadPool&);
 extern template std::optional<Frame> LidarInertialOdometry<>::flush(const Serial&);
 extern template std::optional<Frame> LidarInertialOdometry<>::flush(const ThreadPool&);
-    frame.health.imu_as_set = frame.health.imu_use == ImuUse::gyroscope && options_.imu_use == ImuUse::gyroscope;
-  }
 #endif
 
 }  // namespace chainslam

@@ -21,7 +21,8 @@ namespace chainslam {
 /// significant, axes only where the data exclude the given rotation: what is less than that the filter itself
 /// estimates.
 ///
-/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction` and `T_map_lidar`.
+/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction`, `T_map_lidar` and
+///                   `mounting_evidence`.
 template <class Odometry>
 class SelfCalibrating {
  public:
@@ -48,10 +49,22 @@ class SelfCalibrating {
   }
 
   [[nodiscard]] const Odometry& odometry() const { return odometry_; }
-  [[nodiscard]] const ImuAlignmentEstimate& alignment() const { return alignment_.estimate(); }
+  /// What is known of clock and axes as the IMU gives them. Once the IMU is corrected and believed, its rotation to the
+  /// LiDAR is the filter's, which uses each point, as far as the filter has seen it move.
+  [[nodiscard]] ImuAlignmentEstimate alignment() const {
+    const ImuAlignmentEstimate& found = alignment_.estimate();
+    const SO3d& R_body_imu = odometry_.imu_correction().R_body_imu;
+    const bool corrected = !found.contradicted || R_body_imu.log().norm() > 0;
+    if (!corrected || found.time_offset_deviation >= max_clock_deviation) return found;
+    RotationEvidence evidence = odometry_.mounting_evidence();
+    evidence.about = R_body_imu.inverse() * evidence.about;
+    return alignment_.with(evidence);
+  }
   [[nodiscard]] auto counts() const { return odometry_.counts(); }
 
  private:
+  static constexpr double max_clock_deviation = 0.02;  ///< seconds, of an offset that is acted on
+
   [[nodiscard]] static ImuAlignmentOptions with(ImuAlignmentOptions options, const SE3d& T_body_lidar) {
     options.T_body_lidar = T_body_lidar;
     return options;
@@ -67,10 +80,10 @@ class SelfCalibrating {
   /// Whether to correct the clock (again). How scans were undistorted biases the offset by some milliseconds: a clock
   /// that is right to that is left alone.
   [[nodiscard]] bool clock_is_off(double corrected) const {
-    constexpr double bias = 0.01, min_change = 0.002, max_deviation = 0.02;  // seconds
+    constexpr double bias = 0.01, min_change = 0.002;  // seconds
     const double deviation = alignment_.estimate().time_offset_deviation;
     const double off = std::abs(alignment_.estimate().time_offset - corrected);
-    return deviation < max_deviation && off > (corrected == 0 ? bias + 2 * deviation : min_change);
+    return deviation < max_clock_deviation && off > (corrected == 0 ? bias + 2 * deviation : min_change);
   }
 
   void correct() {
@@ -89,7 +102,8 @@ class SelfCalibrating {
     if (new_clock) correction.time_offset = found.time_offset;
     if (new_axes) correction.R_body_imu = axes;
     const bool up_known = found.up_odom.norm() > 0;
-    odometry_.correct_imu(correction, up_known ? std::optional<Eigen::Vector3d>(found.up_odom) : std::nullopt);
+    odometry_.correct_imu(correction, up_known ? std::optional<Eigen::Vector3d>(found.up_odom) : std::nullopt,
+                          found.rotation_covariance);
   }
 
   SE3d T_body_lidar_;
