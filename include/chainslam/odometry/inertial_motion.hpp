@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/filter/ieskf.hpp"
 #include "chainslam/odometry/deskew.hpp"
@@ -159,8 +158,8 @@ class InertialMotion {
   void hold_mounting();
   /// The mounting is as uncertain as at the start, or as the axes are.
   void doubt_mounting();
-  /// The body's axes are others from now on: R_body_lidar is known with this covariance (right tangent, rad^2).
-  void set_axes_covariance(const Eigen::Matrix3d& covariance) { mounting_root_ = cholesky(covariance); }
+  /// The body's axes are others from now on, known to `deviation` (rad) about each.
+  void set_axes_deviation(double deviation) { mounting_deviation_ = std::max(options_.lidar_rotation, deviation); }
   /// What was measured since then says of the mounting's rotation, about the given one; nothing while it is held.
   [[nodiscard]] RotationEvidence mounting_evidence() const;
   /// Tells the mean rate of the last interval, which is continued where there are no readings. To be called once the
@@ -259,8 +258,7 @@ class InertialMotion {
   Eigen::Vector3d mean_rate_ = zeros<Eigen::Vector3d>();  ///< rad/s, body frame, between the last two scans
   double measured_share_ = 0;
   Index followed_ = 0;
-  /// A root of the covariance of R_body_lidar when it is doubted, rad.
-  Eigen::Matrix3d mounting_root_ = scaled(options_.lidar_rotation, identity<Eigen::Matrix3d>());
+  double mounting_deviation_ = options_.lidar_rotation;  ///< rad about each axis, where the mounting is doubted
 };
 
 inline ImuStart InertialMotion::start(Timestamp time) {
@@ -374,7 +372,7 @@ inline void InertialMotion::follow() {
 
 inline void InertialMotion::doubt_mounting() {
   InertialState::Jacobian covariance = filter_.covariance();
-  detail::doubt_mounting(covariance, state(), options_.lidar_position, mounting_root_);
+  detail::doubt_mounting(covariance, state(), options_.lidar_position, mounting_deviation_);
   filter_.reset(state(), covariance);
 }
 
@@ -391,8 +389,8 @@ inline RotationEvidence InertialMotion::mounting_evidence() const {
   const Eigen::Matrix3d covariance = block_of<3, 3>(filter_.covariance(), first, first);
   if (!(covariance(0, 0) > 0)) return evidence;
   const Eigen::Matrix3d posterior = RotationEvidence::inverse_of(covariance);
-  const Eigen::Matrix3d prior = RotationEvidence::inverse_of(product_transposed(mounting_root_, mounting_root_));
-  evidence.information = difference_of(posterior, prior);
+  evidence.information = posterior;
+  for (int i = 0; i < 3; ++i) evidence.information(i, i) -= 1 / (mounting_deviation_ * mounting_deviation_);
   evidence.vector = product(posterior, evidence.about.local(state().get<Inertial::lidar_rotation>()));
   return evidence;
 }

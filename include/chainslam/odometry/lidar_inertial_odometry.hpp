@@ -78,9 +78,9 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
 
   /// Corrects IMU samples from now on. What was learnt from them with axes or a clock that were clearly wrong is
   /// forgotten. @param up  against gravity in odom, where it is known apart from the filter.
-  /// @param axes_covariance  of R_body_lidar by axes that differ from those before; right tangent, rad^2.
+  /// @param axes_deviation  of axes that differ from those before, rad about each of them.
   void correct_imu(const ImuCorrection& correction, const std::optional<Eigen::Vector3d>& up = std::nullopt,
-                   const std::optional<Eigen::Matrix3d>& axes_covariance = std::nullopt);
+                   double axes_deviation = 0);
   [[nodiscard]] const ImuCorrection& imu_correction() const { return motion_.imu().correction(); }
   /// Of the last scan by registration alone, as far as the scan shows it; in the local map's frame.
   [[nodiscard]] const SE3d& T_map_lidar() const { return T_map_lidar_; }
@@ -250,14 +250,13 @@ void LidarInertialOdometry<Map, Kernel>::watch_imu() {
 
 template <class Map, class Kernel>
 void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correction,
-                                                     const std::optional<Eigen::Vector3d>& up,
-                                                     const std::optional<Eigen::Matrix3d>& axes_covariance) {
+                                                     const std::optional<Eigen::Vector3d>& up, double axes_deviation) {
   constexpr double clearly_late = 0.02, clearly_turned = 0.02, turned = 1e-6;  // seconds, radians
   const ImuCorrection change = correction.since(imu_correction());
   motion_.correct(correction);
   const double angle = change.R_body_imu.log().norm();
   const bool clear = std::abs(change.time_offset) >= clearly_late || angle >= clearly_turned;
-  if (angle >= turned && axes_covariance) motion_.set_axes_covariance(*axes_covariance);
+  if (angle >= turned) motion_.set_axes_deviation(axes_deviation);
   if (!motion_.started() || (!clear && angle < turned)) return;
   motion_.hold_mounting();  // what the filter has learnt of it is in the correction
   if (clear) {

@@ -9,6 +9,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/imu_alignment.hpp"
+#include "chainslam/odometry/inertial_state.hpp"
 #include "chainslam/sensor/imu_check.hpp"
 #include "chainslam/sensor/imu_correction.hpp"
 #include "chainslam/sensor/packet.hpp"
@@ -21,8 +22,8 @@ namespace chainslam {
 /// significant, axes only where the data exclude the given rotation: what is less than that the filter itself
 /// estimates.
 ///
-/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction`, `T_map_lidar` and
-///                   `mounting_evidence`.
+/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction`, `T_map_lidar`, `state`
+///                   and `mounting_evidence`.
 template <class Odometry>
 class SelfCalibrating {
  public:
@@ -96,14 +97,16 @@ class SelfCalibrating {
     // A clock fitted to wrong axes is as wrong, and would not make these measurements usable.
     if (found.contradicted && !axes_known) return;
     const bool new_clock = clock_is_off(correction.time_offset);
+    // The filter has gone on from the axes applied: what it has found since need not be found again.
+    const SO3d R_body_lidar = correction.R_body_imu.inverse() * T_body_lidar(odometry_.state()).rotation();
     const bool new_axes =
-        found.contradicted && correction.R_body_imu.local(axes).norm() > std::max(min_turn, axes_deviation);
+        found.contradicted && R_body_lidar.local(found.R_body_lidar).norm() > std::max(min_turn, axes_deviation);
     if (!new_clock && !new_axes) return;
     if (new_clock) correction.time_offset = found.time_offset;
     if (new_axes) correction.R_body_imu = axes;
     const bool up_known = found.up_odom.norm() > 0;
     odometry_.correct_imu(correction, up_known ? std::optional<Eigen::Vector3d>(found.up_odom) : std::nullopt,
-                          found.rotation_covariance);
+                          axes_deviation / std::sqrt(3.0));
   }
 
   SE3d T_body_lidar_;

@@ -20,13 +20,12 @@ namespace chainslam::detail {
   return x;
 }
 
-/// Adds errors of T_body_lidar to a covariance: of so many metres along each axis, and of a rotation (LiDAR axes, rad)
-/// whose covariance is `rotation_root` times its transpose.
+/// Adds errors of T_body_lidar of these deviations (metres, radians) about each axis to a covariance.
 ///
 /// The map is the LiDAR's: its pose is what is known there. Where that puts the body, and gravity, which the body
 /// feels, is known as well as the mounting.
 inline void doubt_mounting(InertialState::Jacobian& covariance, const InertialState& x, double position,
-                           const Eigen::Matrix3d& rotation_root) {
+                           double rotation) {
   constexpr int up = inertial_offset<Inertial::up>, mounting = InertialState::dof - 6;
   // The LiDAR's pose stays: with J_b and J_m its derivatives by body and mounting, the body moves by -J_b^-1 J_m. Of
   // J_b = Ad diag(R^T, I) the inverse is diag(R, I) Ad^-1.
@@ -40,15 +39,9 @@ inline void doubt_mounting(InertialState::Jacobian& covariance, const InertialSt
   set_block(spread, 0, 0, body);
   set_block(spread, up, 0, product(up_by_turn, block_of<3, 6>(body, 3, 0)));
   for (int i = 0; i < 6; ++i) spread(mounting + i, i) = 1;
-  for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < InertialState::dof; ++i) spread(i, j) *= position;
-  set_block(spread, 0, 3, product(block_of<InertialState::dof, 3>(spread, 0, 3), rotation_root));
+  for (int j = 0; j < 6; ++j)
+    for (int i = 0; i < InertialState::dof; ++i) spread(i, j) *= j < 3 ? position : rotation;
   covariance = sum_of(covariance, product_transposed(spread, spread));
-}
-/// The same with a rotation of this deviation (rad) about each axis.
-inline void doubt_mounting(InertialState::Jacobian& covariance, const InertialState& x, double position,
-                           double rotation) {
-  doubt_mounting(covariance, x, position, scaled(rotation, identity<Eigen::Matrix3d>()));
 }
 
 }  // namespace chainslam::detail
