@@ -407,6 +407,25 @@ TEST_SUITE("odometry/imu_alignment") {
     CHECK(std::sqrt(alignment.with(evidence).rotation_covariance(0, 0)) > 0.99 * options.rotation_floor);
   }
 
+  TEST_CASE(
+      "two and a half seconds tell the clock to 20 ms where the motion shows it, and nothing where there is none") {
+    test::for_all(20, [](Rng& rng, int) {
+      const SE3d T_body_lidar(any_rotation(rng), {0.1, 0.05, -0.2});
+      const double offset = rng.uniform(-0.2, 0.2);
+      ImuAlignmentOptions options;
+      options.T_body_lidar = T_body_lidar;
+      const Recording moving = simulated(handheld(rng, 1), T_body_lidar, offset, 3, 10, {}, rng);
+      const ImuAlignmentEstimate e = fed(moving, options, 0, 2.5).estimate();
+      CHECK(e.time_offset_deviation < 0.02);
+      CHECK(std::abs(e.time_offset - offset) < 4 * e.time_offset_deviation);
+      CHECK_FALSE(e.contradicted);
+      const Recording resting = simulated(Waves{}, T_body_lidar, offset, 3, 10, {}, rng);
+      const ImuAlignmentEstimate none = fed(resting, options, 0, 2.5).estimate();
+      CHECK(none.time_offset == 0);
+      CHECK(none.time_offset_deviation == doctest::Approx(options.time_offset_deviation));
+    });
+  }
+
   TEST_CASE("motion after a long rest is enough") {
     Rng rng(1);
     const SE3d T_body_lidar(any_rotation(rng), {0.1, 0.05, -0.2});

@@ -67,7 +67,7 @@ class ImuAlignment {
   }
   void forget_old();
   void forget_before(double time);
-  void solve();
+  void solve(std::size_t count);
   [[nodiscard]] std::vector<std::size_t> block_ends(std::size_t count) const;
   [[nodiscard]] std::size_t covered_poses() const;
   [[nodiscard]] bool distinct() const { return contrast_ >= options_.min_contrast; }
@@ -100,9 +100,12 @@ inline bool ImuAlignment::add(const LidarPose& pose) {
   poses_.push_back(detail::alignment_pose(pose, time));
   detail::link_to_neighbours(poses_, options_.half_span, options_.max_step);
   if (!solved_at_) solved_at_ = time;
-  if (time - *solved_at_ < (known() ? options_.known_interval : options_.interval)) return false;
+  const double growth = std::min(options_.interval, options_.growth * (*solved_at_ - poses_.front().time));
+  if (time - *solved_at_ < (known() ? options_.known_interval : growth)) return false;
+  const std::size_t count = covered_poses();
+  if (count == 0 || poses_[count - 1].time - poses_.front().time < options_.min_duration) return false;
   solved_at_ = time;
-  solve();
+  solve(count);
   forget_old();
   return true;
 }
@@ -137,9 +140,7 @@ inline std::size_t ImuAlignment::covered_poses() const {
   return count;
 }
 
-inline void ImuAlignment::solve() {
-  const std::size_t count = covered_poses();
-  if (count == 0 || poses_[count - 1].time - poses_.front().time < options_.min_duration) return;
+inline void ImuAlignment::solve(std::size_t count) {
   const std::vector<std::size_t> ends = block_ends(count);
   detail::AlignmentProblem problem{.track = track_,
                                    .poses = std::span(poses_.data(), count),

@@ -22,8 +22,9 @@ struct ImuAlignmentOptions {
   double block = 10;                   ///< s over which gravity is constant in the LiDAR odometry's frame
   double window = 60;                  ///< s of measurements kept as such; what is older is kept as equations
   double memory = 300;                 ///< s of these
-  double min_duration = 3;             ///< s of poses before the first estimate
-  double interval = 1;                 ///< s between estimates, ...
+  double min_duration = 1;             ///< s of poses before the first estimate
+  double growth = 0.25;                ///< of the data, between estimates, ...
+  double interval = 1;                 ///< ... at most so many s, ...
   double known_interval = 5;           ///< ... once offset and rotation are known
   double search_interval = 10;         ///< s between searches of all offsets, once offset and rotation are known
   double time_offset_floor = 0.002;    ///< s of the deviation that more data do not reduce: of the scans' own times
