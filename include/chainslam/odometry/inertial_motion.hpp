@@ -16,33 +16,12 @@
 #include "chainslam/odometry/imu_monitor.hpp"
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/imu_record.hpp"
+#include "chainslam/odometry/inertial_motion_options.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
 #include "chainslam/odometry/rotation_evidence.hpp"
 #include "chainslam/sensor/imu_use.hpp"
 
 namespace chainslam {
-
-struct InertialMotionOptions {
-  ImuProcess process{.up_walk = 3.5e-4};  ///< twice that lets heights wander, a quarter loses bent maps
-  ImuRecordOptions imu{};
-  ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
-  double start_speed = 20;   ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
-  double rest_speed = 0.05;  ///< m/s, deviation where rest is assumed
-  double start_gyro_bias = 1e-2;  ///< rad/s, deviation
-  double start_accel_bias = 0.1;  ///< m/s^2, deviation
-  double start_up = 0.15;    ///< radians, deviation of gravity's direction: steady acceleration is as quiet as rest
-  double rest_up = 0.01;     ///< and where rest is assumed: what the accelerometer's bias makes of it
-  double start_bend = 5e-5;  ///< 1/m, deviation of the map's bend: 0.3 degrees in 100 m
-  // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
-  double free_accel = 1.5;        ///< m/s^2 per sqrt(Hz)
-  double free_gyro = 0.2;         ///< rad/s per sqrt(Hz)
-  double max_free = 1.0;          ///< seconds that may be continued so; beyond, the body may be anywhere near
-  double lost_position = 2.0;     ///< metres, deviation after that, and of a prediction that scans contradict
-  double lost_rotation = 0.2;     ///< radians, deviation of the latter
-  double lidar_position = 0;      ///< metres, deviation of the mounting; 0: known
-  double lidar_rotation = 0.005;  ///< radians about each axis; a third of a degree off is usual, and turns tell
-  Index mounting_after = 3;       ///< scans, from which on it is estimated: the first make a crooked map
-};
 
 /// The filter's motion between scans: integrates the inertial unit, or continues the motion where that is silent, and
 /// remembers the way, for scans to be straightened by.
@@ -384,15 +363,7 @@ inline void InertialMotion::hold_mounting() {
 }
 
 inline RotationEvidence InertialMotion::mounting_evidence() const {
-  constexpr int first = inertial_offset<Inertial::lidar_rotation>;
-  RotationEvidence evidence{.about = T_body_lidar_.rotation()};
-  const Eigen::Matrix3d covariance = block_of<3, 3>(filter_.covariance(), first, first);
-  if (!(covariance(0, 0) > 0)) return evidence;
-  const Eigen::Matrix3d posterior = RotationEvidence::inverse_of(covariance);
-  evidence.information = posterior;
-  for (int i = 0; i < 3; ++i) evidence.information(i, i) -= 1 / (mounting_deviation_ * mounting_deviation_);
-  evidence.vector = product(posterior, evidence.about.local(state().get<Inertial::lidar_rotation>()));
-  return evidence;
+  return detail::mounting_evidence(state(), filter_.covariance(), T_body_lidar_.rotation(), mounting_deviation_);
 }
 
 inline bool InertialMotion::bound_mounting(double max_position, double max_rotation) {

@@ -7,6 +7,7 @@
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/lie/so3.hpp"
 #include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/odometry/rotation_evidence.hpp"
 
 namespace chainslam::detail {
 
@@ -42,6 +43,22 @@ inline void doubt_mounting(InertialState::Jacobian& covariance, const InertialSt
   for (int j = 0; j < 6; ++j)
     for (int i = 0; i < InertialState::dof; ++i) spread(i, j) *= j < 3 ? position : rotation;
   covariance = sum_of(covariance, product_transposed(spread, spread));
+}
+
+/// What a covariance says of the mounting's rotation beside a prior of this deviation (rad) about each axis, which was
+/// that of `given`; nothing while it is held.
+[[nodiscard]] inline RotationEvidence mounting_evidence(const InertialState& x,
+                                                        const InertialState::Jacobian& covariance, const SO3d& given,
+                                                        double prior_deviation) {
+  constexpr int first = inertial_offset<Inertial::lidar_rotation>;
+  RotationEvidence evidence{.about = given};
+  const Eigen::Matrix3d posterior = block_of<3, 3>(covariance, first, first);
+  if (!(posterior(0, 0) > 0)) return evidence;
+  const Eigen::Matrix3d information = RotationEvidence::inverse_of(posterior);
+  evidence.information = information;
+  for (int i = 0; i < 3; ++i) evidence.information(i, i) -= 1 / (prior_deviation * prior_deviation);
+  evidence.vector = product(information, given.local(x.get<Inertial::lidar_rotation>()));
+  return evidence;
 }
 
 }  // namespace chainslam::detail
