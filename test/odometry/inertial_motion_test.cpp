@@ -201,7 +201,7 @@ TEST_SUITE("odometry/inertial_motion") {
     CHECK(motion.moved(Vector6d::Zero()).local(motion.state()).norm() < 1e-12);
   }
 
-  TEST_CASE("quiet measurements may be of a slow turn: the bias they suggest is as uncertain as it is large") {
+  TEST_CASE("quiet measurements are of rest or of a slow turn: the bias at the start allows for both") {
     const Eigen::Vector3d mean(0.002, -0.001, 0.02);  // rad/s
     InertialMotion motion;
     for (int i = 0; i < 100; ++i) motion.add(sample_at(begin_time - 1 + 0.01 * i, mean));
@@ -209,13 +209,15 @@ TEST_SUITE("odometry/inertial_motion") {
     constexpr int bias = inertial_offset<Inertial::gyro_bias>;
     const Eigen::Vector3d found = motion.state().get<Inertial::gyro_bias>().value();
     const Eigen::Matrix3d covariance = motion.filter().covariance().block<3, 3>(bias, bias);
-    CHECK((found - mean).norm() < 1e-12);
     for (const Eigen::Vector3d& truth : {mean, Eigen::Vector3d(0, 0, 0)}) {
       const Eigen::Vector3d off = found - truth;
       CHECK(off.dot(covariance.inverse() * off) < 1.01);
     }
+    // In a turn the bias may be anything, also about axes that are not turned about.
+    const InertialMotionOptions options;
     const Eigen::Vector3d across = mean.unitOrthogonal();
-    CHECK(std::sqrt(across.dot(covariance * across)) < 0.0021);
+    CHECK(std::sqrt(across.dot(covariance * across)) > 0.7 * options.start_gyro_bias);
+    CHECK(std::sqrt(across.dot(covariance * across)) < options.start_gyro_bias);
   }
 
   TEST_CASE("what was measured of the mounting is told without what was assumed of it") {

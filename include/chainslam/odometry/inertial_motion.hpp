@@ -244,7 +244,10 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   const ImuStart start = options_.initializer.estimate(imu_.samples());
   InertialState x;
   x.get<Inertial::rotation>() = gravity_aligned(start.up_body);
-  x.get<Inertial::gyro_bias>() = R3d(start.gyro_bias);
+  // Quiet measurements are of rest or of a slow, steady turn, and do not tell which. At rest their mean is the bias; in
+  // a turn it says nothing of it. The state is the mean of both.
+  const double rest = start.at_rest ? 0.5 : 0.0;
+  x.get<Inertial::gyro_bias>() = R3d(scaled(rest, start.gyro_bias));
   x.get<Inertial::lidar_position>() = R3d(T_body_lidar_.translation());
   x.get<Inertial::lidar_rotation>() = T_body_lidar_.rotation();
   // The pose is the frame's own definition. What is not known of gravity is its direction in that frame.
@@ -254,14 +257,14 @@ inline ImuStart InertialMotion::start(Timestamp time) {
       covariance(inertial_offset<Part> + i, inertial_offset<Part> + i) = deviation * deviation;
   };
   set.operator()<Inertial::velocity>(options_.start_speed);
-  set.operator()<Inertial::gyro_bias>(start.at_rest ? 0.2 * options_.start_gyro_bias : options_.start_gyro_bias);
+  set.operator()<Inertial::gyro_bias>(options_.start_gyro_bias * std::sqrt(rest * 0.2 * 0.2 + 1 - rest));
   set.operator()<Inertial::accel_bias>(options_.start_accel_bias);
   set.operator()<Inertial::bend>(options_.start_bend);
   set.operator()<Inertial::up>(options_.start_up);
-  // Measurements as quiet as at rest may be of a slow, steady turn: then all of their mean is no bias.
   constexpr int bias = inertial_offset<Inertial::gyro_bias>;
   for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < 3; ++i) covariance(bias + i, bias + j) += start.gyro_bias[i] * start.gyro_bias[j];
+    for (int i = 0; i < 3; ++i)
+      covariance(bias + i, bias + j) += rest * (1 - rest) * start.gyro_bias[i] * start.gyro_bias[j];
   filter_ = Filter(x, covariance, options_.process);
   time_ = time;
   started_ = true;
