@@ -47,6 +47,7 @@ struct Calibrated : TripOutcome {
   ImuAlignmentEstimate estimate;
   Index doubted = 0;              ///< scans that did not believe all of the IMU
   bool believed = true;           ///< the last scan did
+  double axes_left = 0;           ///< rad, of the rotation that is told
   double mounting_deviation = 0;  ///< rad, about each axis, rms: what the filter says of the given mounting
 };
 Calibrated follow(const InertialTrip& trip, double late, const SO3d& R_imu_body = {}) {
@@ -55,15 +56,16 @@ Calibrated follow(const InertialTrip& trip, double late, const SO3d& R_imu_body 
   static_cast<TripOutcome&>(run) = follow_trip(trip, packets_of(trip, late, R_imu_body), odometry);
   run.correction = odometry.odometry().imu_correction();
   run.estimate = odometry.alignment();
+  run.axes_left = (R_imu_body * trip.T_body_lidar.rotation()).local(run.estimate.R_body_lidar).norm();
   run.doubted = static_cast<Index>(odometry.counts().doubted_accelerations + odometry.counts().doubted_rates);
   run.believed = run.frames.back().health.imu_use == ImuUse::all;
   run.mounting_deviation = std::sqrt(odometry.odometry().covariance().bottomRightCorner<3, 3>().trace() / 3);
   CHECK(odometry.counts().lost_scans == 0);
   CHECK(run.finite);
-  MESSAGE(late, " s late, turned by ", R_imu_body.log().norm(), " rad: max error ", run.max_error, " m, ",
-          run.max_angle, " rad, offset ", run.estimate.time_offset, " +- ", run.estimate.time_offset_deviation,
-          " s, corrected by ", run.correction.time_offset, " s and ", run.correction.R_body_imu.log().norm(),
-          " rad, doubted in ", run.doubted, " scans");
+  MESSAGE(late, " s late, turned by ", R_imu_body.log().norm(), " rad, ", run.axes_left, " of it left: max error ",
+          run.max_error, " m, ", run.max_angle, " rad, offset ", run.estimate.time_offset, " +- ",
+          run.estimate.time_offset_deviation, " s, corrected by ", run.correction.time_offset, " s and ",
+          run.correction.R_body_imu.log().norm(), " rad, doubted in ", run.doubted, " scans");
   return run;
 }
 
@@ -106,6 +108,7 @@ TEST_SUITE("odometry/self_calibrating") {
         const Calibrated run = follow(swaying_trip(100), 0, R_imu_body);
         CHECK(run.estimate.contradicted);
         CHECK((run.correction.R_body_imu * R_imu_body).log().norm() < 0.0087);  // half a degree
+        CHECK(run.axes_left < 0.0087);
         CHECK(run.max_error < error_of_scans);
         CHECK(run.believed);
       }
@@ -116,6 +119,7 @@ TEST_SUITE("odometry/self_calibrating") {
     const Calibrated run = follow(swaying_trip(100), 0.12, R_imu_body);
     CHECK(std::abs(run.correction.time_offset - 0.12) < 0.012);
     CHECK((run.correction.R_body_imu * R_imu_body).log().norm() < 0.0087);
+    CHECK(run.axes_left < 0.0087);
     CHECK(run.max_error < error_of_scans);
     CHECK(run.believed);
   }

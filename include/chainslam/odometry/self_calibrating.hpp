@@ -89,11 +89,12 @@ class SelfCalibrating {
 
   void correct() {
     constexpr double min_turn = 2e-3, max_axes_deviation = 0.04;  // rad
+    constexpr double min_axes_time = 3;  // seconds: of less, deviations say little, and scans alone do meanwhile
     const ImuAlignmentEstimate& found = alignment_.estimate();
     ImuCorrection correction = odometry_.imu_correction();
     const SO3d axes = T_body_lidar_.rotation() * found.R_body_lidar.inverse();
     const double axes_deviation = std::sqrt(found.rotation_covariance.trace());
-    const bool axes_known = axes_deviation < max_axes_deviation;
+    const bool axes_known = axes_deviation < max_axes_deviation && found.seconds_used >= min_axes_time;
     // A clock fitted to wrong axes is as wrong, and would not make these measurements usable.
     if (found.contradicted && !axes_known) return;
     const bool new_clock = clock_is_off(correction.time_offset);
