@@ -36,6 +36,9 @@ struct SmootherOptions {
   Index lag = 0;
 };
 
+/// Tells `IncrementalSmoother` that its options set no lag.
+struct NoLag {};
+
 enum class UpdateStatus {
   updated,
   unconstrained,  ///< no prior, no fixed variable and the like hold parts of the graph in all directions; `variables`

@@ -32,7 +32,8 @@ struct MapGraphOptions {
   /// Whether measurements of a loaded map, and of sessions before the one that begins, are replaced by what their poses
   /// say, as by the released code, which saves and loads each: no residuals are left, and what is known counts twice.
   bool remeasure_loaded = false;
-  /// How near each optimisation comes to the optimum. Without patience, since it goes on until nothing waits.
+  /// How near each optimisation comes to the optimum. Without patience, since it goes on until nothing waits, and
+  /// without a lag, since closures may reach any keyframe.
   SmootherOptions smoother{.patience = 0.0};
   /// How near the last one does. Its iterations also bound the updates of the others.
   ConvergeOptions<NoRestart> optimizer{.max_iterations = 50, .relative_tolerance = 1e-6};
@@ -56,7 +57,7 @@ class MapGraph {
                                       IncrementalSmoother<SE3d, ClosureFactor>>;
 
   explicit MapGraph(const MapGraphOptions& options = {}, Kernel kernel = {})
-      : options_(options), kernel_(std::move(kernel)), smoother_(std::in_place, options.smoother) {}
+      : options_(options), kernel_(std::move(kernel)), smoother_(std::in_place, options.smoother, NoLag{}) {}
 
   /// For the thread that changes the map.
   [[nodiscard]] const SlamMap& map() const { return map_; }
@@ -360,7 +361,7 @@ void MapGraph<Kernel>::remeasure() {
 
 template <class Kernel>
 void MapGraph<Kernel>::rebuild() {
-  smoother_.emplace(options_.smoother);
+  smoother_.emplace(options_.smoother, NoLag{});
   priors_.assign(map_.sessions.size(), {});
   add_to_smoother(0, 0, 0, 0);
 }

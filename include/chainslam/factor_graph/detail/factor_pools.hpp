@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <type_traits>
 #include <utility>
@@ -100,16 +101,15 @@ class AnyFactorPool : public FactorPlaces {
   virtual void linearize(Index slot, const Values<Group>& values, Kernels kernels, double* numbers) const = 0;
   /// The residual, scaled by the root of the kernel's weight; the factor's weight left out of account.
   virtual void residual(Index slot, const Values<Group>& values, double* residual) const = 0;
+  /// The squared residual through the kernel; the factor's weight left out of account.
+  [[nodiscard]] virtual double cost(Index slot, const Values<Group>& values) const = 0;
   /// Lets the place of a factor that is not alive be used again.
   virtual void release(Index slot) = 0;
 
- protected:
   AnyFactorPool() = default;
-  AnyFactorPool(const AnyFactorPool&) = default;
-  AnyFactorPool(AnyFactorPool&&) = default;
-  AnyFactorPool& operator=(const AnyFactorPool&) = default;
-  AnyFactorPool& operator=(AnyFactorPool&&) = default;
-  ~AnyFactorPool() = default;
+  AnyFactorPool(const AnyFactorPool&) = delete;
+  AnyFactorPool& operator=(const AnyFactorPool&) = delete;
+  virtual ~AnyFactorPool() = default;
 };
 
 /// Factors of one type that come and go.
@@ -152,6 +152,9 @@ class FactorPool final : public AnyFactorPool<typename F::Value> {
   }
   void residual(Index slot, const Values<Group>& values, double* residual) const override {
     write_residual<F>(factors_[slot].unpacked(shared_), values, residual);
+  }
+  [[nodiscard]] double cost(Index slot, const Values<Group>& values) const override {
+    return robust_cost<F>(factors_[slot].unpacked(shared_), values);
   }
   void release(Index slot) override {
     this->release_place(slot);
@@ -209,15 +212,10 @@ class FactorPool final : public AnyFactorPool<typename F::Value> {
   [[no_unique_address]] Shared shared_;
 };
 
-/// A base of `FactorPools` for each type of factor.
-template <Factor F>
-struct HeldPool {
-  FactorPool<F> pool;
-};
-
-/// A pool for each type of factor, and which factor each term of the linear system comes from.
+/// A pool for each type of factor, and which factor each term of the linear system comes from. A pool is made with the
+/// first factor of its type: what is done with factors is then compiled for those types alone that are ever added.
 template <Factor First, Factor... Others>
-class FactorPools : HeldPool<First>, HeldPool<Others>... {
+class FactorPools {
   using Group = typename First::Value;
 
  public:
@@ -234,51 +232,47 @@ class FactorPools : HeldPool<First>, HeldPool<Others>... {
 
   template <Factor F>
   FactorId add(const F& factor, Index term) {
-    auto& pool = this->pool<F>();
+    if (pools_[type_of<F>()] == nullptr) pools_[type_of<F>()] = std::make_unique<FactorPool<F>>();
+    FactorPool<F>& pool = this->pool<F>();
     const Index slot = pool.add(factor, term);
-    set_place(term, {type_of<F>(), slot});
-    return {type_of<F>(), slot, pool.generation(slot)};
+    constexpr auto type = static_cast<Index>(type_of<F>());
+    set_place(term, {type, slot});
+    return {type, slot, pool.generation(slot)};
   }
 
   [[nodiscard]] bool contains(const FactorId& id) const {
-    return id.type >= 0 && id.type < types && pool(id.type).contains(id);
+    return id.type >= 0 && id.type < types && has_pool(id.type) && pool(id.type).contains(id);
   }
   [[nodiscard]] Place place(Index term) const { return of_term_[term]; }
 
-  /// The pool of one type.
-  [[nodiscard]] const AnyFactorPool<Group>& pool(Index type) const {
-    const std::array<const AnyFactorPool<Group>*, types> all{&pool<First>(), &pool<Others>()...};
-    return *all[static_cast<std::size_t>(type)];
-  }
-  [[nodiscard]] AnyFactorPool<Group>& pool(Index type) {
-    return const_cast<AnyFactorPool<Group>&>(std::as_const(*this).pool(type));
-  }
+  /// The pool of one type, of which there are factors.
+  [[nodiscard]] const AnyFactorPool<Group>& pool(Index type) const { return *pools_[static_cast<std::size_t>(type)]; }
+  [[nodiscard]] AnyFactorPool<Group>& pool(Index type) { return *pools_[static_cast<std::size_t>(type)]; }
   template <Factor F>
   [[nodiscard]] FactorPool<F>& pool() {
-    return HeldPool<F>::pool;
+    return static_cast<FactorPool<F>&>(*pools_[type_of<F>()]);
   }
   template <Factor F>
   [[nodiscard]] const FactorPool<F>& pool() const {
-    return HeldPool<F>::pool;
+    return static_cast<const FactorPool<F>&>(*pools_[type_of<F>()]);
   }
   /// visit(entry) for each factor, type by type.
   template <class Visit>
   void for_each(Visit&& visit) const {
-    pool<First>().for_each(visit);
-    (pool<Others>().for_each(visit), ...);
+    visit_pools(*this, [&](const auto& pool) { pool.for_each(visit); });
   }
-  /// visit(pool) with each type's pool.
+  /// visit(pool) with each type's pool, if there is one.
   template <class Visit>
   void for_each_pool(Visit&& visit) {
-    visit(pool<First>());
-    (visit(pool<Others>()), ...);
+    visit_pools(*this, visit);
   }
 
   /// Calls visit(term) for each factor, type by type.
   template <class Visit>
   void for_each_term(Visit&& visit) const {
-    for (Index type = 0; type < types; ++type) {
-      const FactorPlaces& places = pool(type);
+    for (const auto& pool : pools_) {
+      if (pool == nullptr) continue;
+      const FactorPlaces& places = *pool;
       for (Index slot = 0; slot < places.places(); ++slot) {
         if (places.place(slot).alive) visit(places.term(slot));
       }
@@ -301,13 +295,26 @@ class FactorPools : HeldPool<First>, HeldPool<Others>... {
     scale(of_type.place(at.slot).weight, residual, rows);
   }
 
+  /// Sum of the squared residuals, as the factors count, through their kernels.
+  [[nodiscard]] double cost(const Values<Group>& values) const {
+    double sum = 0.0;
+    for (const auto& pool : pools_) {
+      if (pool == nullptr) continue;
+      for (Index slot = 0; slot < pool->places(); ++slot) {
+        if (pool->place(slot).alive) sum += pool->place(slot).weight * pool->cost(slot, values);
+      }
+    }
+    return sum;
+  }
+
   /// @param released  places of each type that are taken as if they had been released, in this order.
   void save(ByteSink& out, std::span<const std::vector<Index>> released) const {
-    pool<First>().save(out, released[0]);
-    std::size_t type = 0;
-    (pool<Others>().save(out, released[++type]), ...);
+    save_pool<First>(out, released);
+    (save_pool<Others>(out, released), ...);
   }
   void load(ByteSource& in) {
+    pools_[0] = std::make_unique<FactorPool<First>>();
+    ((pools_[type_of<Others>()] = std::make_unique<FactorPool<Others>>()), ...);
     for_each_pool([&](auto& pool) { pool.load(in); });
     for (Index type = 0; type < types; ++type) {
       const FactorPlaces& places = pool(type);
@@ -319,11 +326,11 @@ class FactorPools : HeldPool<First>, HeldPool<Others>... {
 
   template <Factor F>
   [[nodiscard]] Index count() const {
-    return pool<F>().alive();
+    return has_pool(static_cast<Index>(type_of<F>())) ? pools_[type_of<F>()]->alive() : 0;
   }
   [[nodiscard]] Index count() const {
     Index sum = 0;
-    for (Index type = 0; type < types; ++type) sum += pool(type).alive();
+    for (const auto& pool : pools_) sum += pool == nullptr ? 0 : pool->alive();
     return sum;
   }
 
@@ -338,11 +345,30 @@ class FactorPools : HeldPool<First>, HeldPool<Others>... {
     of_term_[term] = place;
   }
   template <Factor F>
-  [[nodiscard]] static constexpr Index type_of() {
+  [[nodiscard]] static constexpr std::size_t type_of() {
     constexpr std::array<bool, types> same{std::is_same_v<F, First>, std::is_same_v<F, Others>...};
-    return static_cast<Index>(std::find(same.begin(), same.end(), true) - same.begin());
+    return static_cast<std::size_t>(std::find(same.begin(), same.end(), true) - same.begin());
+  }
+  [[nodiscard]] bool has_pool(Index type) const { return pools_[static_cast<std::size_t>(type)] != nullptr; }
+  template <Factor F>
+  void save_pool(ByteSink& out, std::span<const std::vector<Index>> released) const {
+    constexpr std::size_t type = type_of<F>();
+    if (pools_[type] == nullptr)
+      FactorPool<F>().save(out, {});
+    else
+      pool<F>().save(out, released[type]);
+  }
+  template <Factor F, class Pools, class Visit>
+  static void visit_pool(Pools& pools, Visit&& visit) {
+    if (pools.pools_[type_of<F>()] != nullptr) visit(pools.template pool<F>());
+  }
+  template <class Pools, class Visit>
+  static void visit_pools(Pools& pools, Visit&& visit) {
+    visit_pool<First>(pools, visit);
+    (visit_pool<Others>(pools, visit), ...);
   }
 
+  std::array<std::unique_ptr<AnyFactorPool<Group>>, types> pools_;
   Table<Place> of_term_;
 };
 

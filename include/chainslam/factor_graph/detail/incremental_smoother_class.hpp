@@ -51,6 +51,9 @@ class IncrementalSmoother {
 
   IncrementalSmoother();
   explicit IncrementalSmoother(const SmootherOptions& options);
+  /// A smoother that keeps all variables: what a lag needs is then not compiled.
+  /// @throws std::invalid_argument if the options set a lag.
+  IncrementalSmoother(const SmootherOptions& options, NoLag);
   IncrementalSmoother(IncrementalSmoother&&);
   IncrementalSmoother& operator=(IncrementalSmoother&&);
   [[gnu::cold]] ~IncrementalSmoother();
@@ -155,11 +158,7 @@ class IncrementalSmoother {
   /// All estimates.
   [[nodiscard]] Values<Group> values() const { return estimates_; }
   /// Sum of the squared whitened residuals (chi^2) of the estimate, through their kernels. Linear in the graph.
-  [[nodiscard]] double cost() const {
-    double sum = 0.0;
-    for_each_factor([&](const auto& factor) { sum += detail::robust_cost(factor, estimates_); });
-    return sum;
-  }
+  [[nodiscard]] double cost() const { return pools_.cost(estimates_); }
   /// Covariance of the estimates of some variables together, as right perturbations, in the order of `keys` (without
   /// repetitions): by the linearised factors of the last update. Fixed variables have none. Costs the way to the root.
   /// @throws std::invalid_argument if a key is unknown.
@@ -343,11 +342,17 @@ class IncrementalSmoother {
 };
 
 template <class Group, class... Extra>
-IncrementalSmoother<Group, Extra...>::IncrementalSmoother() : IncrementalSmoother({}, nullptr) {}
+IncrementalSmoother<Group, Extra...>::IncrementalSmoother() : IncrementalSmoother({}, NoLag{}) {}
 
 template <class Group, class... Extra>
 IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions& options)
     : IncrementalSmoother(options, &IncrementalSmoother::marginalize_old) {}
+
+template <class Group, class... Extra>
+IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions& options, NoLag)
+    : IncrementalSmoother(options, nullptr) {
+  if (options.lag > 0) refuse("a lag was set where there is to be none");
+}
 
 template <class Group, class... Extra>
 IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions& options, MarginalizeOld by_lag)

@@ -2,9 +2,9 @@
 
 #include <optional>
 
-#include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/chordal_initialization.hpp"
 #include "chainslam/factor_graph/constrained_factor.hpp"
+#include "chainslam/factor_graph/detail/damped_descent.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 
 // How `IncrementalSmoother` goes on to an optimum.
@@ -21,7 +21,7 @@ inline constexpr bool restarts<Group, ChordalRestart> = true;
 
 }  // namespace detail
 
-/// The smoother's graph with values of its own, as the batch optimiser asks for one.
+/// The smoother's graph with values of its own, as the chordal relaxation asks for one.
 template <class Group, class... Extra>
 class IncrementalSmoother<Group, Extra...>::View {
  public:
@@ -34,11 +34,6 @@ class IncrementalSmoother<Group, Extra...>::View {
   template <class Visit>
   void for_each_factor(Visit&& visit) const {
     smoother_.for_each_factor(visit);
-  }
-  [[nodiscard]] double cost(const Values<Group>& values) const {
-    double sum = 0.0;
-    for_each_factor([&](const auto& factor) { sum += detail::robust_cost(factor, values); });
-    return sum;
   }
 
  private:
@@ -150,17 +145,16 @@ void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, c
   const LevenbergMarquardt method{.max_iterations = 4 * options.max_iterations,
                                   .relative_tolerance = options.relative_tolerance,
                                   .absolute_tolerance = options.absolute_tolerance};
-  ParallelCholesky<dof, Exec> solver(executor);
+  detail::DampedDescent<Group, Pools> descent(pools_, solver_);
   const auto descend = [&](const Values<Group>& from, ConvergeMethod name, double share) {
-    const View view(*this, from);
-    detail::BatchOptimization<View, ParallelCholesky<dof, Exec>> optimization(view, solver);
-    const OptimizeReport result = optimization.run(method);
+    Values<Group> lowest = from;
+    const OptimizeReport result = descent.run(method, lowest, executor);
     report.iterations += result.iterations;
     if (!result.ok() || !(result.final_cost <= share * report.final_cost)) return;
     report.final_cost = result.final_cost;
     report.method = name;
     report.converged = result.status == OptimizeStatus::converged;
-    start = optimization.take_values();
+    start = std::move(lowest);
   };
   if (!report.converged) descend(start, ConvergeMethod::levenberg_marquardt, 1.0);
   if constexpr (detail::restarts<Group, Restart>) {
