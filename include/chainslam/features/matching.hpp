@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/detail/distance_tiles.hpp"
 #include "chainslam/features/detail/nearest_features.hpp"
@@ -48,16 +49,21 @@ namespace detail {
 
 /// Cuts off the worst, and orders as asked.
 inline void keep_best(std::vector<FeatureMatch>& matches, const MatchOptions& options) {
-  const auto sort = [&](bool by_ratio) {
-    std::sort(matches.begin(), matches.end(), [by_ratio](const FeatureMatch& a, const FeatureMatch& b) {
-      return by_ratio && a.ratio != b.ratio ? a.ratio < b.ratio : a.source < b.source;
-    });
+  const auto sort = [&](bool by_ratio) {  // equal ones stay in their order
+    std::vector<Ranked> order;
+    for (const FeatureMatch& match : matches)
+      order.push_back({by_ratio ? static_cast<double>(match.ratio) : match.source, static_cast<Index>(order.size())});
+    sort_ranked(order);
+    std::vector<FeatureMatch> sorted(matches.size());
+    for (std::size_t k = 0; k < sorted.size(); ++k) sorted[k] = matches[static_cast<std::size_t>(order[k].index)];
+    matches.swap(sorted);
   };
   const auto limit = static_cast<std::size_t>(options.max_matches);
   const bool cut = limit > 0 && matches.size() > limit;
+  sort(false);
   if (cut || options.by_quality) sort(true);
   if (cut) matches.resize(limit);
-  if (!options.by_quality) sort(false);
+  if (cut && !options.by_quality) sort(false);
 }
 
 }  // namespace detail

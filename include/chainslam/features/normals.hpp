@@ -55,7 +55,7 @@ inline void check(const NormalOptions& options) {
 }
 
 /// Takes a cloud's normals off: what is known before the first is estimated.
-[[nodiscard]] inline NormalEstimates no_normals(PointCloud<float>& cloud, const NormalOptions& options) {
+[[nodiscard]] [[gnu::cold]] inline NormalEstimates no_normals(PointCloud<float>& cloud, const NormalOptions& options) {
   NormalEstimates estimates;
   cloud.normals.assign(cloud.size(), Eigen::Vector3f::Zero());
   estimates.planarity.assign(cloud.size(), 0.0F);
@@ -178,6 +178,17 @@ Index estimate_one_by_one(const Search& search, const NormalWriter& writer, cons
       [](Index left, Index right) { return left + right; });
 }
 
+/// `estimate_normals` over the tree of the cloud's own points.
+template <class Scalar, Executor Exec>
+NormalEstimates estimate_in_tree(PointCloud<float>& cloud, const KdTree<Scalar>& tree, const NormalOptions& options,
+                                 const Eigen::Vector3d& viewpoint, const Exec& exec) {
+  check(options);
+  NormalEstimates estimates = no_normals(cloud, options);
+  estimates.without_normal =
+      tree.rejected() + estimate_in_leaves(tree, NormalWriter{cloud, estimates, options, viewpoint}, exec);
+  return estimates;
+}
+
 }  // namespace detail
 
 /// Fills `cloud.normals`: for each point the normal of the least-squares plane through its neighbours (Hoppe et al.
@@ -192,17 +203,15 @@ Index estimate_one_by_one(const Search& search, const NormalWriter& writer, cons
 template <NearestNeighborSearch Search, Executor Exec = Serial>
 NormalEstimates estimate_normals(PointCloud<float>& cloud, const Search& search, const NormalOptions& options = {},
                                  const Eigen::Vector3d& viewpoint = Eigen::Vector3d::Zero(), const Exec& exec = {}) {
-  detail::check(options);
-  NormalEstimates estimates = detail::no_normals(cloud, options);
-  const detail::NormalWriter writer{cloud, estimates, options, viewpoint};
   const auto tree = detail::tree_in(search);
   if constexpr (std::is_pointer_v<decltype(tree)>) {
-    if (LeafNeighbors<std::remove_cvref_t<decltype(*tree)>>(*tree, 1, 1).holds(cloud)) {
-      estimates.without_normal = tree->rejected() + detail::estimate_in_leaves(*tree, writer, exec);
-      return estimates;
-    }
+    if (LeafNeighbors<std::remove_cvref_t<decltype(*tree)>>(*tree, 1, 1).holds(cloud))
+      return detail::estimate_in_tree(cloud, *tree, options, viewpoint, exec);
   }
-  estimates.without_normal = detail::estimate_one_by_one(search, writer, exec);
+  detail::check(options);
+  NormalEstimates estimates = detail::no_normals(cloud, options);
+  estimates.without_normal =
+      detail::estimate_one_by_one(search, detail::NormalWriter{cloud, estimates, options, viewpoint}, exec);
   return estimates;
 }
 
@@ -210,7 +219,7 @@ NormalEstimates estimate_normals(PointCloud<float>& cloud, const Search& search,
 template <Executor Exec = Serial>
 NormalEstimates estimate_normals(PointCloud<float>& cloud, const NormalOptions& options = {},
                                  const Eigen::Vector3d& viewpoint = Eigen::Vector3d::Zero(), const Exec& exec = {}) {
-  return estimate_normals(cloud, KdTree<float>(cloud), options, viewpoint, exec);
+  return detail::estimate_in_tree(cloud, KdTree<float>(cloud), options, viewpoint, exec);
 }
 
 #ifdef CHAINSLAM_COMPILED

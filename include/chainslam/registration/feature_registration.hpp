@@ -62,11 +62,11 @@ struct FeatureRegistration {
   ///                else it is the side of the frame's origin. That side must be the same in clouds that are compared.
   /// @throws std::invalid_argument if an option makes no sense.
   template <Cloud Points, Executor Exec = Serial>
-  [[nodiscard]] DescribedCloud describe(const Points& points, const Exec& executor = {}) const;
+  [[nodiscard]] [[gnu::cold]] DescribedCloud describe(const Points& points, const Exec& executor = {}) const;
 
   /// Both at once: what one thread does for a cloud, two do for two.
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
-  [[nodiscard]] std::pair<DescribedCloud, DescribedCloud> describe_both(const Source& source, const Target& target,
+  [[nodiscard]] [[gnu::cold]] std::pair<DescribedCloud, DescribedCloud> describe_both(const Source& source, const Target& target,
                                                                         const Exec& executor = {}) const;
 
   /// @param deadline  for an estimator that takes one; past it, the best so far is the answer.
@@ -78,7 +78,7 @@ struct FeatureRegistration {
 
   /// The same for clouds as they come; see `describe`.
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
-  [[nodiscard]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {},
+  [[nodiscard]] [[gnu::cold]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {},
                                         const Deadline& deadline = {}) const;
 
  private:
@@ -90,10 +90,10 @@ struct FeatureRegistration {
   };
 
   template <Cloud Points>
-  [[nodiscard]] ThinnedCloud thin(const Points& points) const;
+  [[nodiscard]] [[gnu::cold]] ThinnedCloud thin(const Points& points) const;
 
   template <Executor Exec>
-  [[nodiscard]] DescribedCloud describe(ThinnedCloud thinned, const Exec& executor) const;
+  [[nodiscard]] [[gnu::cold]] DescribedCloud describe(ThinnedCloud thinned, const Exec& executor) const;
 };
 static_assert(GlobalRegistration<FeatureRegistration<>, PointCloud<float>, PointCloud<float>>);
 
@@ -153,7 +153,7 @@ DescribedCloud FeatureRegistration<Estimator>::describe(ThinnedCloud thinned, co
   if (normals.radius <= features.radius)
     estimate_normals(cloud, near, normals, Eigen::Vector3d::Zero(), executor);
   else
-    estimate_normals(cloud, thinned.tree, normals, Eigen::Vector3d::Zero(), executor);
+    detail::estimate_in_tree(cloud, thinned.tree, normals, Eigen::Vector3d::Zero(), executor);
   for (std::size_t i = 0; i < thinned.seen_sides.size(); ++i)
     if (cloud.normals[i].dot(thinned.seen_sides[i]) < 0) cloud.normals[i] *= -1.0F;
   FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);

@@ -92,7 +92,7 @@ struct Icp {
   /// @returns pose, information, figures and status; never throws for what the points are like.
   /// @throws std::invalid_argument if an option or the guess makes no sense, or if a cloud lacks the normals needed.
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
-  [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
+  [[nodiscard]] [[gnu::cold]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
                                   const Exec& executor = {}, const Deadline& deadline = {}) const;
 
  private:
@@ -101,7 +101,7 @@ struct Icp {
 
   /// The first steps: brings some of the points near, or leaves them at the guess where too few have a match.
   template <class Target, class Exec>
-  [[nodiscard]] SE3d steer(const detail::SourceColumns& points, const Target& target, const SE3d& guess,
+  [[nodiscard]] [[gnu::cold]] SE3d steer(const detail::SourceColumns& points, const Target& target, const SE3d& guess,
                            const Exec& executor, const Deadline& deadline, Index& iterations) const;
 
   /// @param pilot_only  whether to end with the first short step.
@@ -144,7 +144,7 @@ struct Icp {
   }
 
   template <class Source, class Target>
-  void check(const Source& source, const Target& target, const SE3d& guess) const;
+  [[gnu::cold]] void check(const Source& source, const Target& target, const SE3d& guess) const;
 };
 
 template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>

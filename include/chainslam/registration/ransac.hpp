@@ -81,7 +81,7 @@ struct BasicRansac {
  private:
   static constexpr Index sample_size = 3;
 
-  void check() const {
+  [[gnu::cold]] void check() const {
     if (!(max_distance > 0) || !(edge_length_ratio >= 0 && edge_length_ratio <= 1))
       throw std::invalid_argument("Ransac: max_distance must be positive, edge_length_ratio in [0, 1]");
     if (max_iterations < 1 || !(confidence > 0 && confidence < 1))

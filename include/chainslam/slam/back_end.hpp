@@ -71,7 +71,7 @@ class BackEnd {
                 "executor)` and `bool eligible(candidate, query) const`, as in LoopCloser");
 
  public:
-  explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{}, Chainer chainer = Chainer{},
+  [[gnu::cold]] explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{}, Chainer chainer = Chainer{},
                    Merger merger = Merger{}, Kernel kernel = Kernel{})
       : options_(options),
         closer_(std::move(closer)),
@@ -92,15 +92,15 @@ class BackEnd {
   /// @throws std::invalid_argument if its time is not later than the session's last, or if T_odom_body is not finite;
   /// the map is then as it was.
   template <Executor E = Serial>
-  KeyframeId add(Keyframe keyframe, const E& executor = {});
+  [[gnu::cold]] KeyframeId add(Keyframe keyframe, const E& executor = {});
 
   /// Takes the session's next frames, keyframes or not, which the map keeps; those up to a keyframe before it.
   /// @throws std::invalid_argument if times do not increase or something is not finite.
-  void add(std::span<const FrameRecord> frames);
+  [[gnu::cold]] void add(std::span<const FrameRecord> frames);
 
   /// Takes a GNSS fix, which keyframes around its time get a position from; they may then join two frames.
   template <Executor E = Serial>
-  void add(const GnssFix& fix, const E& executor = {});
+  [[gnu::cold]] void add(const GnssFix& fix, const E& executor = {});
 
   /// Optimises to the end and hands out the map.
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> finish();
@@ -126,19 +126,19 @@ class BackEnd {
   }
 
   /// The session ends: what still waits for confirmation gets none.
-  void withdraw() {
+  [[gnu::cold]] void withdraw() {
     for (const LoopClosure& closure : merger_.withdraw()) graph_.refuse(closure);
   }
 
-  void index_positions() {
+  [[gnu::cold]] void index_positions() {
     positions_.rebuild(map().keyframes, [&](const Keyframe& one) { return graph_.frame(one) == session().frame; });
   }
 
-  void connect(const LoopClosure& closure, Index position) {
+  [[gnu::cold]] void connect(const LoopClosure& closure, Index position) {
     closure_graph_.resize(to_index(map().keyframes.size()));
     if (!closure.sqrt_information.isZero(0)) closure_graph_.add_edge(closure.from.value, closure.to.value, position);
   }
-  Index accept(const LoopClosure& closure) {
+  [[gnu::cold]] Index accept(const LoopClosure& closure) {
     const Index position = graph_.accept(closure);
     connect(closure, position);
     return position;
@@ -148,7 +148,7 @@ class BackEnd {
   /// @param cause  the closure that made the search, -1 if none.
   /// @returns whether anything was accepted.
   template <Executor E>
-  bool take(std::vector<LoopClosure> tried, Index cause, bool chain, const E& executor);
+  [[gnu::cold]] bool take(std::vector<LoopClosure> tried, Index cause, bool chain, const E& executor);
 
   /// @param chain  whether to look for more from it. @returns its position among the map's closures.
   template <Executor E>
@@ -160,7 +160,7 @@ class BackEnd {
 
   /// Looks for `query` in sessions of other frames, and joins the frames if it is found.
   template <Executor E>
-  void try_merge(KeyframeId query, const E& executor);
+  [[gnu::cold]] void try_merge(KeyframeId query, const E& executor);
 
   /// Joins the frames that `closures` connect, by the newest of them, and searches along the aligned session again.
   template <Executor E>
@@ -170,9 +170,9 @@ class BackEnd {
   template <Executor E>
   [[gnu::cold]] void recheck(const std::vector<bool>& joined, Index cause, const E& executor);
 
-  void optimise();
-  void count_optimisation(bool succeeded);
-  void publish_frame();
+  [[gnu::cold]] void optimise();
+  [[gnu::cold]] void count_optimisation(bool succeeded);
+  [[gnu::cold]] void publish_frame();
 
   BackEndOptions options_;
   Closer closer_;

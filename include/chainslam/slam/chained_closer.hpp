@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/ranked.hpp"
 #include "chainslam/graph/adjacency_graph.hpp"
 #include "chainslam/graph/breadth_first_search.hpp"
 #include "chainslam/map/keyframe.hpp"
@@ -79,7 +80,7 @@ class ChainedCloser {
   /// @param loaded  N_L; nothing is tried if j is not among these.
   /// @returns what was tried, each with its verdict.
   template <ClosureAligner Closer, Executor E = Serial>
-  [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
                                                LoopClosure& direct, Index loaded, Closer& closer,
                                                const E& executor = {});
 
@@ -111,21 +112,22 @@ class ChainedCloser {
   };
 
   template <class Closer>
-  [[nodiscard]] std::vector<Candidate> candidates(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
+  [[nodiscard]] [[gnu::cold]] std::vector<Candidate> candidates(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
                                                   const LoopClosure& direct, Index loaded, const Closer& closer);
 
   /// Puts the nearest first; equally near ones stay as they are.
-  static void sort(std::vector<Candidate>& candidates) {
-    std::vector<std::pair<double, std::size_t>> order;  // distance and place in the list
-    for (const Candidate& one : candidates) order.emplace_back(one.guess.translation().norm(), order.size());
-    std::sort(order.begin(), order.end());
+  [[gnu::cold]] static void sort(std::vector<Candidate>& candidates) {
+    std::vector<Ranked> order;  // by distance
+    for (const Candidate& one : candidates)
+      order.push_back({one.guess.translation().norm(), static_cast<Index>(order.size())});
+    sort_ranked(order);
     std::vector<Candidate> sorted;
-    for (const auto& [distance, place] : order) sorted.push_back(candidates[place]);
+    for (const Ranked& one : order) sorted.push_back(candidates[static_cast<std::size_t>(one.index)]);
     candidates.swap(sorted);
   }
 
   /// Leaves out those whose submap is largely that of one before.
-  [[nodiscard]] std::vector<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
+  [[nodiscard]] [[gnu::cold]] std::vector<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
                                                   const std::vector<Candidate>& candidates) const {
     std::vector<KeyframeId> partners{j};
     std::vector<Candidate> kept;

@@ -41,7 +41,7 @@ struct ProximityCandidates {
            (candidate.session != query.session || query.time - candidate.time >= min_interval);
   }
 
-  [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                              KeyframeId query) const {
     const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];
     std::vector<PositionIndex::Found> near;
@@ -51,7 +51,7 @@ struct ProximityCandidates {
       const SE3d between = there.T_map_body.inverse() * here.T_map_body;
       near.push_back({found.id, found.distance + heading_weight * between.rotation().log().norm()});
     }
-    std::sort(near.begin(), near.end());
+    PositionIndex::sort(near);
     std::vector<KeyframeId> proposals;
     for (const PositionIndex::Found& found : near) {
       if (to_index(proposals.size()) >= max_count) break;

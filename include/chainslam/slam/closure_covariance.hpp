@@ -57,7 +57,7 @@ struct HessianCovariance {
   double floor_translation = 0.05;  ///< metres
   double floor_rotation = 0.002;    ///< radians
 
-  [[nodiscard]] Matrix6d operator()(const AlignResult& result) const {
+  [[nodiscard]] [[gnu::cold]] Matrix6d operator()(const AlignResult& result) const {
     constexpr double least_residual = 1e-4;  // m^2: a centimetre, the sensor's own noise
     const double variance = correlated_residuals * std::max(result.mean_squared_residual, least_residual);
     Matrix6d information = result.hessian;

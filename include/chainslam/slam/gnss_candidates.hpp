@@ -101,7 +101,7 @@ class GnssCandidates {
           frame(map, keyframe(map, fix.id)) != frame(map, here))
         found.push_back({fix.id, distance});
     }
-    std::sort(found.begin(), found.end());
+    PositionIndex::sort(found);
     return found;
   }
 

@@ -32,7 +32,7 @@ struct ClosureGate {
   bool take_iteration_limit = false;  ///< whether an alignment that was still moving after its last step will do (PCL)
 
   /// Bounds are met or not: a figure that is not a number meets none.
-  [[nodiscard]] ClosureVerdict judge(const AlignResult& result, const SE3d& guess) const {
+  [[nodiscard]] [[gnu::cold]] ClosureVerdict judge(const AlignResult& result, const SE3d& guess) const {
     const bool ended = result.status == AlignStatus::converged || result.status == AlignStatus::degenerate ||
                        (take_iteration_limit && result.status == AlignStatus::iteration_limit);
     if (!ended)
@@ -75,7 +75,7 @@ class LoopCloser {
                 "HessianCovariance");
 
  public:
-  explicit LoopCloser(const LoopCloserOptions& options = {}, Candidates candidates = Candidates{},
+  [[gnu::cold]] explicit LoopCloser(const LoopCloserOptions& options = {}, Candidates candidates = Candidates{},
                       Registration registration = Registration{}, Covariance covariance = Covariance{})
       : options_(options),
         candidates_(std::move(candidates)),
@@ -86,7 +86,7 @@ class LoopCloser {
   /// Tries the newest keyframe, the last of `keyframes`, if it lies far enough along the path from the last one tried.
   /// @see search
   template <Executor E = Serial>
-  [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                                const E& executor = {});
 
   /// Tries candidates for `query` in their order until one is accepted.
@@ -94,7 +94,7 @@ class LoopCloser {
   /// @param index  positions of the keyframes in the query's frame.
   /// @returns what was tried, refusals and at most one accepted closure, each with its verdict.
   template <Executor E = Serial>
-  [[nodiscard]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index,
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                                 KeyframeId query, const E& executor = {});
 
   /// Whether two keyframes may be closed at all.
@@ -105,7 +105,7 @@ class LoopCloser {
   /// Aligns keyframe `to`'s scan to the submap around `from` and judges the result.
   /// @param guess  T_from_to to start from, from which the gate measures the correction.
   template <Executor E = Serial>
-  [[nodiscard]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
+  [[nodiscard]] [[gnu::cold]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
                                   const SE3d& guess, const E& executor = {});
 
   [[nodiscard]] const LoopCloserOptions& options() const { return options_; }

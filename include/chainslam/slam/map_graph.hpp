@@ -56,13 +56,13 @@ class MapGraph {
   using Smoother = std::conditional_t<std::is_same_v<Kernel, Trivial>, IncrementalSmoother<SE3d>,
                                       IncrementalSmoother<SE3d, ClosureFactor>>;
 
-  explicit MapGraph(const MapGraphOptions& options = {}, Kernel kernel = {})
+  [[gnu::cold]] explicit MapGraph(const MapGraphOptions& options = {}, Kernel kernel = {})
       : options_(options), kernel_(std::move(kernel)), smoother_(std::in_place, options.smoother, NoLag{}) {}
 
   /// For the thread that changes the map.
   [[nodiscard]] const SlamMap& map() const { return map_; }
   /// The map as it is, whole: copied where it has changed since the last call, at the cost of the thread that asks.
-  [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const;
+  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> snapshot() const;
   /// The variables are the keyframes, by number.
   [[nodiscard]] const Smoother& smoother() const { return *smoother_; }
   /// The session whose start defines the frame of a keyframe's T_map_body.
@@ -72,7 +72,7 @@ class MapGraph {
   [[gnu::cold]] void begin_session(std::string name);
 
   /// @throws std::invalid_argument if the keyframe's pose is not finite, or so far away that its square is not.
-  static void require_finite(const Keyframe& keyframe);
+  [[gnu::cold]] static void require_finite(const Keyframe& keyframe);
 
   /// Adds the session's next keyframe, where odometry puts it.
   /// @throws std::invalid_argument if its time is not later than the session's last, or T_odom_body is not finite; the
@@ -82,13 +82,13 @@ class MapGraph {
   /// Adds the newest session's next frames, with their health. Those up to a keyframe come before it: what they say of
   /// odometry since the last keyframe is in the measurement between the two.
   /// @throws std::invalid_argument if times do not increase or something is not finite; the map is then as it was.
-  void append(std::span<const FrameRecord> frames);
+  [[gnu::cold]] void append(std::span<const FrameRecord> frames);
 
   void set_gnss(KeyframeId id, const GnssFix& fix);
 
   /// @returns the closure's position among the map's closures.
-  Index accept(const LoopClosure& closure);
-  void refuse(const LoopClosure& closure);
+  [[gnu::cold]] Index accept(const LoopClosure& closure);
+  [[gnu::cold]] void refuse(const LoopClosure& closure);
 
   /// Carries all sessions of the frame `joined` over into `frame`, as one body: what lies between their keyframes stays
   /// as it is linearised. They keep priors at the aligned poses, or none.
@@ -100,10 +100,10 @@ class MapGraph {
 
   /// Takes in what was added, and moves the keyframes to the optimum, as near as the smoother's tolerances say. If that
   /// fails they stay, and what was added waits for the next time.
-  UpdateReport optimise();
+  [[gnu::cold]] UpdateReport optimise();
 
   /// The same, to the end.
-  ConvergeReport converge();
+  [[gnu::cold]] ConvergeReport converge();
 
  private:
   /// While it lives, the map changes, and nobody else reads it.
@@ -119,7 +119,7 @@ class MapGraph {
   [[nodiscard]] const Session& session(SessionId id) const { return map_.sessions[static_cast<std::size_t>(id.value)]; }
 
   void check(const Keyframe& keyframe) const;
-  [[nodiscard]] NoiseModel<6> odometry_noise(const Keyframe& last, const Keyframe& next) const;
+  [[nodiscard]] [[gnu::cold]] NoiseModel<6> odometry_noise(const Keyframe& last, const Keyframe& next) const;
   [[gnu::cold]] void remeasure();
 
   void take(std::span<const Key> keys) {

@@ -62,7 +62,7 @@ class MapMerger {
                 "FeatureRegistration");
 
  public:
-  explicit MapMerger(const MergeOptions& options = {}, Candidates candidates = Candidates{},
+  [[gnu::cold]] explicit MapMerger(const MergeOptions& options = {}, Candidates candidates = Candidates{},
                      Registration registration = Registration{})
       : options_(options), candidates_(std::move(candidates)), registration_(std::move(registration)) {}
 
@@ -72,11 +72,11 @@ class MapMerger {
   /// @returns what was tried. Accepted closures, of kind merge, agree with each other and join two frames: the newest
   /// comes last. Those that wait for others to agree with them are not among them: see `withdraw`.
   template <ClosureAligner Closer, Executor E = Serial>
-  [[nodiscard]] std::vector<LoopClosure> attempt(const SlamMap& map, KeyframeId query, Closer& closer,
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> attempt(const SlamMap& map, KeyframeId query, Closer& closer,
                                                  const E& executor = {});
 
   /// Gives up what waits for confirmation: at the session's end. @returns it as refusals.
-  [[nodiscard]] std::vector<LoopClosure> withdraw();
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> withdraw();
 
   [[nodiscard]] const MergeOptions& options() const { return options_; }
 
@@ -99,20 +99,20 @@ class MapMerger {
   }
 
   /// Queries come in order.
-  [[nodiscard]] double travelled_to(const SlamMap& map, KeyframeId query);
+  [[nodiscard]] [[gnu::cold]] double travelled_to(const SlamMap& map, KeyframeId query);
 
   template <class Closer, Executor E>
-  [[nodiscard]] LoopClosure register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to, Closer& closer,
+  [[nodiscard]] [[gnu::cold]] LoopClosure register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to, Closer& closer,
                                              const E& executor) const;
 
-  [[nodiscard]] ClosureVerdict judge(const SlamMap& map, const LoopClosure& closure,
+  [[nodiscard]] [[gnu::cold]] ClosureVerdict judge(const SlamMap& map, const LoopClosure& closure,
                                      const GlobalAlignResult& result) const;
 
   /// If enough hypotheses agree with the newest, moves all to `tried`: the others as refusals, then those that agree.
-  [[nodiscard]] bool confirm(const SlamMap& map, std::vector<LoopClosure>& tried);
+  [[nodiscard]] [[gnu::cold]] bool confirm(const SlamMap& map, std::vector<LoopClosure>& tried);
 
   /// Whether two places put the newer of them at the same pose, as far as the paths between them can be trusted.
-  [[nodiscard]] bool agree(const SlamMap& map, const Hypothesis& a, const Hypothesis& b) const;
+  [[nodiscard]] [[gnu::cold]] bool agree(const SlamMap& map, const Hypothesis& a, const Hypothesis& b) const;
 
   /// Carries the current session's frame over into the other one's: x_j T_j_i x_i^-1.
   [[nodiscard]] static SE3d T_frame_joined(const SlamMap& map, const LoopClosure& closure) {

@@ -19,7 +19,7 @@ namespace chainslam {
 namespace detail {
 
 /// The nearest symmetric matrix without negative eigenvalues.
-[[nodiscard]] inline Matrix6d positive_part(const Matrix6d& symmetric) {
+[[nodiscard]] [[gnu::cold]] inline Matrix6d positive_part(const Matrix6d& symmetric) {
   const JacobiEigen<double, 6> eigen = jacobi_eigen(symmetric);
   Matrix6d scaled = eigen.vectors;
   for (int j = 0; j < 6; ++j)
@@ -28,7 +28,7 @@ namespace detail {
 }
 
 /// The covariance of a pose's error, carried along with the body: seen from where `T_to_from` puts it.
-[[nodiscard]] inline Matrix6d carried(const Matrix6d& covariance, const SE3d& T_to_from) {
+[[nodiscard]] [[gnu::cold]] inline Matrix6d carried(const Matrix6d& covariance, const SE3d& T_to_from) {
   const Matrix6d adjoint = T_to_from.adjoint();
   return product_transposed(product(adjoint, covariance), adjoint);
 }
@@ -46,7 +46,7 @@ namespace detail {
 
 /// @param before  the session's frame before them; null if they are its first.
 /// @throws std::invalid_argument if times do not increase or something is not finite.
-inline void require_sound(std::span<const FrameRecord> frames, const FrameRecord* before) {
+[[gnu::cold]] inline void require_sound(std::span<const FrameRecord> frames, const FrameRecord* before) {
   for (const FrameRecord& frame : frames) {
     if (before != nullptr && frame.time <= before->time)
       throw std::invalid_argument("BackEnd: a frame's time is not later than the one before it");
@@ -71,7 +71,7 @@ struct OdometryDoubt {
   /// restarted, since nothing ties the keyframes together then; otherwise the share `wrong_rematch`.
   /// @param frames  from the first keyframe's to the second's, both among them.
   /// @returns tangent [translation; rotation] of the second keyframe's pose.
-  [[nodiscard]] Matrix6d operator()(std::span<const FrameRecord> frames) const {
+  [[nodiscard]] [[gnu::cold]] Matrix6d operator()(std::span<const FrameRecord> frames) const {
     Matrix6d doubt = zeros<Matrix6d>(), pending = zeros<Matrix6d>();  // since scans have been lost
     if (!enabled) return doubt;
     for (std::size_t i = 1; i < frames.size(); ++i) {

@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/keyframe.hpp"
 
@@ -36,15 +37,18 @@ class PositionIndex {
     positions_.push_back(position);
   }
 
-  /// A keyframe and its distance from the query, metres. Ordered by the distance; equal distances by id.
+  /// A keyframe and its distance from the query, metres.
   struct Found {
     KeyframeId id;
     double distance = 0;
-
-    [[nodiscard]] bool operator<(const Found& other) const {
-      return distance != other.distance ? distance < other.distance : id < other.id;
-    }
   };
+  /// Puts the nearest first, equally near ones by id.
+  [[gnu::cold]] static void sort(std::vector<Found>& found) {
+    std::vector<Ranked> order;
+    for (const Found& one : found) order.push_back({one.distance, one.id.value});
+    sort_ranked(order);
+    for (std::size_t k = 0; k < order.size(); ++k) found[k] = {KeyframeId{order[k].index}, order[k].rank};
+  }
 
   /// All keyframes within `radius` metres of `center`, nearest first; equal distances by id.
   [[nodiscard]] std::vector<Found> within(const Eigen::Vector3d& center, double radius) const {
@@ -54,7 +58,7 @@ class PositionIndex {
       const double distance = way.norm();
       if (distance <= radius) found.push_back({ids_[i], distance});
     }
-    std::sort(found.begin(), found.end());
+    sort(found);
     return found;
   }
 

@@ -42,7 +42,7 @@ class SubmapCache {
   /// The submap around `center`, from the cache or made now. It stays alive as long as the caller holds it.
   /// @param keyframes  all keyframes of the map; ids are positions.
   template <Executor E = Serial>
-  [[nodiscard]] std::shared_ptr<const Submap> get(std::span<const Keyframe> keyframes, KeyframeId center,
+  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const Submap> get(std::span<const Keyframe> keyframes, KeyframeId center,
                                                   const E& executor = {});
 
   [[nodiscard]] std::size_t bytes() const { return bytes_; }  ///< of all submaps kept, about
@@ -59,7 +59,7 @@ class SubmapCache {
   };
   using Entries = std::list<Entry>;
 
-  [[nodiscard]] static std::vector<SE3d> relative_poses(std::span<const Keyframe> keyframes, KeyframeId center,
+  [[nodiscard]] [[gnu::cold]] static std::vector<SE3d> relative_poses(std::span<const Keyframe> keyframes, KeyframeId center,
                                                         SubmapRange range) {
     const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
     std::vector<SE3d> poses;
@@ -68,7 +68,7 @@ class SubmapCache {
     return poses;
   }
 
-  [[nodiscard]] bool still_good(const Entry& entry, std::span<const Keyframe> keyframes, SubmapRange range) const {
+  [[nodiscard]] [[gnu::cold]] bool still_good(const Entry& entry, std::span<const Keyframe> keyframes, SubmapRange range) const {
     if (!(entry.range == range)) return false;
     const double shift = options_.voxel_size / 20;
     constexpr double lever = 20;  // metres at which a turned scan has moved as far as a shifted one
@@ -81,10 +81,10 @@ class SubmapCache {
   }
 
   template <Executor E>
-  [[nodiscard]] Entry build(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
+  [[nodiscard]] [[gnu::cold]] Entry build(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
                             const E& executor) const;
 
-  void erase(Entries::iterator entry) {
+  [[gnu::cold]] void erase(Entries::iterator entry) {
     bytes_ -= entry->bytes;
     by_center_.erase(entry->center.value);
     entries_.erase(entry);

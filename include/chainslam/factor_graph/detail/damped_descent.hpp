@@ -16,8 +16,7 @@
 namespace chainslam::detail {
 
 /// Levenberg and Marquardt's method on the factors of an `IncrementalSmoother`, with the solver that it has anyway: the
-/// damping of a variable is a term of its own. What is computed for a step that is refused starts from the same
-/// linearisation. Cold but for what the solver does: it comes at the end, where full steps have failed.
+/// damping of a variable is a term of its own. Compiled for size (`gnu::cold`): the time goes into the solver, which is not.
 template <class Group, class Pools>
 class DampedDescent {
  public:
@@ -37,11 +36,11 @@ class DampedDescent {
       solver_.set_fixed(variable, system.is_fixed(variable));
     }
     std::vector<Index> variables;
-    pools.for_each_term([&](Index term) {
+    for (const Index term : pools.terms()) {
       variables.clear();
       for (const auto& slot : system.terms().slots(term)) variables.push_back(slot.variable);
       copies_.push_back({term, solver_.add_term(variables, system.terms().rows(term))});
-    });
+    }
     for (Index variable = 0; variable < system.size(); ++variable)
       damping_.push_back(solver_.add_term(std::array<Index, 1>{variable}, dof));
     diagonal_.resize(Offset{system.size()} * dof);
@@ -103,7 +102,7 @@ class DampedDescent {
     Index copy;  ///< of the one here
   };
 
-  void linearize(const Values<Group>& values) {
+  [[gnu::cold]] void linearize(const Values<Group>& values) {
     diagonal_.assign(diagonal_.size(), 0.0);
     for (const Copy& at : copies_) {
       solver_.change_term(at.copy);
@@ -120,7 +119,7 @@ class DampedDescent {
   }
 
   /// By a multiple of the diagonal of J^T J.
-  void damp(double lambda) {
+  [[gnu::cold]] void damp(double lambda) {
     for (Index variable = 0; variable < solver_.size(); ++variable) {
       solver_.change_term(damping_[variable]);
       double* const jacobian = solver_.jacobian(damping_[variable]);
@@ -131,7 +130,7 @@ class DampedDescent {
 
   /// Moves all by the solver's solution.
   /// @returns that step's square, weighed by the diagonal of J^T J.
-  [[nodiscard]] double retract(const Values<Group>& from, Values<Group>& to) const {
+  [[nodiscard]] [[gnu::cold]] double retract(const Values<Group>& from, Values<Group>& to) const {
     double sum = 0.0;
     for (Key key = 0; key < solver_.size(); ++key) {
       if (solver_.is_fixed(key)) continue;

@@ -267,16 +267,18 @@ class FactorPools {
     visit_pools(*this, visit);
   }
 
-  /// Calls visit(term) for each factor, type by type.
-  template <class Visit>
-  void for_each_term(Visit&& visit) const {
+  /// The term of each factor, type by type.
+  [[nodiscard]] Table<Index> terms() const {
+    Table<Index> all;
+    all.reserve(count());
     for (const auto& pool : pools_) {
       if (pool == nullptr) continue;
       const FactorPlaces& places = *pool;
       for (Index slot = 0; slot < places.places(); ++slot) {
-        if (places.place(slot).alive) visit(places.term(slot));
+        if (places.place(slot).alive) all.push_back(places.term(slot));
       }
     }
+    return all;
   }
 
   /// Writes a term's numbers as its factor counts: its kernel applied, scaled by the root of its weight.

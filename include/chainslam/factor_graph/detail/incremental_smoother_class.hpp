@@ -118,7 +118,7 @@ class IncrementalSmoother {
   /// Moves variables as one body: x becomes motion * x. Factors between them that see no change cost nothing, so that a
   /// session is carried into another frame in closed form. Takes part in the next `update`.
   /// @throws std::invalid_argument if a key is unknown.
-  void move(std::span<const Key> keys, const Group& motion);
+  [[gnu::cold]] void move(std::span<const Key> keys, const Group& motion);
 
   /// Makes all as it was before the last successful `update` and what was added for it, bit for bit; what was added
   /// since is dropped too. Only the last update can be undone.
@@ -128,7 +128,7 @@ class IncrementalSmoother {
   /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.
   /// Constraints then hold; the rests of their springs are part of the state.
   template <class Restart = ChordalRestart, Executor Exec = Serial>
-  ConvergeReport converge(const ConvergeOptions<Restart>& options = {}, const Exec& executor = {});
+  [[gnu::cold]] ConvergeReport converge(const ConvergeOptions<Restart>& options = {}, const Exec& executor = {});
 
   /// The least key of each connected part that priors and the like do not hold in all directions, what was added
   /// included: if there is one, `update` would fail, and name them.
@@ -259,6 +259,7 @@ class IncrementalSmoother {
   [[gnu::cold]] void undo_change(const Change& change);
 
   [[nodiscard]] std::vector<Key> find_floating();
+  [[nodiscard]] std::vector<Key> find_all_floating();
   void tie(Index term);
   [[nodiscard]] [[gnu::cold]] std::vector<FreePart> open_parts() const;
   /// Of a term, in the order of its factor.
@@ -295,12 +296,12 @@ class IncrementalSmoother {
   void relinearize_all();
   static constexpr bool any_constraint = (detail::is_constraint<Extra> || ...);
   template <class Restart, Executor Exec>
-  [[nodiscard]] ConvergeReport converge_springs(const ConvergeOptions<Restart>& options, const Exec& executor);
+  [[nodiscard]] [[gnu::cold]] ConvergeReport converge_springs(const ConvergeOptions<Restart>& options, const Exec& executor);
   [[nodiscard]] double violation() const;
   void tighten();
   void restore_multipliers(const Change& change);
   template <class Restart, Executor Exec>
-  void damped_descent(Values<Group> start, const ConvergeOptions<Restart>& options, ConvergeReport& report,
+  [[gnu::cold]] void damped_descent(Values<Group> start, const ConvergeOptions<Restart>& options, ConvergeReport& report,
                       const Exec& executor);
   void touch(Index term);
   [[nodiscard]] bool linearize_touched(UpdateReport& report);

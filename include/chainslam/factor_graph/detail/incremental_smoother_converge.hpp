@@ -130,7 +130,7 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const Conv
     best = values();
   }
   Index rows = 0;
-  pools_.for_each_term([&](Index term) { rows += solver_.terms().rows(term); });
+  for (const Index term : pools_.terms()) rows += solver_.terms().rows(term);
   if (detail::restarts<Group, Restart> && report.final_cost > 2.0 * std::max(0, rows - size() * dof))
     damped_descent(values(), options, report, executor);
   return report;

@@ -140,22 +140,25 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
 /// Only parts that have changed need looking at; after a removal, all may have.
 template <class Group, class... Extra>
 std::vector<Key> IncrementalSmoother<Group, Extra...>::find_floating() {
+  if (components_outdated_) return find_all_floating();
   std::vector<Key> floating;
-  if (!components_outdated_) {
-    for (const Change& change : changes_) {
-      if (change.kind != ChangeKind::value_added || components_.is_held(change.id)) continue;
-      floating.push_back(components_.find(change.id));
-    }
-    detail::sort_unique(floating);
-    return floating;
+  for (const Change& change : changes_) {
+    if (change.kind != ChangeKind::value_added || components_.is_held(change.id)) continue;
+    floating.push_back(components_.find(change.id));
   }
+  detail::sort_unique(floating);
+  return floating;
+}
+
+template <class Group, class... Extra>
+std::vector<Key> IncrementalSmoother<Group, Extra...>::find_all_floating() {
   components_.clear();
   for (Key key = 0; key < size(); ++key) components_.add_variable();
-  pools_.for_each_term([&](Index term) { tie(term); });
+  for (const Index term : pools_.terms()) tie(term);
   for (Key key = 0; key < size(); ++key) {
     if (solver_.is_fixed(key)) components_.hold(key);
   }
-  floating = components_.floating();
+  std::vector<Key> floating = components_.floating();
   components_outdated_ = !floating.empty();
   return floating;
 }
@@ -178,11 +181,11 @@ std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
   detail::SpringedTerms<dof> system;
   for (Key key = 0; key < size(); ++key) system.add_variable(is_fixed(key));
   std::vector<Key> keys;
-  pools_.for_each_term([&](Index term) {
+  for (const Index term : pools_.terms()) {
     list_keys(term, keys);
     double* const numbers = system.add(keys, solver_.terms().rows(term));
     pools_.linearize(term, estimates_, numbers, solver_.terms().size(term));
-  });
+  }
   return detail::open_parts(system, estimates_);
 }
 
@@ -191,13 +194,15 @@ std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_waiting(bool exact) {
   Index budget = exact ? size() : std::max<Index>(options_.largest_relinearization, 0);
+  std::vector<Key> due;
+  if (exact || impatient()) due = waiting_;
+  due.insert(due.end(), far_.begin(), far_.end());
   const auto relinearize = [&](Key key) {
     if (budget == 0 || key == -1 || !waits(key)) return;
     --budget;
     relinearize_at_estimate(key);
   };
-  if (exact || impatient()) std::for_each(waiting_.begin(), waiting_.end(), relinearize);
-  std::for_each(far_.begin(), far_.end(), relinearize);
+  for (const Key key : due) relinearize(key);
   std::erase_if(far_, [&](Key key) { return !waits(key); });
   solver_.for_each_due([&](Key key) {
     if (waits(key) && all_due(key)) relinearize(key);

@@ -11,6 +11,7 @@
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/lanes.hpp"
+#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
@@ -96,7 +97,7 @@ class FeatureRows {
 /// What many of the features look like, as those of flat ground do: of a sample of them the one with the nearest
 /// crowd. Taken off all, it leaves distances as they are, but makes the products of the crowd, and what rounding does
 /// to them, small: just where many are nearly the same.
-[[nodiscard]] inline std::vector<float> middle(const Eigen::Ref<const Eigen::MatrixXf>& features) {
+[[nodiscard]] [[gnu::cold]] inline std::vector<float> middle(const Eigen::Ref<const Eigen::MatrixXf>& features) {
   constexpr Eigen::Index most = 96;
   constexpr std::size_t crowd = 12;
   const FeatureRows sample = sampled(features, most);
@@ -118,7 +119,7 @@ class FeatureRows {
 
 /// A unit vector along which the features differ most, about: the power method on a sample's covariance. Features whose
 /// shadows on it are far apart are at least as far apart themselves; for that, any unit vector would do.
-[[nodiscard]] inline std::vector<float> spread(const Eigen::Ref<const Eigen::MatrixXf>& features) {
+[[nodiscard]] [[gnu::cold]] inline std::vector<float> spread(const Eigen::Ref<const Eigen::MatrixXf>& features) {
   constexpr Eigen::Index most = 500;
   constexpr int rounds = 20;
   const FeatureRows sample = sampled(features, most);
@@ -149,23 +150,24 @@ class FeatureSet {
  public:
   FeatureSet() = default;
   /// Of the columns those that are finite and not all zeros.
-  FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const std::vector<float>& center,
+  [[gnu::cold]] FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const std::vector<float>& center,
              const std::vector<float>& direction) {
     const FeatureRows usable(features, 1);
     const std::size_t stride = usable.stride(), count = usable.size();
     std::vector<float> difference(stride);
-    std::vector<std::pair<float, Index>> order(count);
+    std::vector<Ranked> order(count);
     for (std::size_t k = 0; k < count; ++k) {
       padded_difference(usable[k], center.data(), stride, difference.data());
-      order[k] = {padded_product(direction.data(), difference.data(), stride), static_cast<Index>(k)};
+      const float shadow = padded_product(direction.data(), difference.data(), stride);
+      order[k] = {static_cast<double>(shadow), static_cast<Index>(k)};
     }
-    std::sort(order.begin(), order.end());
+    sort_ranked(order);
     rows_ = FeatureRows(usable.length(), count);
     shadows_ = std::vector<float>(count);
     half_squared_norms_ = std::vector<float>(count);
     for (std::size_t k = 0; k < count; ++k) {
-      rows_.push_back(usable, static_cast<std::size_t>(order[k].second));
-      shadows_[k] = order[k].first;
+      rows_.push_back(usable, static_cast<std::size_t>(order[k].index));
+      shadows_[k] = static_cast<float>(order[k].rank);
       padded_difference(rows_[k], center.data(), stride, difference.data());
       half_squared_norms_[k] = 0.5F * padded_product(difference.data(), difference.data(), stride);
     }

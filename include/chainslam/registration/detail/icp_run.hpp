@@ -145,7 +145,7 @@ class IcpRun {
   }
 
   /// Fills in all figures at the present pose.
-  void report(AlignResult& result) const {
+  [[gnu::cold]] void report(AlignResult& result) const {
     count(result);
     const auto inliers = static_cast<double>(sums_.inliers);
     result.T_target_source = T_target_source();

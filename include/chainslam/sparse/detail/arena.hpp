@@ -28,7 +28,7 @@ class Arena {
 
  public:
   /// An array of `count` elements.
-  [[nodiscard]] T* take(Offset count, Index owner = 0) {
+  [[nodiscard]] [[gnu::noinline]] T* take(Offset count, Index owner = 0) {
     const std::size_t words = words_for(count);
     std::byte* block = find(words);
     if (block == nullptr) block = add_piece(words);
@@ -149,7 +149,7 @@ class Arena {
 
   /// A new piece, as one free block that is at least that large. Free blocks of two pieces never join, so pieces are
   /// few, and much larger than their arrays: what has not been used of one costs addresses, not memory.
-  [[nodiscard]] std::byte* add_piece(std::size_t size) {
+  [[nodiscard]] [[gnu::noinline]] std::byte* add_piece(std::size_t size) {
     const std::size_t whole = std::max({4 * size, smallest_piece, static_cast<std::size_t>(words_) / 2});
     pieces_.push_back(std::make_unique_for_overwrite<std::byte[]>(whole * word));
     sizes_.push_back(whole);
@@ -161,7 +161,7 @@ class Arena {
   }
 
   /// Joins a block with its free neighbours.
-  void set_free(std::byte* block) {
+  [[gnu::noinline]] void set_free(std::byte* block) {
     const Header head = read<Header>(block);
     std::size_t size = head.size, before = head.before;
     used_words_ -= static_cast<Offset>(head.size);
@@ -205,7 +205,7 @@ class Arena {
     set_free(hole + head.size * word);
   }
 
-  void add_free(std::byte* block, std::size_t size, std::size_t before) {
+  [[gnu::noinline]] void add_free(std::byte* block, std::size_t size, std::size_t before) {
     write(block, Header{static_cast<std::uint32_t>(size), static_cast<std::uint32_t>(before) & 0x7fffffffU, 1});
     std::byte* const after = block + size * word;
     Header head = read<Header>(after);
@@ -219,7 +219,7 @@ class Arena {
   }
 
   /// Takes a free block out of its bin.
-  void remove(std::byte* block) {
+  [[gnu::noinline]] void remove(std::byte* block) {
     const Links of_block = links(block);
     const std::size_t bin = bin_of(read<Header>(block).size);
     if (of_block.next != nullptr) set_links(of_block.next, {links(of_block.next).next, of_block.previous});

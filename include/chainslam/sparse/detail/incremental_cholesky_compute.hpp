@@ -74,13 +74,14 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute_all(std::span<const 
   }
   work_.multiplications += work;
   FactorizationResult result;
-  if (!std::is_same_v<Exec, Serial> && work >= options_.least_shared_work) {
-    result = compute_parts(nodes, executor);
-  } else {
-    for (std::size_t k = 0; k < nodes.size() && result.ok(); ++k) {
-      result = compute(nodes[k]);
-      forget_updates(nodes[k]);
-    }
+  bool shared = false;
+  if constexpr (!std::is_same_v<Exec, Serial>) {
+    shared = work >= options_.least_shared_work;
+    if (shared) result = compute_parts(nodes, executor);
+  }
+  for (std::size_t k = 0; !shared && k < nodes.size() && result.ok(); ++k) {
+    result = compute(nodes[k]);
+    forget_updates(nodes[k]);
   }
   for (const Index node : nodes) totals_.lowered += tree_[node].lowered;
   return result;

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "chainslam/core/types.hpp"
+
+namespace chainslam {
+
+/// A thing by its number, and what it is sorted by.
+struct Ranked {
+  double rank = 0;
+  Index index = 0;
+
+  [[nodiscard]] bool operator<(const Ranked& other) const {
+    return rank != other.rank ? rank < other.rank : index < other.index;
+  }
+};
+
+/// The least rank first, equal ones by index. Whatever is sorted, the sort is compiled once.
+[[gnu::noinline]] inline void sort_ranked(std::vector<Ranked>& all) {
+  std::sort(all.data(), all.data() + all.size());
+}
+
+}  // namespace chainslam
