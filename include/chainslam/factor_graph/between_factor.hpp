@@ -11,6 +11,30 @@
 
 namespace chainslam {
 
+namespace detail {
+
+/// Of a `BetweenFactor`, whatever its kernel: compiled once for all of them.
+template <LieGroup Group>
+[[nodiscard]] [[gnu::noinline]] typename Group::Tangent between_residual(
+    const Group& measurement, const SqrtInformation<Group::dof>& sqrt_information, const Group& from, const Group& to) {
+  return whitened<Group::dof, 1>(sqrt_information, (measurement.inverse() * (from.inverse() * to)).log());
+}
+template <LieGroup Group>
+[[nodiscard]] [[gnu::noinline]] LinearizedFactor<Group::dof, Group::dof, 2> linearized_between(
+    const Group& measurement, const SqrtInformation<Group::dof>& sqrt_information, const Group& from, const Group& to) {
+  constexpr int rows = Group::dof;
+  const Group T_from_to = from.inverse() * to;
+  const typename Group::Tangent error = (measurement.inverse() * T_from_to).log();
+  LinearizedFactor<rows, rows, 2> result;
+  result.residual = whitened<rows, 1>(sqrt_information, error);
+  result.jacobians[1] = whitened<rows, rows>(sqrt_information, Group::right_jacobian_inverse(error));
+  const typename Group::Jacobian forth = product(result.jacobians[1], T_from_to.inverse().adjoint());
+  for (int k = 0; k < rows * rows; ++k) result.jacobians[0].data()[k] = -forth.data()[k];
+  return result;
+}
+
+}  // namespace detail
+
 /// A measured T_from_to = x_from^-1 x_to: residual log(measurement^-1 x_from^-1 x_to), whitened.
 ///
 /// Jacobians are exact, the logarithm's included: with r the residual before whitening, J_to = Jr^-1(r) and
@@ -33,18 +57,11 @@ struct BetweenFactor {
   [[nodiscard]] std::array<Key, arity> keys() const { return {from, to}; }
 
   [[nodiscard]] Residual residual(const Values<Group>& values) const {
-    return whitened<rows, 1>(sqrt_information, (measurement.inverse() * (values[from].inverse() * values[to])).log());
+    return detail::between_residual(measurement, sqrt_information, values[from], values[to]);
   }
 
   [[nodiscard]] Linearized linearize(const Values<Group>& values) const {
-    const Group T_from_to = values[from].inverse() * values[to];
-    const typename Group::Tangent error = (measurement.inverse() * T_from_to).log();
-    Linearized result;
-    result.residual = whitened<rows, 1>(sqrt_information, error);
-    result.jacobians[1] = whitened<rows, rows>(sqrt_information, Group::right_jacobian_inverse(error));
-    const typename Group::Jacobian forth = product(result.jacobians[1], T_from_to.inverse().adjoint());
-    for (int k = 0; k < rows * rows; ++k) result.jacobians[0].data()[k] = -forth.data()[k];
-    return result;
+    return detail::linearized_between(measurement, sqrt_information, values[from], values[to]);
   }
 
   /// Calls visit(members...), to save or to load them.

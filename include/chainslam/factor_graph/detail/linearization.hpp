@@ -52,19 +52,16 @@ template <Factor F>
   return F::rows;
 }
 
-/// Writes a factor's Jacobian, transposed and column-major (`F::Value::dof` rows for each of its variables, a column
-/// for each residual row), and its residual behind that.
-/// @returns the squared residual, without the kernel.
-template <Factor F>
-double write_linearization(const F& factor, const Values<typename F::Value>& values, Kernels kernels, double* numbers) {
-  constexpr Offset dof = F::Value::dof;
-  const LinearizedFactor<F::rows, F::Value::dof, F::arity> linearized = factor.linearize(values);
-  const Offset rows = F::rows == Eigen::Dynamic ? linearized.residual.size() : Offset{F::rows};
-  const auto stride = dof * static_cast<Offset>(linearized.jacobians.size());
+/// Writes the numbers of `write_linearization`, without a kernel.
+/// @returns the squared residual.
+template <int Rows, int Dof, std::size_t Arity>
+[[gnu::noinline]] double write_numbers(const LinearizedFactor<Rows, Dof, Arity>& linearized, double* numbers) {
+  const Offset rows = Rows == Eigen::Dynamic ? linearized.residual.size() : Offset{Rows};
+  const auto stride = Dof * static_cast<Offset>(linearized.jacobians.size());
   double* to = numbers;
   for (const auto& jacobian : linearized.jacobians) {
     const double* from = jacobian.data();
-    for (Offset k = 0; k < dof; ++k, ++to) {
+    for (Offset k = 0; k < Dof; ++k, ++to) {
       for (Offset row = 0; row < rows; ++row) to[row * stride] = *from++;
     }
   }
@@ -74,9 +71,21 @@ double write_linearization(const F& factor, const Values<typename F::Value>& val
     numbers[rows * stride + row] = residual[row];
     squared += residual[row] * residual[row];
   }
+  return squared;
+}
+
+/// Writes a factor's Jacobian, transposed and column-major (`F::Value::dof` rows for each of its variables, a column
+/// for each residual row), and its residual behind that.
+/// @returns the squared residual, without the kernel.
+template <Factor F>
+double write_linearization(const F& factor, const Values<typename F::Value>& values, Kernels kernels, double* numbers) {
+  const LinearizedFactor<F::rows, F::Value::dof, F::arity> linearized = factor.linearize(values);
+  const double squared = write_numbers(linearized, numbers);
   if constexpr (RobustFactor<F>) {
     using Kernel = std::remove_cvref_t<decltype(factor.kernel)>;
     if (!std::is_same_v<Kernel, Trivial> && kernels == Kernels::applied) {
+      const Offset rows = linearized.residual.size();
+      const auto stride = F::Value::dof * static_cast<Offset>(linearized.jacobians.size());
       const double scale = std::sqrt(factor.kernel.weight(squared));
       for (Offset k = 0; k < rows * (stride + 1); ++k) numbers[k] *= scale;
     }
