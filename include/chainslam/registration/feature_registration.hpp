@@ -66,8 +66,9 @@ struct FeatureRegistration {
 
   /// Both at once: what one thread does for a cloud, two do for two.
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
-  [[nodiscard]] [[gnu::cold]] std::pair<DescribedCloud, DescribedCloud> describe_both(const Source& source, const Target& target,
-                                                                        const Exec& executor = {}) const;
+  [[nodiscard]] [[gnu::cold]] std::pair<DescribedCloud, DescribedCloud> describe_both(const Source& source,
+                                                                                      const Target& target,
+                                                                                      const Exec& executor = {}) const;
 
   /// @param deadline  for an estimator that takes one; past it, the best so far is the answer.
   /// @returns T_target_source with its figures, which count thinned points; the same to the bit for any executor.
@@ -78,8 +79,8 @@ struct FeatureRegistration {
 
   /// The same for clouds as they come; see `describe`.
   template <Cloud Source, Cloud Target, Executor Exec = Serial>
-  [[nodiscard]] [[gnu::cold]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {},
-                                        const Deadline& deadline = {}) const;
+  [[nodiscard]] [[gnu::cold]] GlobalAlignResult align(const Source& source, const Target& target,
+                                                      const Exec& executor = {}, const Deadline& deadline = {}) const;
 
  private:
   /// One point a voxel, and the normals that came with them, taken off.

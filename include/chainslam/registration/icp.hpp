@@ -93,7 +93,7 @@ struct Icp {
   /// @throws std::invalid_argument if an option or the guess makes no sense, or if a cloud lacks the normals needed.
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] [[gnu::cold]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
-                                  const Exec& executor = {}, const Deadline& deadline = {}) const;
+                                                const Exec& executor = {}, const Deadline& deadline = {}) const;
 
  private:
   /// Points that the first steps are to look at, at least.
@@ -102,7 +102,7 @@ struct Icp {
   /// The first steps: brings some of the points near, or leaves them at the guess where too few have a match.
   template <class Target, class Exec>
   [[nodiscard]] [[gnu::cold]] SE3d steer(const detail::SourceColumns& points, const Target& target, const SE3d& guess,
-                           const Exec& executor, const Deadline& deadline, Index& iterations) const;
+                                         const Exec& executor, const Deadline& deadline, Index& iterations) const;
 
   /// @param pilot_only  whether to end with the first short step.
   template <class Run>

@@ -71,8 +71,8 @@ class BackEnd {
                 "executor)` and `bool eligible(candidate, query) const`, as in LoopCloser");
 
  public:
-  [[gnu::cold]] explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{}, Chainer chainer = Chainer{},
-                   Merger merger = Merger{}, Kernel kernel = Kernel{})
+  [[gnu::cold]] explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{},
+                                 Chainer chainer = Chainer{}, Merger merger = Merger{}, Kernel kernel = Kernel{})
       : options_(options),
         closer_(std::move(closer)),
         chainer_(std::move(chainer)),

@@ -80,9 +80,9 @@ class ChainedCloser {
   /// @param loaded  N_L; nothing is tried if j is not among these.
   /// @returns what was tried, each with its verdict.
   template <ClosureAligner Closer, Executor E = Serial>
-  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
-                                               LoopClosure& direct, Index loaded, Closer& closer,
-                                               const E& executor = {});
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes,
+                                                             const ClosureGraph& graph, LoopClosure& direct,
+                                                             Index loaded, Closer& closer, const E& executor = {});
 
   [[nodiscard]] const ChainOptions& options() const { return options_; }
 
@@ -112,8 +112,9 @@ class ChainedCloser {
   };
 
   template <class Closer>
-  [[nodiscard]] [[gnu::cold]] std::vector<Candidate> candidates(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
-                                                  const LoopClosure& direct, Index loaded, const Closer& closer);
+  [[nodiscard]] [[gnu::cold]] std::vector<Candidate> candidates(std::span<const Keyframe> keyframes,
+                                                                const ClosureGraph& graph, const LoopClosure& direct,
+                                                                Index loaded, const Closer& closer);
 
   /// Puts the nearest first; equally near ones stay as they are.
   [[gnu::cold]] static void sort(std::vector<Candidate>& candidates) {
@@ -128,7 +129,7 @@ class ChainedCloser {
 
   /// Leaves out those whose submap is largely that of one before.
   [[nodiscard]] [[gnu::cold]] std::vector<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
-                                                  const std::vector<Candidate>& candidates) const {
+                                                                const std::vector<Candidate>& candidates) const {
     std::vector<KeyframeId> partners{j};
     std::vector<Candidate> kept;
     for (const Candidate& candidate : candidates) {

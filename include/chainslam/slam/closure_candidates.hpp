@@ -41,8 +41,8 @@ struct ProximityCandidates {
            (candidate.session != query.session || query.time - candidate.time >= min_interval);
   }
 
-  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
-                                             KeyframeId query) const {
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes,
+                                                           const PositionIndex& index, KeyframeId query) const {
     const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];
     std::vector<PositionIndex::Found> near;
     for (const PositionIndex::Found& found : index.within(here.T_map_body.translation(), radius)) {

@@ -76,7 +76,7 @@ class LoopCloser {
 
  public:
   [[gnu::cold]] explicit LoopCloser(const LoopCloserOptions& options = {}, Candidates candidates = Candidates{},
-                      Registration registration = Registration{}, Covariance covariance = Covariance{})
+                                    Registration registration = Registration{}, Covariance covariance = Covariance{})
       : options_(options),
         candidates_(std::move(candidates)),
         registration_(std::move(registration)),
@@ -86,16 +86,17 @@ class LoopCloser {
   /// Tries the newest keyframe, the last of `keyframes`, if it lies far enough along the path from the last one tried.
   /// @see search
   template <Executor E = Serial>
-  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
-                                               const E& executor = {});
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes,
+                                                             const PositionIndex& index, const E& executor = {});
 
   /// Tries candidates for `query` in their order until one is accepted.
   ///
   /// @param index  positions of the keyframes in the query's frame.
   /// @returns what was tried, refusals and at most one accepted closure, each with its verdict.
   template <Executor E = Serial>
-  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index,
-                                                KeyframeId query, const E& executor = {});
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes,
+                                                              const PositionIndex& index, KeyframeId query,
+                                                              const E& executor = {});
 
   /// Whether two keyframes may be closed at all.
   [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
@@ -106,7 +107,7 @@ class LoopCloser {
   /// @param guess  T_from_to to start from, from which the gate measures the correction.
   template <Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
-                                  const SE3d& guess, const E& executor = {});
+                                                const SE3d& guess, const E& executor = {});
 
   [[nodiscard]] const LoopCloserOptions& options() const { return options_; }
   [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }

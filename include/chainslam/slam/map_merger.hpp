@@ -63,7 +63,7 @@ class MapMerger {
 
  public:
   [[gnu::cold]] explicit MapMerger(const MergeOptions& options = {}, Candidates candidates = Candidates{},
-                     Registration registration = Registration{})
+                                   Registration registration = Registration{})
       : options_(options), candidates_(std::move(candidates)), registration_(std::move(registration)) {}
 
   /// Tries to find `query`, of the current session, in earlier sessions of other frames.
@@ -73,7 +73,7 @@ class MapMerger {
   /// comes last. Those that wait for others to agree with them are not among them: see `withdraw`.
   template <ClosureAligner Closer, Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> attempt(const SlamMap& map, KeyframeId query, Closer& closer,
-                                                 const E& executor = {});
+                                                               const E& executor = {});
 
   /// Gives up what waits for confirmation: at the session's end. @returns it as refusals.
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> withdraw();
@@ -102,11 +102,11 @@ class MapMerger {
   [[nodiscard]] [[gnu::cold]] double travelled_to(const SlamMap& map, KeyframeId query);
 
   template <class Closer, Executor E>
-  [[nodiscard]] [[gnu::cold]] LoopClosure register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to, Closer& closer,
-                                             const E& executor) const;
+  [[nodiscard]] [[gnu::cold]] LoopClosure register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to,
+                                                           Closer& closer, const E& executor) const;
 
   [[nodiscard]] [[gnu::cold]] ClosureVerdict judge(const SlamMap& map, const LoopClosure& closure,
-                                     const GlobalAlignResult& result) const;
+                                                   const GlobalAlignResult& result) const;
 
   /// If enough hypotheses agree with the newest, moves all to `tried`: the others as refusals, then those that agree.
   [[nodiscard]] [[gnu::cold]] bool confirm(const SlamMap& map, std::vector<LoopClosure>& tried);

@@ -43,7 +43,7 @@ class SubmapCache {
   /// @param keyframes  all keyframes of the map; ids are positions.
   template <Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const Submap> get(std::span<const Keyframe> keyframes, KeyframeId center,
-                                                  const E& executor = {});
+                                                                const E& executor = {});
 
   [[nodiscard]] std::size_t bytes() const { return bytes_; }  ///< of all submaps kept, about
   [[nodiscard]] std::size_t size() const { return entries_.size(); }
@@ -59,8 +59,8 @@ class SubmapCache {
   };
   using Entries = std::list<Entry>;
 
-  [[nodiscard]] [[gnu::cold]] static std::vector<SE3d> relative_poses(std::span<const Keyframe> keyframes, KeyframeId center,
-                                                        SubmapRange range) {
+  [[nodiscard]] [[gnu::cold]] static std::vector<SE3d> relative_poses(std::span<const Keyframe> keyframes,
+                                                                      KeyframeId center, SubmapRange range) {
     const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
     std::vector<SE3d> poses;
     for (Index i = range.begin; i < range.end; ++i)
@@ -68,7 +68,8 @@ class SubmapCache {
     return poses;
   }
 
-  [[nodiscard]] [[gnu::cold]] bool still_good(const Entry& entry, std::span<const Keyframe> keyframes, SubmapRange range) const {
+  [[nodiscard]] [[gnu::cold]] bool still_good(const Entry& entry, std::span<const Keyframe> keyframes,
+                                              SubmapRange range) const {
     if (!(entry.range == range)) return false;
     const double shift = options_.voxel_size / 20;
     constexpr double lever = 20;  // metres at which a turned scan has moved as far as a shifted one
@@ -82,7 +83,7 @@ class SubmapCache {
 
   template <Executor E>
   [[nodiscard]] [[gnu::cold]] Entry build(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
-                            const E& executor) const;
+                                          const E& executor) const;
 
   [[gnu::cold]] void erase(Entries::iterator entry) {
     bytes_ -= entry->bytes;

@@ -16,7 +16,8 @@
 namespace chainslam::detail {
 
 /// Levenberg and Marquardt's method on the factors of an `IncrementalSmoother`, with the solver that it has anyway: the
-/// damping of a variable is a term of its own. Compiled for size (`gnu::cold`): the time goes into the solver, which is not.
+/// damping of a variable is a term of its own. Compiled for size (`gnu::cold`): the time goes into the solver, which is
+/// not.
 template <class Group, class Pools>
 class DampedDescent {
  public:
@@ -123,8 +124,7 @@ class DampedDescent {
     for (Index variable = 0; variable < solver_.size(); ++variable) {
       solver_.change_term(damping_[variable]);
       double* const jacobian = solver_.jacobian(damping_[variable]);
-      for (int k = 0; k < dof; ++k)
-        jacobian[k * (dof + 1)] = std::sqrt(lambda * diagonal_[Offset{variable} * dof + k]);
+      for (int k = 0; k < dof; ++k) jacobian[k * (dof + 1)] = std::sqrt(lambda * diagonal_[Offset{variable} * dof + k]);
     }
   }
 
@@ -145,7 +145,7 @@ class DampedDescent {
   const Pools& pools_;
   System solver_;
   Table<Copy> copies_;
-  Table<Index> damping_;     ///< of each variable: its damping's term
+  Table<Index> damping_;    ///< of each variable: its damping's term
   Table<double> diagonal_;  ///< of J^T J
 };
 

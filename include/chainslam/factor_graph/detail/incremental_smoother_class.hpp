@@ -296,13 +296,14 @@ class IncrementalSmoother {
   void relinearize_all();
   static constexpr bool any_constraint = (detail::is_constraint<Extra> || ...);
   template <class Restart, Executor Exec>
-  [[nodiscard]] [[gnu::cold]] ConvergeReport converge_springs(const ConvergeOptions<Restart>& options, const Exec& executor);
+  [[nodiscard]] [[gnu::cold]] ConvergeReport converge_springs(const ConvergeOptions<Restart>& options,
+                                                              const Exec& executor);
   [[nodiscard]] double violation() const;
   void tighten();
   void restore_multipliers(const Change& change);
   template <class Restart, Executor Exec>
-  [[gnu::cold]] void damped_descent(Values<Group> start, const ConvergeOptions<Restart>& options, ConvergeReport& report,
-                      const Exec& executor);
+  [[gnu::cold]] void damped_descent(Values<Group> start, const ConvergeOptions<Restart>& options,
+                                    ConvergeReport& report, const Exec& executor);
   void touch(Index term);
   [[nodiscard]] bool linearize_touched(UpdateReport& report);
   [[nodiscard]] bool linearize_added(UpdateReport& report);

@@ -151,7 +151,7 @@ class FeatureSet {
   FeatureSet() = default;
   /// Of the columns those that are finite and not all zeros.
   [[gnu::cold]] FeatureSet(const Eigen::Ref<const Eigen::MatrixXf>& features, const std::vector<float>& center,
-             const std::vector<float>& direction) {
+                           const std::vector<float>& direction) {
     const FeatureRows usable(features, 1);
     const std::size_t stride = usable.stride(), count = usable.size();
     std::vector<float> difference(stride);
