@@ -391,6 +391,11 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     });
   }
 
+  TEST_CASE("a smoother without a lag takes no options that set one") {
+    CHECK_THROWS_AS(Smoother({.lag = 1}, NoLag{}), std::invalid_argument);
+    CHECK(Smoother(SmootherOptions{}, NoLag{}).size() == 0);
+  }
+
   TEST_CASE("with a lag, neither work nor memory grows, however long the way") {
     Rng rng(6);
     Smoother smoother({.lag = 30});

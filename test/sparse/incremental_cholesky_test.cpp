@@ -342,6 +342,32 @@ TEST_SUITE("sparse/incremental_cholesky") {
     for (Index k = 0; k < 5; ++k) CHECK(solver.solution(k)[0] == doctest::Approx(k + 2.0));
   }
 
+  TEST_CASE("damping counts as a term of its own on each variable, until it is replaced") {
+    constexpr Index size = 60;
+    IncrementalCholesky<1> damped = chain(size, true), with_terms = chain(size, true);
+    std::vector<Index> terms;
+    for (Index k = 0; k < size; ++k) terms.push_back(with_terms.add_term(std::array<Index, 1>{k}, 1));
+    Rng rng(3);
+    for (int round = 0; round < 3; ++round) {
+      std::vector<double> diagonal;
+      for (Index k = 0; k < size; ++k) diagonal.push_back(round == 1 ? 0.0 : rng.uniform());
+      damped.begin();
+      damped.set_damping(diagonal);
+      with_terms.begin();
+      for (std::size_t k = 0; k < terms.size(); ++k) {
+        with_terms.change_term(terms[k]);
+        with_terms.jacobian(terms[k])[0] = std::sqrt(diagonal[k]);
+      }
+      REQUIRE(damped.factorize().ok());
+      REQUIRE(with_terms.factorize().ok());
+      damped.solve(true);
+      with_terms.solve(true);
+      CHECK(damped.lowered() == doctest::Approx(with_terms.lowered()));
+      for (Index k = 0; k < size; ++k)
+        CHECK(damped.solution(k)[0] == doctest::Approx(with_terms.solution(k)[0]).epsilon(1e-9));
+    }
+  }
+
   TEST_CASE("a chain that floats fails, however long") {
     IncrementalCholesky<1> solver = chain(1000, false);
     CHECK(!solver.factorize().ok());

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -15,9 +14,8 @@
 
 namespace chainslam::detail {
 
-/// Levenberg and Marquardt's method on the factors of an `IncrementalSmoother`, with the solver that it has anyway: the
-/// damping of a variable is a term of its own. Compiled for size (`gnu::cold`): the time goes into the solver, which is
-/// not.
+/// Levenberg and Marquardt's method on the factors of an `IncrementalSmoother`, with the type of solver that it
+/// has anyway. Compiled for size (`gnu::cold`): the time goes into the solver, which is not.
 template <class Group, class Pools>
 class DampedDescent {
  public:
@@ -42,9 +40,8 @@ class DampedDescent {
       for (const auto& slot : system.terms().slots(term)) variables.push_back(slot.variable);
       copies_.push_back({term, solver_.add_term(variables, system.terms().rows(term))});
     }
-    for (Index variable = 0; variable < system.size(); ++variable)
-      damping_.push_back(solver_.add_term(std::array<Index, 1>{variable}, dof));
     diagonal_.resize(Offset{system.size()} * dof);
+    damping_.resize(diagonal_.size());
   }
 
   /// @param values  to start from; where it succeeds, those of the least cost that was found.
@@ -103,7 +100,7 @@ class DampedDescent {
     Index copy;  ///< of the one here
   };
 
-  [[gnu::cold]] void linearize(const Values<Group>& values) {
+  void linearize(const Values<Group>& values) {
     diagonal_.assign(diagonal_.size(), 0.0);
     for (const Copy& at : copies_) {
       solver_.change_term(at.copy);
@@ -121,16 +118,13 @@ class DampedDescent {
 
   /// By a multiple of the diagonal of J^T J.
   [[gnu::cold]] void damp(double lambda) {
-    for (Index variable = 0; variable < solver_.size(); ++variable) {
-      solver_.change_term(damping_[variable]);
-      double* const jacobian = solver_.jacobian(damping_[variable]);
-      for (int k = 0; k < dof; ++k) jacobian[k * (dof + 1)] = std::sqrt(lambda * diagonal_[Offset{variable} * dof + k]);
-    }
+    for (Offset k = 0; k < diagonal_.size(); ++k) damping_[k] = lambda * diagonal_[k];
+    solver_.set_damping(damping_.all());
   }
 
   /// Moves all by the solver's solution.
   /// @returns that step's square, weighed by the diagonal of J^T J.
-  [[nodiscard]] [[gnu::cold]] double retract(const Values<Group>& from, Values<Group>& to) const {
+  [[nodiscard]] double retract(const Values<Group>& from, Values<Group>& to) const {
     double sum = 0.0;
     for (Key key = 0; key < solver_.size(); ++key) {
       if (solver_.is_fixed(key)) continue;
@@ -145,8 +139,8 @@ class DampedDescent {
   const Pools& pools_;
   System solver_;
   Table<Copy> copies_;
-  Table<Index> damping_;    ///< of each variable: its damping's term
   Table<double> diagonal_;  ///< of J^T J
+  Table<double> damping_;
 };
 
 }  // namespace chainslam::detail

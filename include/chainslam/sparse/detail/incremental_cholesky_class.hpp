@@ -149,6 +149,15 @@ class IncrementalCholesky {
     std::fill_n(solution_.data() + Offset{variable} * BlockSize, BlockSize, 0.0);
   }
 
+  /// Adds a diagonal to the matrix from the next `factorize` on, an entry for each scalar row. For systems that are
+  /// never rolled back: it is neither undone nor saved.
+  void set_damping(std::span<const double> diagonal) {
+    assert(static_cast<Offset>(diagonal.size()) == solution_.size());
+    damping_.clear();
+    damping_.append(diagonal);
+    for (Index variable = 0; variable < size(); ++variable) mark(tree_.node_of(variable), Stale::numbers);
+  }
+
   /// All variables are ordered anew by the next `factorize`.
   void reorder_all() {
     for (Index variable = 0; variable < size(); ++variable) reorder(variable);
@@ -289,6 +298,9 @@ class IncrementalCholesky {
   void order_affected();
   void create_nodes();
 
+  /// Adds the damping of a front's own columns to their diagonal.
+  void damp(Index node, const Front& front) const;
+
   /// Assembles a node's front and factorises it.
   /// @param memory  null where no other thread computes.
   template <Executor Exec = Serial>
@@ -352,6 +364,7 @@ class IncrementalCholesky {
   detail::Table<Index> recomputed_;  ///< nodes whose numbers a rollback has to compute again, last first,
   detail::Table<Index> restored_;    ///< and those that it brings back
   detail::Table<double> gathered_;
+  detail::Table<double> damping_;  ///< of each scalar row; empty: none
   Totals totals_;
   Totals totals_before_;
   double tolerated_ = 0.0;  ///< excess of one node

@@ -42,6 +42,20 @@ void IncrementalCholesky<BlockSize>::forget_updates(Index node, std::mutex* memo
 }
 
 template <int BlockSize>
+void IncrementalCholesky<BlockSize>::damp(Index node, const Front& front) const {
+  Index column = 0;
+  for (const Index variable : tree_.columns(node)) {
+    const auto block = front.block(column, column);
+    double* const scale = front.scale(column++);
+    for (int k = 0; k < BlockSize; ++k) {
+      const double entry = damping_[Offset{variable} * BlockSize + k];
+      block.data[k * (block.stride + 1)] += entry;
+      scale[k] += entry;
+    }
+  }
+}
+
+template <int BlockSize>
 template <Executor Exec>
 FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node, Assembly& assembly, std::mutex* memory,
                                                             const Exec& executor) {
@@ -51,6 +65,7 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node, Assembly
   }
   assembly.assemble(tree_, terms_, fixed_, node);
   const Front front = tree_.front(node);
+  if (!damping_.empty()) damp(node, front);
   const Index bad = front.eliminate(options_.pivot_tolerance, executor);
   if (bad != -1)
     return {FactorizationStatus::not_positive_definite, tree_.columns(node)[static_cast<std::size_t>(bad)]};
