@@ -63,9 +63,10 @@
 //   000D frames *     172 bytes (since 1.1): every frame of odometry, keyframe or not: i64 time, i32 session, u8 status
 //                     (0 good, 1 degenerate, 2 lost), u8 flags (1: the local map was restarted here, 2: no frame for
 //                     long before, 4: the accelerometer is left out by the settings), u8 use of the IMU (0 all, 1
-//                     gyroscope, 2 gyroscope with more noise, 3 none, 255: not stated), u8 0, i32 points, i32 matches, i32 iterations, f32 residual (m), pose T_odom_body, 21
-//                     f32 covariance of it: the upper triangle, row by row, tangent [translation; rotation]. Sessions
-//                     follow one another; times increase in each.
+//                     gyroscope, 2 gyroscope with more noise, 3 none, 255: not stated), u8 0, i32 points, i32 matches,
+//                     i32 iterations, f32 residual (m), pose T_odom_body, 21 f32 covariance of it: the upper triangle,
+//                     row by row, tangent [translation; rotation]. Sessions follow one another; times increase in
+//                     each.
 //   000E fixes *      112 bytes, as gnss, keyframe -1: one measured fix. In input journals only, as the next.
 //   000F loaded       u64 hash of a map file's chunk headers, then its path (UTF-8): a map that the back end was given
 //                     before all else
