@@ -1,5 +1,6 @@
 #include "simulator/inertial_unit.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -40,6 +41,27 @@ class Triad {
   Eigen::Vector3d bias_;
 };
 
+/// What shakes the unit: a tone of its own in each axis.
+class Shaking {
+ public:
+  Shaking(double amplitude, double frequency, Rng rng) : amplitude_(amplitude) {
+    for (int axis = 0; axis < 3; ++axis) {
+      rate_[axis] = 2.0 * std::numbers::pi * frequency * rng.uniform(0.8, 1.2);
+      phase_[axis] = rng.uniform(0.0, 2.0 * std::numbers::pi);
+    }
+  }
+
+  [[nodiscard]] Eigen::Vector3d at(double time, double speed) const {
+    const double size = amplitude_ * std::min(1.0, speed);
+    return size * (time * rate_ + phase_).array().sin();
+  }
+
+ private:
+  double amplitude_;
+  Eigen::Vector3d rate_;   ///< rad/s
+  Eigen::Vector3d phase_;  ///< radians
+};
+
 Eigen::Vector3d saturated(const Eigen::Vector3d& reading, double range) {
   return reading.cwiseMax(-range).cwiseMin(range);
 }
@@ -56,7 +78,13 @@ InertialOptions InertialOptions::without_errors() const {
           .accel_bias_walk = 0.0,
           .scale = 0.0,
           .misalignment_deg = 0.0,
+          .gyro_warm_up = 0.0,
+          .accel_warm_up = 0.0,
           .g_sensitivity = 0.0,
+          .shake_gyro = 0.0,
+          .shake_accel = 0.0,
+          .clock_offset = 0.0,
+          .clock_jitter = 0.0,
           .gyro_range = gyro_range,
           .accel_range = accel_range};
 }
@@ -72,16 +100,28 @@ std::vector<ImuSample> record_imu(const VehicleMotion& drive, const InertialOpti
   Eigen::Matrix3d pull;  // of specific force on the gyroscopes
   Rng pull_rng = unit.fork(2);
   for (int axis = 0; axis < 3; ++axis) pull.col(axis) = normal_vector(pull_rng, options.g_sensitivity);
+  Rng warming = on_day(unit.fork(3), day);
+  const Eigen::Vector3d gyro_warm = normal_vector(warming, options.gyro_warm_up);
+  const Eigen::Vector3d accel_warm = normal_vector(warming, options.accel_warm_up);
+  const Shaking gyro_shaking(options.shake_gyro, options.shake_frequency, unit.fork(4));
+  const Shaking accel_shaking(options.shake_accel, options.shake_frequency, unit.fork(5));
+  Rng clock = on_day(unit.fork(6), day);
+  const double jitter = std::min(options.clock_jitter, 0.45 / options.rate);
   std::vector<ImuSample> samples;
   const auto count = static_cast<Index>(drive.duration() * options.rate);
   for (Index i = 0; i <= count; ++i) {
     const Duration time = seconds(i / options.rate);
-    const Motion motion = drive.motion(to_seconds(time));
+    const double true_time = to_seconds(time) + options.clock_offset + jitter * clock.uniform(-1.0, 1.0);
+    const Motion motion = drive.motion(true_time);
+    const double speed = motion.velocity_map.norm();
+    const double warm = 1.0 - std::exp(-true_time / options.warm_up_time);
     const Eigen::Vector3d force_map = motion.acceleration_map + gravity * Eigen::Vector3d::UnitZ();
-    const Eigen::Vector3d force_body = motion.T_map_body.rotation().inverse() * force_map;
+    const Eigen::Vector3d force_body =
+        motion.T_map_body.rotation().inverse() * force_map + accel_shaking.at(true_time, speed);
+    const Eigen::Vector3d rate_body = motion.rate_body + pull * force_body + gyro_shaking.at(true_time, speed);
     samples.push_back({.time = epoch + time,
-                       .gyro = saturated(gyro.measure(motion.rate_body + pull * force_body), options.gyro_range),
-                       .accel = saturated(accel.measure(force_body), options.accel_range)});
+                       .gyro = saturated(gyro.measure(rate_body) + warm * gyro_warm, options.gyro_range),
+                       .accel = saturated(accel.measure(force_body) + warm * accel_warm, options.accel_range)});
   }
   return samples;
 }

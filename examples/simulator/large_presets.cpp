@@ -13,7 +13,8 @@ namespace {
 
 constexpr std::array<Index, 5> days{0, 40, 170, 220, 330};  // the third and fourth are in winter
 
-/// Five walks through overlapping parts of the grid; the part of a grid that a session may see is two thirds of it.
+}  // namespace
+
 std::vector<SessionPlan> walks(Index columns, Index rows, Index streets) {
   const Index wide = columns - 1 - columns / 4;
   const Index high = rows - 1 - rows / 4;
@@ -27,6 +28,8 @@ std::vector<SessionPlan> walks(Index columns, Index rows, Index streets) {
     sessions.push_back({.route = wander(windows[i], streets, Rng(2013).fork(i)), .day = days[i]});
   return sessions;
 }
+
+namespace {
 
 std::vector<SessionPlan> on_their_days(const std::array<Route, 5>& routes) {
   std::vector<SessionPlan> sessions;
@@ -131,6 +134,14 @@ Preset nclt_like(PresetSize size) {
                          {.from = {2, 2}, .to = {2, 3}, .kind = PassageKind::corridor}};
       preset.sessions = walks(4, 4, 18);
       break;
+    case PresetSize::large:
+      campus.streets.columns = 8;
+      campus.streets.rows = 5;
+      campus.passages = {{.from = {2, 1}, .to = {3, 1}, .kind = PassageKind::corridor},
+                         {.from = {3, 1}, .to = {3, 2}, .kind = PassageKind::corridor},
+                         {.from = {5, 3}, .to = {6, 3}, .kind = PassageKind::corridor}};
+      preset.sessions = walks(8, 5, 71);
+      break;
     case PresetSize::full:
       campus.streets.columns = 12;
       campus.streets.rows = 7;
@@ -201,6 +212,7 @@ Preset mars_like(PresetSize size) {
            Route{{2, 0}, {1, 0}, {0, 0}, {0, 1}, {1, 1}, {2, 1}, {3, 1}, {3, 2}, {2, 2}, {2, 1}, {2, 0}}});
       break;
     case PresetSize::medium:
+    case PresetSize::large:
       town.passages = {tunnel({2, 2}, {3, 2}), tunnel({1, 3}, {1, 2})};
       preset.sessions = walks(6, 5, 41);
       break;

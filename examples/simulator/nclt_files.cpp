@@ -57,10 +57,12 @@ std::vector<std::byte> HitsFile::encode(const Revolution& revolution, const Spin
   bytes.reserve(revolution.returns.size() * 8 + 2048);
   auto first = revolution.returns.begin();
   const Index in_packet = lidar.model().firings_per_packet;
+  const bool some_are_lost = lidar.options().lost_packets > 0.0;
   for (Index firing = 0; firing < lidar.options().firings_per_revolution; firing += in_packet) {
     const Index next_packet = firing + in_packet;
     const auto last = std::find_if(first, revolution.returns.end(),
                                    [&](const LidarReturn& hit) { return hit.firing >= next_packet; });
+    if (some_are_lost && first == last) continue;
     const Timestamp time = epoch + revolution.start + lidar.firing_offset(firing);
     for (int i = 0; i < 4; ++i) append_bytes(bytes, magic);
     append_bytes(bytes, static_cast<std::uint32_t>(last - first));

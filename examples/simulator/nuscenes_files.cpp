@@ -146,7 +146,10 @@ void NuscenesFolder::begin_scene(std::size_t session, const TownDrive& drive) {
   drive_ = &drive;
   session_ = session;
   const std::string name = "session" + std::to_string(session + 1);
-  const Index last = drive.scan_count() - 1;
+  const Index first = arriving(0, 1);
+  Index count = 0;
+  for (Index i = first; i < drive.scan_count(); i = arriving(i + 1, 1)) ++count;
+  const Index last = arriving(drive.scan_count() - 1, -1);
   add_row(log, Row()
                    .string("token", token(log, session, 0))
                    .string("logfile", name)
@@ -157,13 +160,18 @@ void NuscenesFolder::begin_scene(std::size_t session, const TownDrive& drive) {
   add_row(scene, Row()
                      .string("token", token(scene, session, 0))
                      .string("log_token", token(log, session, 0))
-                     .raw("nbr_samples", std::to_string(drive.scan_count()))
-                     .string("first_sample_token", token(sample, session, 0))
+                     .raw("nbr_samples", std::to_string(count))
+                     .string("first_sample_token", token(sample, session, first))
                      .string("last_sample_token", token(sample, session, last))
                      .string("name", name)
                      .string("description", "")
                      .finished());
   write_imu();
+}
+
+Index NuscenesFolder::arriving(Index from, Index step) const {
+  while (from >= 0 && from < drive_->scan_count() && !drive_->lidar().arrives(from)) from += step;
+  return from;
 }
 
 void NuscenesFolder::add_sample_data(Table kind, Index index, Index sample_index, Index count, Timestamp time, bool key,
@@ -172,6 +180,8 @@ void NuscenesFolder::add_sample_data(Table kind, Index index, Index sample_index
     return i < 0 || i >= count ? std::string() : token(sample_data + 16U * kind, session_, i);
   };
   const bool is_lidar = kind == sample;
+  const Index previous = is_lidar ? arriving(index - 1, -1) : index - 1;
+  const Index next = is_lidar ? arriving(index + 1, 1) : index + 1;
   add_row(sample_data, Row()
                            .string("token", neighbour(index))
                            .string("sample_token", token(sample, session_, sample_index))
@@ -183,20 +193,21 @@ void NuscenesFolder::add_sample_data(Table kind, Index index, Index sample_index
                            .raw("height", "0")
                            .raw("width", "0")
                            .string("filename", name)
-                           .string("prev", neighbour(index - 1))
-                           .string("next", neighbour(index + 1))
+                           .string("prev", neighbour(previous))
+                           .string("next", neighbour(next))
                            .finished());
 }
 
 void NuscenesFolder::write_imu() {
   const std::vector<ImuSample>& imu = drive_->imu();
   const auto count = to_index(imu.size());
-  Index nearest_sample = 0;
+  Index nearest_sample = arriving(0, 1);
   for (Index i = 0; i < count; ++i) {
     const ImuSample& one = imu[static_cast<std::size_t>(i)];
     const auto distance = [&](Index s) { return std::abs((sample_time(s) - one.time).count()); };
-    while (nearest_sample + 1 < drive_->scan_count() && distance(nearest_sample + 1) <= distance(nearest_sample))
-      ++nearest_sample;
+    for (Index next = arriving(nearest_sample + 1, 1);
+         next < drive_->scan_count() && distance(next) <= distance(nearest_sample); next = arriving(next + 1, 1))
+      nearest_sample = next;
     const fs::path name = fs::path("sweeps") / imu_channel / (micros(one.time) + ".json");
     const double since = to_seconds(one.time - drive_->epoch());
     write_file(name, bytes_of(imu_record(one, fix_near(drive_->gnss(), one.time), drive_->drive().motion(since))));
@@ -222,8 +233,8 @@ void NuscenesFolder::add_scan(Index index, const Revolution& revolution, std::sp
   add_row(sample, Row()
                       .string("token", neighbour(index))
                       .raw("timestamp", micros(time))
-                      .string("prev", neighbour(index - 1))
-                      .string("next", neighbour(index + 1))
+                      .string("prev", neighbour(arriving(index - 1, -1)))
+                      .string("next", neighbour(arriving(index + 1, 1)))
                       .string("scene_token", token(scene, session_, 0))
                       .finished());
   const SE3d T_map_ego = drive_->truth(time) * nominal_T_ego_imu().inverse();

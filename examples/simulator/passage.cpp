@@ -23,6 +23,15 @@ void add_pillars(World& world, const Place& place, double half, double height) {
     add_box(world, place, {0.0, side * half - 0.15, -0.3}, {0.4, side * half + 0.15, height}, Material::wall);
 }
 
+void add_railings(World& world, const Place& place, double half) {
+  for (const double side : {-half, half}) {
+    add_cylinder(world, place, {0.0, side, -0.3}, 0.04, 1.4, Material::metal);
+    for (const double height : {0.55, 1.05})
+      add_box(world, place, {-joint, side - 0.03, height - 0.03}, {passage_piece + joint, side + 0.03, height + 0.03},
+              Material::metal);
+  }
+}
+
 }  // namespace
 
 double half_width(PassageKind kind, const StreetOptions& streets) {
@@ -30,6 +39,7 @@ double half_width(PassageKind kind, const StreetOptions& streets) {
 }
 
 void add_passage_piece(World& world, const Place& place, PassageKind kind, const StreetOptions& streets, Rng rng) {
+  if (kind == PassageKind::open) return add_railings(world, place, half_width(kind, streets));
   const bool corridor = kind == PassageKind::corridor;
   const double half = half_width(kind, streets);
   const double height = corridor ? 2.8 : 5.6;

@@ -3,6 +3,7 @@
 #include <array>
 #include <utility>
 
+#include "simulator/hard_presets.hpp"
 #include "simulator/large_presets.hpp"
 
 namespace chainslam::simulator {
@@ -65,14 +66,15 @@ Preset preset_named(std::string name, std::string summary) {
 }
 
 std::span<const std::string_view> preset_names() {
-  static constexpr std::array<std::string_view, 5> names{"town", "town-small", "town-sessions", "nclt-like",
-                                                         "mars-like"};
+  static constexpr std::array<std::string_view, 7> names{"town",      "town-small", "town-sessions", "nclt-like",
+                                                         "mars-like", "nclt-hard",  "mars-hard"};
   return names;
 }
 
 std::optional<PresetSize> preset_size(std::string_view name) {
   if (name == "small") return PresetSize::small;
   if (name == "medium") return PresetSize::medium;
+  if (name == "large") return PresetSize::large;
   if (name == "full") return PresetSize::full;
   return std::nullopt;
 }
@@ -83,6 +85,8 @@ std::optional<Preset> preset(std::string_view name, PresetSize size) {
   if (name == "town-sessions") return town_sessions();
   if (name == "nclt-like") return nclt_like(size);
   if (name == "mars-like") return mars_like(size);
+  if (name == "nclt-hard") return nclt_hard(size);
+  if (name == "mars-hard") return mars_hard(size);
   return std::nullopt;
 }
 

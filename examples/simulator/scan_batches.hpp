@@ -17,7 +17,8 @@ struct EncodedScan {
   std::vector<std::byte> bytes;
 };
 
-/// Makes all scans of a drive (`TownDrive` or `RecordedDrive`), batch by batch on all threads, and takes them in order.
+/// Makes all scans of a drive (`TownDrive` or `RecordedDrive`) that arrive, batch by batch on all threads, and takes
+/// them in order.
 ///
 /// @param encode  the bytes of a revolution. @param take  called with each scan's number and what was made of it.
 /// @param made  called with the scans that have been taken since the last call.
@@ -32,12 +33,14 @@ std::uint64_t for_each_scan(const AnyDrive& drive, const ChunkRunner& run_chunks
     std::vector<EncodedScan> scans(static_cast<std::size_t>(count));
     run_chunks(count, 1, [&](Index begin, Index end) {
       for (Index i = begin; i < end; ++i) {
+        if (!drive.lidar().arrives(done + i)) continue;
         EncodedScan& scan = scans[static_cast<std::size_t>(i)];
         scan.revolution = drive.revolution(done + i);
         scan.bytes = encode(scan.revolution);
       }
     });
     for (Index i = 0; i < count; ++i) {
+      if (!drive.lidar().arrives(done + i)) continue;
       const EncodedScan& scan = scans[static_cast<std::size_t>(i)];
       take(done + i, scan);
       points += scan.revolution.returns.size();

@@ -1,7 +1,6 @@
 #include "simulator/spinning_lidar.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -11,22 +10,11 @@
 
 #include "simulator/angle.hpp"
 #include "simulator/day.hpp"
+#include "simulator/range_measurement.hpp"
 
 namespace chainslam::simulator {
 
 namespace {
-
-/// Part of the light that comes back diffusely, by `Material`.
-constexpr std::array<double, 10> reflectivity{0.15, 0.25, 0.3, 0.4, 0.06, 0.35, 0.3, 0.35, 0.45, 0.4};
-
-/// Chance that a return is strong enough to be seen: a diffuse surface of reflectivity 0.1, met squarely at
-/// `range_of_tenth`, has an even chance; power falls with the square of the distance (radar equation for extended
-/// targets).
-double chance_of_return(double albedo, double cosine, double range, double range_of_tenth) {
-  const double power = albedo * cosine / 0.1 * (range_of_tenth / range) * (range_of_tenth / range);
-  if (power > 60.0) return 1.0;  // to the last bit
-  return 1.0 - std::exp(-std::numbers::ln2 * power);
-}
 
 Eigen::Vector3d random_direction(Rng& rng) {
   Eigen::Vector3d direction;
@@ -34,34 +22,12 @@ Eigen::Vector3d random_direction(Rng& rng) {
   return direction.normalized();
 }
 
+Eigen::Vector3d unit_vector(double azimuth, double elevation) {
+  return {std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth), std::sin(elevation)};
+}
+
 Eigen::Vector3d turned(double cosine, double sine, const Eigen::Vector3d& v) {
   return {cosine * v.x() - sine * v.y(), sine * v.x() + cosine * v.y(), v.z()};
-}
-
-/// A range as measured, or nothing if the return was lost.
-std::optional<double> measure(const LidarOptions& options, double range_of_tenth, const RayHit& hit, double range,
-                              double cosine, double bias, Rng& rng) {
-  const double albedo = reflectivity[static_cast<std::size_t>(hit.material)];
-  if (rng.uniform() < options.lost_returns) return std::nullopt;
-  if (rng.uniform() > chance_of_return(albedo, cosine, range, range_of_tenth)) return std::nullopt;
-  double measured = range + bias + options.range_noise * rng.normal();
-  measured += options.incidence_bias * std::min(10.0, 1.0 / cosine - 1.0);
-  if (hit.material == Material::foliage) measured -= 0.12 * std::log(1.0 - rng.uniform());  // into the leaves
-  if (measured < options.min_range || measured > options.max_range) return std::nullopt;
-  return measured;
-}
-
-/// What a spot that lies across an edge in depth reports: if the edge is as short as the pulse, something in between.
-///
-/// An edge between this firing and the one before lies in the spot as often as the spot is wide, measured in firings.
-/// @param before    the range in the firing before. @param expected  ... if the surface went on as it is here.
-double spread_over_edge(const LidarOptions& options, double range, double before, double expected, Rng& rng) {
-  constexpr double pulse = 1.0;  // metres
-  constexpr double least = 0.1;  // metres: less is no edge
-  const double jump = std::abs(before - expected);
-  if (!(jump > least && jump < pulse)) return range;
-  const double spot = options.beam_width_deg * options.firings_per_revolution / 360.0;
-  return rng.uniform() < spot ? range + rng.uniform() * (before - expected) : range;
 }
 
 /// Those whom a firing's rays may meet, where they are then.
@@ -96,19 +62,36 @@ SpinningLidar::SpinningLidar(const LidarOptions& options, Rng unit, Index day)
   true_T_body_lidar_ = SE3d(nominal.rotation() * SO3d::exp(options.mount_angle_deg * degree * axis),
                             nominal.translation() + options.mount_shift * shift);
 
+  Rng warming = unit.fork(0);
   const double turn_rate = -2.0 * std::numbers::pi / options.period;
   for (Index laser = 0; laser < lasers(); ++laser) {
-    const auto sign = [&] { return unit.uniform() < 0.5 ? -1.0 : 1.0; };
-    const double error = sign() * unit.uniform(0.2, 1.0) * options.elevation_error_deg * degree;
-    const double bias = sign() * unit.uniform(0.5, 1.5) * options.range_bias;
-    const double azimuth = turn_rate * to_seconds(laser_offset(laser)) + channel(laser).azimuth_deg * degree;
-    const auto direction = [&](double elevation) {
-      return Eigen::Vector3d(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
-                             std::sin(elevation));
+    const auto either_way = [](Rng& rng, double least, double most) {
+      const double sign = rng.uniform() < 0.5 ? -1.0 : 1.0;
+      return sign * rng.uniform(least, most);
     };
+    const double error = either_way(unit, 0.2, 1.0) * options.elevation_error_deg * degree;
+    const double bias = either_way(unit, 0.5, 1.5) * options.range_bias;
+    const double azimuth = turn_rate * to_seconds(laser_offset(laser)) + channel(laser).azimuth_deg * degree;
     const double elevation = nominal_elevation(laser);
-    lasers_.push_back({.nominal = direction(elevation), .actual = direction(elevation + error), .range_bias = bias});
+    lasers_.push_back({.nominal = unit_vector(azimuth, elevation),
+                       .actual = unit_vector(azimuth, elevation + error),
+                       .range_bias = bias,
+                       .azimuth = azimuth,
+                       .elevation = elevation + error,
+                       .elevation_drift = either_way(warming, 0.2, 1.0) * options.elevation_drift_deg * degree,
+                       .range_drift = either_way(warming, 0.5, 1.5) * options.range_drift});
   }
+}
+
+std::vector<SpinningLidar::Laser> SpinningLidar::lasers_at(double time) const {
+  std::vector<Laser> lasers = lasers_;
+  if (options_.elevation_drift_deg == 0.0 && options_.range_drift == 0.0) return lasers;
+  const double warm = 1.0 - std::exp(-time / options_.warm_up_time);
+  for (Laser& laser : lasers) {
+    laser.actual = unit_vector(laser.azimuth, laser.elevation + warm * laser.elevation_drift);
+    laser.range_bias += warm * laser.range_drift;
+  }
+  return lasers;
 }
 
 double SpinningLidar::nominal_elevation(Index laser) const { return channel(laser).elevation_deg * degree; }
@@ -117,16 +100,28 @@ Duration SpinningLidar::firing_offset(Index firing) const {
   return Duration(period().count() * firing / options_.firings_per_revolution);
 }
 
+bool SpinningLidar::arrives(Index index) const {
+  // Streams of their own: whatever else is drawn stays the same.
+  return noise_.fork(static_cast<std::uint64_t>(index)).fork(~std::uint64_t{0}).uniform() >= options_.lost_scans;
+}
+
 Revolution SpinningLidar::turn(const RayCaster& world, const VehicleMotion& drive, Index index,
                                std::span<const Passing> passing) const {
   Revolution revolution{.start = index * period(), .returns = {}};
+  if (!arrives(index)) return revolution;
   const Rng rng = noise_.fork(static_cast<std::uint64_t>(index));
-  Surroundings around{world, passing, std::vector<float>(model_->channels.size(), infinite_distance)};
+  const double start = to_seconds(revolution.start);
+  const double clock_error = options_.clock_offset + options_.clock_drift * start +
+                             options_.clock_jitter * rng.fork(~std::uint64_t{1}).normal();
+  const Rng packets = rng.fork(~std::uint64_t{2});
+  Surroundings around{world, passing, lasers_at(start), std::vector<float>(model_->channels.size(), infinite_distance)};
   for (Index firing = 0; firing < options_.firings_per_revolution; ++firing) {
+    const auto packet = static_cast<std::uint64_t>(firing / model_->firings_per_packet);
+    if (options_.lost_packets > 0.0 && packets.fork(packet).uniform() < options_.lost_packets) continue;
     // The vehicle moves by half a millimetre while one firing's lasers go off: one pose, at their middle, does.
-    const Duration time = revolution.start + firing_offset(firing) + firing_duration_ / 2;
-    const SE3d T_map_lidar = drive.pose(to_seconds(time) + options_.clock_offset) * true_T_body_lidar_;
-    fire(around, {T_map_lidar, firing, rng.fork(static_cast<std::uint64_t>(firing))}, revolution.returns);
+    const double time = to_seconds(revolution.start + firing_offset(firing) + firing_duration_ / 2) + clock_error;
+    const SE3d T_map_lidar = drive.pose(time) * true_T_body_lidar_;
+    fire(around, {T_map_lidar, time, firing, rng.fork(static_cast<std::uint64_t>(firing))}, revolution.returns);
   }
   return revolution;
 }
@@ -145,7 +140,7 @@ void SpinningLidar::fire(Surroundings& around, Shot shot, std::vector<LidarRetur
   const auto turned_part = static_cast<float>(0.5 * part);
   const auto in_the_way = ahead_of(origin, ahead, half_spread_, around.passing, turned_part);
   for (Index i = 0; i < lasers(); ++i) {
-    const Laser& laser = lasers_[static_cast<std::size_t>(i)];
+    const Laser& laser = around.lasers[static_cast<std::size_t>(i)];
     const Eigen::Vector3f direction = (R_map_lidar * turned(cosine, sine, laser.actual)).cast<float>();
     Ray ray{
         .origin = origin, .direction = direction.normalized(), .max_distance = static_cast<float>(options_.max_range)};
@@ -153,7 +148,9 @@ void SpinningLidar::fire(Surroundings& around, Shot shot, std::vector<LidarRetur
     if (!in_the_way.empty()) {
       if (hit) ray.max_distance = hit->distance;
       if (const auto moving = meet(in_the_way, ray)) hit = moving;
+      ray.max_distance = static_cast<float>(options_.max_range);
     }
+    hit = through_weather(options_, around.world, {ray, shot.time}, hit, shot.rng);
     const float before =
         std::exchange(around.previous[static_cast<std::size_t>(i)], hit ? hit->distance : infinite_distance);
     if (!hit) continue;
@@ -165,14 +162,15 @@ void SpinningLidar::fire(Surroundings& around, Shot shot, std::vector<LidarRetur
           spread_over_edge(options_, distance, static_cast<double>(before), static_cast<double>(expected), shot.rng);
     }
     const double incidence = std::max(1e-3, static_cast<double>(std::abs(hit->normal.dot(direction))));
-    const auto range = measure(options_, model_->range_of_tenth, *hit, distance, incidence, laser.range_bias, shot.rng);
+    const auto range =
+        measure(options_, {hit->material, distance, incidence, laser.range_bias, model_->range_of_tenth}, shot.rng);
     if (!range) continue;
-    const double albedo = reflectivity[static_cast<std::size_t>(hit->material)];
-    returns.push_back({.position = (*range * turned(cosine, sine, laser.nominal)).cast<float>(),
-                       .firing = static_cast<std::uint16_t>(shot.firing),
-                       .laser = static_cast<std::uint8_t>(i),
-                       .intensity = static_cast<std::uint8_t>(255.0 * albedo * std::sqrt(incidence)),
-                       .presence = hit->presence});
+    returns.push_back(
+        {.position = (*range * turned(cosine, sine, laser.nominal)).cast<float>(),
+         .firing = static_cast<std::uint16_t>(shot.firing),
+         .laser = static_cast<std::uint8_t>(i),
+         .intensity = static_cast<std::uint8_t>(255.0 * reflectivity(hit->material) * std::sqrt(incidence)),
+         .presence = hit->presence});
   }
 }
 

@@ -10,33 +10,12 @@
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/sensor/lidar_scan.hpp"
 #include "simulator/lidar_model.hpp"
+#include "simulator/lidar_options.hpp"
 #include "simulator/ray_caster.hpp"
-#include "simulator/rig.hpp"
 #include "simulator/traffic.hpp"
 #include "simulator/vehicle_motion.hpp"
 
 namespace chainslam::simulator {
-
-/// A spinning LiDAR, and how far it is from its data sheet.
-struct LidarOptions {
-  LidarKind kind = LidarKind::hdl_32e;
-  SE3d T_body_lidar = nominal_T_body_lidar();  ///< where it is said to sit
-  Index firings_per_revolution =
-      600;                           ///< a multiple of a packet's firings; the model's for all that the real one makes
-  double period = 0.1;               ///< seconds per revolution
-  double max_range = 100.0;          ///< metres
-  double min_range = 1.0;            ///< metres
-  double range_noise = 0.015;        ///< standard deviation, metres
-  double lost_returns = 0.005;       ///< lost whatever the surface, as a part of all
-  double elevation_error_deg = 0.1;  ///< each laser is off by 0.2 to 1 times this, either way
-  double range_bias = 0.02;          ///< each laser is off by 0.5 to 1.5 times this, either way, metres
-  double incidence_bias = 0.003;     ///< range grows by this times (1 / cos(incidence) - 1), at most 10 times, metres
-  double mount_angle_deg = 0.3;      ///< the true mounting is turned by this about a random axis
-  double mount_shift = 0.02;         ///< ... and shifted by this in a random direction, metres
-  double beam_width_deg =
-      0.0;                    ///< of the spot, along the turn: at edges of up to 1 m in depth a return may lie between
-  double clock_offset = 0.0;  ///< stamps are early by this, seconds
-};
 
 /// One return, as the sensor reports it: with its nominal angles.
 struct LidarReturn {
@@ -80,6 +59,9 @@ class SpinningLidar {
   /// Elevation that the sensor reports for a laser, radians.
   [[nodiscard]] double nominal_elevation(Index laser) const;
 
+  /// Whether anything of revolution `index` arrives.
+  [[nodiscard]] bool arrives(Index index) const;
+
   /// Revolution `index`, which starts `index` periods after the drive. The result depends on the arguments alone.
   /// @param passing  whoever is on the way during it: `Traffic::during` from its start to its end.
   [[nodiscard]] Revolution turn(const RayCaster& world, const VehicleMotion& drive, Index index,
@@ -93,15 +75,22 @@ class SpinningLidar {
   struct Laser {
     Eigen::Vector3d nominal;  ///< unit vector in the lidar frame at the firing's azimuth 0
     Eigen::Vector3d actual;
-    double range_bias;  ///< metres
+    double range_bias;       ///< metres
+    double azimuth;          ///< of both vectors, radians
+    double elevation;        ///< of `actual`, radians
+    double elevation_drift;  ///< once the sensor is warm, radians
+    double range_drift;      ///< ... metres
   };
 
   [[nodiscard]] const LidarChannel& channel(Index laser) const {
     return model_->channels[static_cast<std::size_t>(laser)];
   }
+  /// The lasers as they are so long after the start, seconds.
+  [[nodiscard]] std::vector<Laser> lasers_at(double time) const;
   /// One firing: where and when it happens.
   struct Shot {
     SE3d T_map_lidar;
+    double time;  ///< since the drive's start, seconds
     Index firing;
     Rng rng;
   };
@@ -109,6 +98,7 @@ class SpinningLidar {
   struct Surroundings {
     const RayCaster& world;
     std::span<const Passing> passing;
+    std::vector<Laser> lasers;
     std::vector<float> previous;  ///< each laser's true range in the firing before, infinite if there was none
   };
 

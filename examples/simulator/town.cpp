@@ -17,7 +17,8 @@ namespace chainslam::simulator {
 
 namespace {
 
-constexpr double kerb = 0.12;  // metres
+constexpr double kerb = 0.12;                 // metres
+constexpr double open_to_either_side = 40.0;  // of an open stretch, metres
 
 /// One side of a street, walked from its beginning with the houses to the left.
 struct Frontage {
@@ -196,6 +197,9 @@ class Builder {
     passages_.push_back(stretch);
     if (passage.kind == PassageKind::corridor) town_.narrow.push_back(stretch);
     const double length = (stretch.to - stretch.from).norm();
+    if (passage.kind == PassageKind::open)
+      plots_.push_back(
+          {.center = 0.5 * (stretch.from + stretch.to), .axis = along, .half = {0.5 * length, open_to_either_side}});
     const Rng rng = rng_.fork(8).fork(passages_.size());
     for (double s = 0.0; s + passage_piece <= length; s += passage_piece)
       add_passage_piece(town_.world, leaning(stretch.from + s * along, along, 0.0), passage.kind, options_.streets,

@@ -19,7 +19,8 @@ struct HouseOptions {
 /// What a street may lead through.
 enum class PassageKind {
   corridor,  ///< of a building: 3.4 m wide, 2.8 m high, doors on both sides; vehicles keep to its middle
-  tunnel     ///< as wide as the road, 5.6 m high, plain walls
+  tunnel,    ///< as wide as the road, 5.6 m high, plain walls
+  open       ///< as on a long bridge: railings along the kerbs, and 40 m to either side nothing but the ground
 };
 
 struct Passage {

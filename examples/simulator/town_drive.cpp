@@ -36,6 +36,7 @@ Revolution TownDrive::revolution(Index index) const {
 }
 
 std::optional<Packet> TownDrive::next() {
+  while (next_scan_ < scan_count_ && !lidar_.arrives(next_scan_)) ++next_scan_;
   while (next_gnss_ < gnss_.size() && gnss_[next_gnss_].fix.quality == GnssQuality::none) ++next_gnss_;
   const bool imu = next_imu_ < imu_.size();
   const bool gnss = next_gnss_ < gnss_.size();

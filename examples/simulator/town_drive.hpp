@@ -22,7 +22,8 @@ class TownDrive {
   /// @throws std::out_of_range if the preset has no session of this number, counted from 0.
   TownDrive(const Preset& preset, std::uint64_t seed, std::size_t session = 0);
 
-  /// The next packet: inertial samples, GNSS fixes (none in outages) and scans at their end; nothing after the drive.
+  /// The next packet: inertial samples, GNSS fixes (none in outages) and the scans that arrive, at their end; nothing
+  /// after the drive.
   /// At equal times inertial samples come first and scans last.
   [[nodiscard]] std::optional<Packet> next();
 

@@ -101,6 +101,7 @@ std::optional<RayHit> meet(std::span<const Halted> near, const Ray& ray) {
 
 Traffic::Traffic(const TrafficOptions& options, const Drive& drive, const Rng& rng) : options_(options) {
   add_companions(rng.fork(0));
+  add_crowd(rng.fork(3));
   if (options.between_oncoming > 0.0) add_oncoming(drive, rng.fork(1));
   if (options.between_people > 0.0) add_people(drive, rng.fork(2));
   for (Mover& mover : movers_) {
@@ -115,12 +116,28 @@ void Traffic::add_companions(const Rng& rng) {
     Rng draw = rng.fork(static_cast<std::uint64_t>(i));
     const bool beside = options_.beside > 0.0 && i % 3 == 2;
     const Index place = i - i / 3;  // in the own lane: ahead, behind, ahead, ...
-    const double gap = beside ? draw.uniform(-6.0, 10.0) : (place % 2 == 0 ? 1.0 : -1.0) * (13.0 + 9.0 * (place / 2));
+    const double gap =
+        beside ? draw.uniform(-6.0, 10.0) : (place % 2 == 0 ? 1.0 : -1.0) * (options_.gap + 9.0 * (place / 2));
+    const double side = options_.on_both_sides && (i / 3) % 2 == 1 ? -1.0 : 1.0;
     movers_.push_back({.shape = vehicle(draw.fork(0)),
                        .along = gap,
-                       .aside = beside ? options_.beside : 0.0,
+                       .aside = beside ? side * options_.beside : 0.0,
                        .swing = beside ? 8.0 : 0.2 * gap,
                        .period = draw.uniform(30.0, 70.0),
+                       .companion = true});
+  }
+}
+
+void Traffic::add_crowd(const Rng& rng) {
+  for (Index i = 0; i < options_.crowd; ++i) {
+    Rng draw = rng.fork(static_cast<std::uint64_t>(i));
+    const double bearing = draw.uniform(0.0, 2.0 * std::numbers::pi);
+    const double distance = draw.uniform(1.0, 4.0);
+    movers_.push_back({.shape = person(draw.fork(0)),
+                       .along = distance * std::cos(bearing),
+                       .aside = distance * std::sin(bearing),
+                       .swing = 0.15 * distance,
+                       .period = draw.uniform(6.0, 20.0),
                        .companion = true});
   }
 }

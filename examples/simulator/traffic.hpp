@@ -16,7 +16,10 @@ namespace chainslam::simulator {
 /// Who else is on the way. All keep to the line that the vehicle itself will drive or has driven.
 struct TrafficOptions {
   Index companions = 0;           ///< vehicles that travel along, ahead, behind and beside
+  double gap = 13.0;              ///< from the vehicle to those next ahead and behind, metres
   double beside = 0.0;            ///< how far to the left those beside are; 0: there is no lane for them, metres
+  bool on_both_sides = false;     ///< ... every other of them to the right instead
+  Index crowd = 0;                ///< people who walk along, within a few metres on all sides
   double between_oncoming = 0.0;  ///< mean time between vehicles that come the other way, seconds; 0: none
   double oncoming_lane = 3.4;     ///< how far to the left they pass, metres
   double between_people = 0.0;    ///< mean time between people met or overtaken, seconds; 0: none
@@ -80,6 +83,7 @@ class Traffic {
   };
 
   void add_companions(const Rng& rng);
+  void add_crowd(const Rng& rng);
   void add_oncoming(const Drive& drive, Rng rng);
   void add_people(const Drive& drive, Rng rng);
 

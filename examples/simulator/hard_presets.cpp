@@ -1,0 +1,106 @@
+#include "simulator/hard_presets.hpp"
+
+#include "simulator/large_presets.hpp"
+
+namespace chainslam::simulator {
+
+namespace {
+
+/// Where the sizes are from: see `error_sources`.
+void add_hard_errors(Preset& preset) {
+  LidarOptions& lidar = preset.lidar;
+  lidar.elevation_error_deg = 0.2;
+  lidar.range_bias = 0.03;
+  lidar.elevation_drift_deg = 0.02;
+  lidar.range_drift = 0.02;
+  lidar.range_noise = 0.02;
+  lidar.lost_returns = 0.02;
+  lidar.incidence_bias = 0.01;
+  lidar.intensity_bias = 0.02;
+  lidar.mirrored = 0.3;
+  lidar.beam_width_deg = 0.17;
+  lidar.wind = 0.15;
+  lidar.drops = 5e-4;
+  lidar.dimming = 2e-3;
+  lidar.clock_offset = 0.005;
+  lidar.clock_drift = 1e-6;
+  lidar.clock_jitter = 0.002;
+  lidar.lost_packets = 0.003;
+  lidar.lost_scans = 0.003;
+  lidar.mount_angle_deg = 0.5;
+  lidar.mount_shift = 0.03;
+  InertialOptions& imu = preset.imu;
+  imu.gyro_warm_up = 3e-3;
+  imu.accel_warm_up = 0.03;
+  imu.shake_gyro = 0.01;
+  imu.shake_accel = 0.5;
+  imu.clock_jitter = 0.002;
+  imu.gyro_range = 5.24;   // 300 deg/s
+  imu.accel_range = 49.0;  // 5 g
+}
+
+Passage open_stretch(Crossing from, Crossing to) {
+  return {.from = from, .to = to, .kind = PassageKind::open, .begin = 0.05, .end = 0.95};
+}
+
+}  // namespace
+
+Preset nclt_hard(PresetSize size) {
+  Preset preset = nclt_like(size);
+  preset.name = "nclt-hard";
+  preset.summary = "a segway on a campus in five sessions over a year, with errors and places as hard as real ones";
+  add_hard_errors(preset);
+  preset.drive.sway_angle = 0.03;
+  preset.drive.vibration_angle = 4e-3;
+  preset.drive.vibration_height = 3e-3;
+  preset.traffic.between_people = 3.0;
+  preset.traffic.crowd = 4;
+  preset.town.open_sides = 0.4;
+  preset.town.alike = 0.35;
+  auto& passages = preset.town.passages;
+  switch (size) {
+    case PresetSize::small:
+    case PresetSize::full:
+      break;
+    case PresetSize::medium:
+      preset.town.streets.columns = 5;
+      preset.sessions = walks(5, 4, 21);
+      passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({3, 1}, {4, 1})});
+      break;
+    case PresetSize::large:
+      passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({4, 1}, {5, 1}),
+                                       open_stretch({1, 3}, {2, 3}), open_stretch({6, 2}, {6, 3})});
+      break;
+  }
+  return preset;
+}
+
+Preset mars_hard(PresetSize size) {
+  Preset preset = mars_like(size);
+  preset.name = "mars-hard";
+  preset.summary =
+      "a car in a town of avenues in five sessions over a year, with errors and places as hard as real ones";
+  add_hard_errors(preset);
+  preset.traffic.companions = 9;
+  preset.traffic.gap = 9.0;
+  preset.traffic.on_both_sides = true;
+  preset.town.open_sides = 0.25;
+  preset.town.alike = 0.4;
+  auto& passages = preset.town.passages;
+  switch (size) {
+    case PresetSize::small:
+    case PresetSize::full:
+      break;
+    case PresetSize::medium:
+      preset.sessions = walks(6, 5, 20);
+      passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({4, 2}, {5, 2})});
+      break;
+    case PresetSize::large:
+      passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({4, 2}, {5, 2}),
+                                       open_stretch({1, 0}, {2, 0}), open_stretch({3, 3}, {3, 4})});
+      break;
+  }
+  return preset;
+}
+
+}  // namespace chainslam::simulator
