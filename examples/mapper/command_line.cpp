@@ -12,6 +12,7 @@
 #include "chainslam/core/printable.hpp"
 #include "chainslam/core/version.hpp"
 #include "exit_code.hpp"
+#include "simulator/error_sources.hpp"
 #include "simulator/lidar_model.hpp"
 #include "verbs.hpp"
 
@@ -169,12 +170,19 @@ void add_simulate(CLI::App& program, int& exit_code) {
       "       --camera-lidar kitti --skip filled.txt --out DIR");
   verb->add_option("PRESET", arguments->preset, "what to make: " + known_presets())->option_text(" ");
   verb->add_option("--out", arguments->out, "folder to write")->required()->option_text("DIR");
-  verb->add_option("--size", arguments->size, "of nclt-like and mars-like: small, medium (default) or full")
-      ->check(CLI::IsMember({"small", "medium", "full"}))
+  verb->add_option("--size", arguments->size,
+                   "of nclt- and mars-like and -hard: small, medium (default), large or full")
+      ->check(CLI::IsMember({"small", "medium", "large", "full"}))
       ->option_text("SIZE");
   verb->add_option("--sessions", arguments->sessions, "only the first N of the preset's")
       ->check(CLI::Range(1, 1000))
       ->option_text("N");
+  verb->add_option("--errors", arguments->errors,
+                   "keep only these of the preset's error sources, separated by commas: all (default), or of " +
+                       simulator::error_source_names())
+      ->option_text("NAMES");
+  verb->add_option("--without", arguments->without, "leave these error sources out, separated by commas")
+      ->option_text("NAMES");
   verb->add_option("--seed", arguments->seed, "the same seed gives the same bytes (default 1)")->option_text("N");
   add_recorded(*verb, *arguments);
   verb->add_flag("--overwrite", arguments->overwrite, "if DIR holds something, keep that as DIR~1");

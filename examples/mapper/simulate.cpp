@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 
@@ -12,6 +13,7 @@
 #include "exit_code.hpp"
 #include "output.hpp"
 #include "recorded_simulation.hpp"
+#include "simulator/error_sources.hpp"
 #include "simulator/recorded_files.hpp"
 #include "support/configuration.hpp"
 #include "support/interrupt.hpp"
@@ -25,6 +27,16 @@ std::string known_presets() {
   for (const std::string_view name : simulator::preset_names())
     names += (names.empty() ? "" : ", ") + std::string(name);
   return names;
+}
+
+simulator::Preset with_error_sources(const simulator::Preset& preset, const std::string& only,
+                                     const std::string& without) {
+  try {
+    return simulator::without_errors(simulator::with_only_errors(preset, only), without);
+  } catch (const std::invalid_argument& error) {
+    throw support::ConfigError("simulate", "an error source has no such name", only + " and without " + without,
+                               std::string(error.what()));
+  }
 }
 
 namespace {
@@ -89,6 +101,7 @@ int run(const SimulateArguments& arguments) {
   if (!preset)
     throw support::ConfigError("simulate", "there is no such preset", arguments.preset,
                                "take one of: " + known_presets());
+  preset = with_error_sources(*preset, arguments.errors, arguments.without);
   if (arguments.sessions) {
     if (*arguments.sessions > preset->sessions.size())
       throw support::ConfigError("simulate", "the preset has fewer sessions", std::to_string(*arguments.sessions),

@@ -8,8 +8,10 @@
 #include <vector>
 
 #include "recorded_simulation.hpp"
+#include "simulator/preset_description.hpp"
 #include "simulator/town_drive.hpp"
 #include "support/configuration.hpp"
+#include "verbs.hpp"
 
 namespace chainslam::mapper {
 
@@ -32,7 +34,8 @@ class SimulatedDataset final : public datasets::Dataset {
                      {"inertial unit", SensorKind::imu, drive_.imu().size(), "simulated"},
                      {"GNSS receiver", SensorKind::gnss, std::nullopt, "simulated"}};
     info_.source = "simulated";
-    info_.notes = {"simulated while it is read: " + preset.summary};
+    info_.notes = {"simulated while it is read: " + preset.summary,
+                   "options of the simulation: " + simulator::options_hash(preset)};
   }
 
   [[nodiscard]] std::optional<Packet> next() override { return drive_.next(); }
@@ -41,6 +44,14 @@ class SimulatedDataset final : public datasets::Dataset {
  private:
   simulator::TownDrive drive_;
 };
+
+/// Takes what follows a key off the parts of a name, such as "wind" of the last part "without=wind".
+std::optional<std::string> taken(std::vector<std::string_view>& parts, std::string_view key) {
+  if (parts.empty() || !parts.back().starts_with(key)) return std::nullopt;
+  const std::string value(parts.back().substr(key.size()));
+  parts.pop_back();
+  return value;
+}
 
 std::vector<std::string_view> parts_of(std::string_view text) {
   std::vector<std::string_view> parts;
@@ -65,11 +76,13 @@ std::unique_ptr<datasets::Dataset> open_simulation(std::string_view name) {
   const auto refuse = [&](const char* what) -> std::unique_ptr<datasets::Dataset> {
     throw support::ConfigError(
         "map", what, std::string(name),
-        "write simulate:PRESET/SIZE/SESSION[/SEED], such as simulate:nclt-like/medium/1, or simulate:FOLDER "
-        "with what simulate --trajectory has written");
+        "write simulate:PRESET/SIZE/SESSION[/SEED][/errors=NAMES][/without=NAMES], such as "
+        "simulate:nclt-like/medium/1, or simulate:FOLDER with what simulate --trajectory has written");
   };
   if (auto recorded = open_recorded_simulation(name.substr(prefix.size()))) return recorded;
-  const std::vector<std::string_view> parts = parts_of(name.substr(prefix.size()));
+  std::vector<std::string_view> parts = parts_of(name.substr(prefix.size()));
+  const std::string without = taken(parts, "without=").value_or("");
+  const std::string errors = taken(parts, "errors=").value_or("all");
   if (parts.size() < 3 || parts.size() > 4) return refuse("that names no simulated session");
   const auto size = simulator::preset_size(parts[1]);
   if (!size) return refuse("there is no such size");
@@ -79,7 +92,8 @@ std::unique_ptr<datasets::Dataset> open_simulation(std::string_view name) {
   const auto seed = parts.size() == 4 ? number(parts[3]) : std::optional<std::uint64_t>(1);
   if (!session || *session < 1 || *session > preset->sessions.size()) return refuse("the preset has no such session");
   if (!seed) return refuse("the seed is no number");
-  return std::make_unique<SimulatedDataset>(*preset, *seed, static_cast<std::size_t>(*session - 1),
+  return std::make_unique<SimulatedDataset>(with_error_sources(*preset, errors, without), *seed,
+                                            static_cast<std::size_t>(*session - 1),
                                             preset->name + "-" + std::string(parts[2]));
 }
 

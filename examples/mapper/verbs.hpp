@@ -15,6 +15,10 @@
 #include "map_export.hpp"
 #include "trajectory_file.hpp"
 
+namespace chainslam::simulator {
+struct Preset;
+}
+
 namespace chainslam::mapper {
 
 /// @name What the command line says to each verb of the program (see command_line.cpp).
@@ -38,7 +42,9 @@ struct OdometryArguments {
 };
 
 struct SimulateArguments {
-  std::string preset{};  ///< or a trajectory
+  std::string preset{};        ///< or a trajectory
+  std::string errors = "all";  ///< the preset's error sources that are kept, separated by commas
+  std::string without{};       ///< ... and those that are not
   std::filesystem::path out;
   /// @name Scans along a recorded trajectory.
   /// @{
@@ -134,5 +140,10 @@ int run(const ConfigArguments& arguments);
 
 /// What the simulator can make, as a list for people.
 [[nodiscard]] std::string known_presets();
+
+/// A preset with some of its error sources only, and without others; names separated by commas.
+/// @throws support::ConfigError if a name is not known.
+[[nodiscard]] simulator::Preset with_error_sources(const simulator::Preset& preset, const std::string& only,
+                                                   const std::string& without);
 
 }  // namespace chainslam::mapper

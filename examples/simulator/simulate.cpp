@@ -10,6 +10,7 @@
 #include "simulator/nclt_files.hpp"
 #include "simulator/new_folder.hpp"
 #include "simulator/nuscenes_files.hpp"
+#include "simulator/preset_description.hpp"
 #include "simulator/rig.hpp"
 #include "simulator/scan_batches.hpp"
 #include "simulator/town_drive.hpp"
@@ -59,7 +60,8 @@ std::string date_of(Timestamp time) {
 }
 
 std::string heading(const Preset& preset, std::uint64_t seed) {
-  return preset.summary + ".\n\npreset: " + preset.name + "\nseed: " + std::to_string(seed) + "\n";
+  return preset.summary + ".\n\npreset: " + preset.name + "\nseed: " + std::to_string(seed) +
+         "\noptions: " + options_hash(preset) + "\n";
 }
 
 /// How long, how far and how much.
