@@ -103,6 +103,15 @@ void add_recorded(CLI::App& verb, SimulateArguments& arguments) {
                   "in place of PRESET: TUM's, EuRoC's or NCLT's trajectory, or KITTI's 12 numbers a row")
       ->option_text("FILE")
       ->group(group);
+  verb.add_option("--also", arguments.others,
+                  "another drive in the frame of the first, of which the world is built as well; may be given again.\n"
+                  "The same drives make the same world, whichever is the first")
+      ->option_text("FILE")
+      ->allow_extra_args(false)
+      ->group(group);
+  verb.add_flag("--gnss", arguments.gnss,
+                "simulate a receiver at the IMU, whose fixes `chainslam map simulate:DIR` hands on")
+      ->group(group);
   verb.add_option("--times", arguments.times, "of KITTI's rows: seconds, one a line")
       ->option_text("FILE")
       ->group(group);

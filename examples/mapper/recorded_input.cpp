@@ -142,6 +142,21 @@ void check_drive(const Trajectory& trajectory, const fs::path& path) {
                       "give a trajectory of at least 10 poses, 2 s and 5 m");
 }
 
+namespace {
+
+/// T_map_body of another drive in the frame of the first; its poses are those of the same frame.
+Trajectory read_other(const fs::path& path, const SE3d& T_body_frame) {
+  Trajectory other = read_trajectory(path, NcltPoses::imu).trajectory;
+  if (!other.has_times())
+    throw support::ConfigError("--also " + path.string(), "a trajectory without times", "rows of 12 numbers",
+                               "give one of TUM's, EuRoC's or NCLT's format");
+  for (SE3d& pose : other.poses) pose = T_body_frame * pose * T_body_frame.inverse();
+  check_drive(other, path);
+  return other;
+}
+
+}  // namespace
+
 RecordedInput read_recorded_input(const SimulateArguments& arguments) {
   TrajectoryFile file = read_trajectory(arguments.trajectory, NcltPoses::imu);
   RecordedInput input{.trajectory = std::move(file.trajectory),
@@ -158,6 +173,7 @@ RecordedInput read_recorded_input(const SimulateArguments& arguments) {
   const std::vector<SkippedInterval> skipped = read_skipped(arguments, frame_times);
   cut_ends(input.trajectory, skipped);
   check_drive(input.trajectory, arguments.trajectory);
+  for (const fs::path& path : arguments.others) input.others.push_back(read_other(path, T_body_frame));
   if (!arguments.imu.empty()) read_recorded_imu(arguments, frame_times, skipped, input);
   return input;
 }

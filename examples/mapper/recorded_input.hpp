@@ -15,6 +15,7 @@ namespace chainslam::mapper {
 struct RecordedInput {
   Trajectory trajectory;  ///< T_map_body, on the drive's clock
   SE3d T_body_lidar;
+  std::vector<Trajectory> others{};   ///< T_map_body of the other drives through the same world
   std::vector<ImuSample> imu;         ///< on the same clock; empty if none was given
   std::vector<std::string> imu_rows;  ///< the same as text: time, then the six values as they were in the file
   std::size_t imu_dropped = 0;        ///< rows left out, because they lie in skipped intervals or beyond the trajectory
@@ -27,7 +28,8 @@ struct SkippedInterval {
 };
 
 /// Reads the trajectory that the arguments name, turns it into T_map_body and cuts it where skipped intervals touch its
-/// ends; then the IMU rows inside what is left and outside skipped intervals.
+/// ends; then the IMU rows inside what is left and outside skipped intervals; and the other drives' trajectories, as
+/// they are.
 ///
 /// The drive's clock is the trajectory's; KITTI's rows, which have no times, get those of `--times`, or 0 s for the
 /// first and 1 / rate from row to row.

@@ -30,6 +30,8 @@ struct DriveChoice {
   double lidar_height;
   std::uint64_t seed;
   bool recorded_imu;
+  std::size_t others;  ///< drives through the same world
+  bool gnss;
   SE3d T_body_lidar;
 };
 
@@ -38,11 +40,21 @@ std::string text_of(const DriveChoice& choice) {
   const auto& q = T.rotation().quaternion();
   const std::array<double, 7> pose{
       T.translation().x(), T.translation().y(), T.translation().z(), q.x(), q.y(), q.z(), q.w()};
-  return nlohmann::json{
-             {"lidar", choice.lidar}, {"columns", choice.columns},           {"lidar_height", choice.lidar_height},
-             {"seed", choice.seed},   {"recorded_imu", choice.recorded_imu}, {"T_body_lidar", pose}}
+  return nlohmann::json{{"lidar", choice.lidar},
+                        {"columns", choice.columns},
+                        {"lidar_height", choice.lidar_height},
+                        {"seed", choice.seed},
+                        {"recorded_imu", choice.recorded_imu},
+                        {"T_body_lidar", pose},
+                        {"others", choice.others},
+                        {"gnss", choice.gnss}}
              .dump(2) +
          "\n";
+}
+
+/// Where another drive through the same world is kept.
+fs::path other_file(const fs::path& folder, std::size_t i) {
+  return folder / "simulation" / ("other" + std::to_string(i + 1) + ".tum");
 }
 
 /// A number that the command line would have taken.
@@ -62,6 +74,8 @@ DriveChoice choice_of(const nlohmann::json& json) {
           .lidar_height = number_within(json, "lidar_height", 0.2, 10.0),
           .seed = json.at("seed"),
           .recorded_imu = json.at("recorded_imu"),
+          .others = static_cast<std::size_t>(json.contains("others") ? number_within(json, "others", 0, 1000) : 0),
+          .gnss = json.value("gnss", false),
           .T_body_lidar = SE3d(SO3d::from_quaternion(q.normalized()), t)};
 }
 
@@ -89,6 +103,10 @@ simulator::RecordedDriveOptions options_of(const DriveChoice& choice) {
   options.lidar.T_body_lidar = choice.T_body_lidar;
   options.lidar_height = choice.lidar_height;
   options.seed = choice.seed;
+  if (choice.gnss) {
+    options.gnss.emplace().needs_sky = true;
+    options.gnss->antenna_body.setZero();
+  }
   return options;
 }
 
@@ -96,7 +114,10 @@ std::string source_of(const SimulateArguments& arguments, const RecordedInput& i
   const auto kind = simulator::lidar_kind(arguments.lidar);
   const std::string lidar(kind ? simulator::lidar_model(*kind).name : arguments.lidar);
   return "simulated scans (" + lidar + ") on the recorded trajectory " + arguments.trajectory.filename().string() +
-         ", " + (input.imu.empty() ? "simulated IMU data" : "real IMU data from " + arguments.imu.filename().string());
+         ", " + (input.imu.empty() ? "simulated IMU data" : "real IMU data from " + arguments.imu.filename().string()) +
+         (arguments.gnss ? ", simulated GNSS fixes" : "") +
+         (input.others.empty() ? ""
+                               : ", in a world that " + std::to_string(input.others.size()) + " more drives share");
 }
 
 /// What the IMU's rows and the spline say of each other.
@@ -139,6 +160,10 @@ class RecordedDataset final : public datasets::Dataset {
     info_.sensors = {{std::string(drive_->lidar().model().name), SensorKind::lidar,
                       static_cast<std::size_t>(drive_->scan_count()), "simulated"},
                      {"IMU", SensorKind::imu, drive_->imu().size(), ""}};
+    if (drive_->options().gnss) {
+      info_.sensors.push_back({"GNSS receiver", SensorKind::gnss, drive_->gnss().size(), "simulated"});
+      info_.p_body_antenna = drive_->options().gnss->antenna_body;
+    }
     info_.notes = {info_.source};
   }
 
@@ -152,7 +177,7 @@ class RecordedDataset final : public datasets::Dataset {
 /// @throws ConfigError where trajectory, IMU and what is said of them do not go together.
 std::unique_ptr<simulator::RecordedDrive> make_drive(const RecordedInput& input, const DriveChoice& choice) {
   try {
-    return std::make_unique<simulator::RecordedDrive>(input.trajectory, input.imu, options_of(choice));
+    return std::make_unique<simulator::RecordedDrive>(input.trajectory, input.imu, options_of(choice), input.others);
   } catch (const std::invalid_argument& error) {
     throw support::ConfigError(error.what());
   }
@@ -167,6 +192,8 @@ RecordedSimulation make_recorded_simulation(const SimulateArguments& arguments) 
                            .lidar_height = arguments.lidar_height,
                            .seed = arguments.seed,
                            .recorded_imu = !input.imu.empty(),
+                           .others = input.others.size(),
+                           .gnss = arguments.gnss,
                            .T_body_lidar = input.T_body_lidar};
   RecordedSimulation simulation;
   simulation.drive = make_drive(input, choice);
@@ -175,7 +202,8 @@ RecordedSimulation make_recorded_simulation(const SimulateArguments& arguments) 
   simulation.texts = {.source = source_of(arguments, input),
                       .options = text_of(choice),
                       .imu_rows = std::move(input.imu_rows),
-                      .trajectory = std::move(input.trajectory)};
+                      .trajectory = std::move(input.trajectory),
+                      .others = std::move(input.others)};
   return simulation;
 }
 
@@ -188,6 +216,8 @@ std::unique_ptr<datasets::Dataset> open_recorded_simulation(const fs::path& fold
                       .imu = {},
                       .imu_rows = {}};
   check_drive(input.trajectory, folder / "simulation/trajectory.tum");
+  for (std::size_t i = 0; i < choice.others; ++i)
+    check_drive(input.others.emplace_back(read_tum(other_file(folder, i))), other_file(folder, i));
   if (choice.recorded_imu) {
     SimulateArguments arguments;
     arguments.imu = folder / "imu.csv";

@@ -49,11 +49,13 @@ struct SimulateArguments {
   /// @name Scans along a recorded trajectory.
   /// @{
   std::filesystem::path trajectory, times, imu;
-  std::optional<double> rate{};              ///< of the trajectory's rows, Hz
-  std::string frame{};                       ///< whose poses they are: body, lidar or camera
-  std::string body_lidar{}, camera_lidar{};  ///< files, or "kitti"
-  double imu_offset = 0.0;                   ///< added to the IMU's times, seconds
-  std::vector<std::string> skips{};          ///< "FROM:TO", or files
+  std::vector<std::filesystem::path> others{};  ///< trajectories in the same frame, whose world it is too
+  bool gnss = false;                            ///< whether a receiver is simulated
+  std::optional<double> rate{};                 ///< of the trajectory's rows, Hz
+  std::string frame{};                          ///< whose poses they are: body, lidar or camera
+  std::string body_lidar{}, camera_lidar{};     ///< files, or "kitti"
+  double imu_offset = 0.0;                      ///< added to the IMU's times, seconds
+  std::vector<std::string> skips{};             ///< "FROM:TO", or files
   std::string lidar = "HDL-64E";
   int columns = 1024;          ///< firings per revolution, about
   double lidar_height = 1.73;  ///< above the road, metres

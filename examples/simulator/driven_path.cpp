@@ -1,6 +1,7 @@
 #include "simulator/driven_path.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace chainslam::simulator {
@@ -56,10 +57,20 @@ double distance_to(const Plot& plot, const Eigen::Vector2d& point) {
 
 }  // namespace
 
-DrivenPath::DrivenPath(const VehicleMotion& motion, double body_height) {
-  std::vector<Eigen::Vector3d> ups;
-  samples_ = walk(motion, body_height, ups);
-  lay_slopes(samples_, ups);
+DrivenPath::DrivenPath(const VehicleMotion& motion, double body_height)
+    : DrivenPath(std::array{&motion}, body_height) {}
+
+DrivenPath::DrivenPath(std::span<const VehicleMotion* const> motions, double body_height) {
+  constexpr double between = 1000.0;  // metres: no drive is a later pass of the one before
+  for (const VehicleMotion* motion : motions) {
+    std::vector<Eigen::Vector3d> ups;
+    std::vector<PathSample> samples = walk(*motion, body_height, ups);
+    lay_slopes(samples, ups);
+    length_ += samples.back().along;
+    const double before = samples_.empty() ? 0.0 : samples_.back().along + between;
+    for (PathSample& sample : samples) sample.along += before;
+    samples_.insert(samples_.end(), samples.begin(), samples.end());
+  }
   for (std::size_t i = 0; i < samples_.size(); ++i) {
     const Eigen::Vector2d p = samples_[i].position();
     cells_[key(cell_index(p.x(), cell), cell_index(p.y(), cell))].push_back(to_index(i));

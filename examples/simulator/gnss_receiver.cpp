@@ -154,7 +154,7 @@ double open_sky(const RayCaster& world, const Eigen::Vector3d& position) {
   return static_cast<double>(open) / all;
 }
 
-std::vector<GnssReading> record_gnss(const Drive& drive, const RayCaster& world, const GnssOptions& options,
+std::vector<GnssReading> record_gnss(const VehicleMotion& drive, const RayCaster& world, const GnssOptions& options,
                                      Timestamp epoch, Rng rng) {
   constexpr double least_sky = 0.25;
   PositionError error(options, rng.fork(0));

@@ -6,9 +6,9 @@
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/sensor/gnss_fix.hpp"
-#include "simulator/drive.hpp"
 #include "simulator/ray_caster.hpp"
 #include "simulator/rig.hpp"
+#include "simulator/vehicle_motion.hpp"
 
 namespace chainslam::simulator {
 
@@ -53,7 +53,7 @@ struct GnssReading {
 [[nodiscard]] double open_sky(const RayCaster& world, const Eigen::Vector3d& position);
 
 /// The antenna's positions through the drive, at multiples of 1 / rate from `epoch`, outages included.
-[[nodiscard]] std::vector<GnssReading> record_gnss(const Drive& drive, const RayCaster& world,
+[[nodiscard]] std::vector<GnssReading> record_gnss(const VehicleMotion& drive, const RayCaster& world,
                                                    const GnssOptions& options, Timestamp epoch, Rng rng);
 
 }  // namespace chainslam::simulator

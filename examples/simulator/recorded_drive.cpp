@@ -31,8 +31,8 @@ Eigen::Vector3d mean_up(const Trajectory& trajectory, const std::vector<ImuSampl
   return up / std::max(1.0, count);
 }
 
-/// The trajectory from its first position, in a frame that is level.
-Trajectory levelled(const Trajectory& trajectory, const std::vector<ImuSample>& imu) {
+/// T_map_trajectory: from the trajectory's first position, in a frame that is level.
+SE3d levelling(const Trajectory& trajectory, const std::vector<ImuSample>& imu) {
   const Eigen::Vector3d up = mean_up(trajectory, imu);
   if (!(up.norm() > 0.8 && up.norm() < 1.2))
     throw std::invalid_argument(imu.empty()
@@ -45,11 +45,32 @@ Trajectory levelled(const Trajectory& trajectory, const std::vector<ImuSample>& 
                                           " m/s^2\n  do: check units, times, and whose poses they are (--frame)");
   const Eigen::Quaterniond level = Eigen::Quaterniond::FromTwoVectors(up, Eigen::Vector3d::UnitZ());
   const SE3d from_start(SO3d(), -trajectory.poses.front().translation());
-  return transformed(SE3d(SO3d::from_quaternion(level), Eigen::Vector3d::Zero()) * from_start, trajectory);
+  return SE3d(SO3d::from_quaternion(level), Eigen::Vector3d::Zero()) * from_start;
+}
+
+/// All drives through the world, the one that began first first.
+std::vector<const Trajectory*> in_order(const Trajectory& trajectory, std::span<const Trajectory> others) {
+  std::vector<const Trajectory*> all{&trajectory};
+  for (const Trajectory& other : others) all.push_back(&other);
+  if (!others.empty()) std::ranges::sort(all, {}, [](const Trajectory* one) { return one->times.front(); });
+  return all;
+}
+
+/// T_map_trajectory of all drives; a recorded IMU decides what is level only where a drive has the world to itself.
+SE3d common_frame(const Trajectory& trajectory, const std::vector<ImuSample>& imu, std::span<const Trajectory> others) {
+  return others.empty() ? levelling(trajectory, imu) : levelling(*in_order(trajectory, others).front(), {});
 }
 
 double body_height(const RecordedDriveOptions& options) {
   return options.lidar_height - options.lidar.T_body_lidar.translation().z();
+}
+
+DrivenPath path_of(const std::vector<const Trajectory*>& drives, const SE3d& T_map_trajectory, double height) {
+  std::vector<PoseSpline> motions;
+  for (const Trajectory* one : drives) motions.emplace_back(transformed(T_map_trajectory, *one));
+  std::vector<const VehicleMotion*> all;
+  for (const PoseSpline& motion : motions) all.push_back(&motion);
+  return {all, height};
 }
 
 World world_along(const DrivenPath& path, const RecordedDriveOptions& options) {
@@ -108,20 +129,39 @@ ImuAgreement compare(const VehicleMotion& motion, std::span<const ImuSample> imu
 }
 
 RecordedDrive::RecordedDrive(const Trajectory& trajectory, std::vector<ImuSample> imu,
-                             const RecordedDriveOptions& options)
+                             const RecordedDriveOptions& options, std::span<const Trajectory> others)
+    : RecordedDrive(trajectory, imu, options, others, common_frame(trajectory, imu, others)) {}
+
+RecordedDrive::RecordedDrive(const Trajectory& trajectory, std::vector<ImuSample> imu,
+                             const RecordedDriveOptions& options, std::span<const Trajectory> others,
+                             const SE3d& T_map_trajectory)
     : options_(options),
       epoch_(trajectory.has_times() ? trajectory.times.front() : Timestamp()),
-      motion_(levelled(trajectory, imu)),
-      path_(motion_, body_height(options)),
+      motion_(transformed(T_map_trajectory, trajectory)),
+      path_(others.empty() ? DrivenPath(motion_, body_height(options))
+                           : path_of(in_order(trajectory, others), T_map_trajectory, body_height(options))),
+      length_(others.empty() ? path_.length() : DrivenPath(motion_, body_height(options)).length()),
       caster_(world_along(path_, options)),
       lidar_(options.lidar, Rng(options.seed).fork(1)),
       imu_(imu.empty() ? record_imu(motion_, options.imu, epoch_, Rng(options.seed).fork(2)) : std::move(imu)),
-      scan_count_(static_cast<Index>(motion_.duration() / options.lidar.period)) {}
+      scan_count_(static_cast<Index>(motion_.duration() / options.lidar.period)) {
+  if (options.gnss) gnss_ = record_gnss(motion_, caster_, *options.gnss, epoch_, Rng(options.seed).fork(3));
+}
 
 std::optional<Packet> RecordedDrive::next() {
+  while (next_gnss_ < gnss_.size() && gnss_[next_gnss_].fix.quality == GnssQuality::none) ++next_gnss_;
+  while (next_scan_ < scan_count_ && !lidar_.arrives(next_scan_)) ++next_scan_;
   const bool imu = next_imu_ < imu_.size();
+  const bool gnss = next_gnss_ < gnss_.size();
   const bool scan = next_scan_ < scan_count_;
-  if (imu && (!scan || imu_[next_imu_].time <= scan_end(next_scan_))) return imu_[next_imu_++];
+  const auto comes_before = [](Timestamp time, bool other, Timestamp other_time) {
+    return !other || time <= other_time;
+  };
+  const Timestamp scan_time = scan ? scan_end(next_scan_) : Timestamp();
+  const Timestamp gnss_time = gnss ? gnss_[next_gnss_].time : Timestamp();
+  if (imu && comes_before(imu_[next_imu_].time, gnss, gnss_time) && comes_before(imu_[next_imu_].time, scan, scan_time))
+    return imu_[next_imu_++];
+  if (gnss && comes_before(gnss_time, scan, scan_time)) return gnss_[next_gnss_++].fix;
   if (scan) return this->scan(next_scan_++);
   return std::nullopt;
 }

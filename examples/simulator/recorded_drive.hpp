@@ -8,6 +8,7 @@
 #include "chainslam/sensor/imu_sample.hpp"
 #include "chainslam/sensor/packet.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
+#include "simulator/gnss_receiver.hpp"
 #include "simulator/inertial_unit.hpp"
 #include "simulator/pose_spline.hpp"
 #include "simulator/ray_caster.hpp"
@@ -35,6 +36,7 @@ struct RecordedDriveOptions {
   InertialOptions imu{};       ///< of the IMU that is simulated where none was recorded
   GroundOptions ground{};
   RoadsideOptions roadside{};
+  std::optional<GnssOptions> gnss{};  ///< of a receiver at the body's origin that is simulated, if any
   std::uint64_t seed = 1;
 };
 
@@ -53,6 +55,9 @@ struct ImuAgreement {
 /// A drive on a real trajectory: simulated scans of a world that is built along it, and the IMU data that were recorded
 /// on it, unchanged, as a stream of packets in time order.
 ///
+/// Several drives on trajectories of one frame can share a world, which is built along all of them; their map frame is
+/// then made, as follows, from the one that began first.
+///
 /// The map frame is the trajectory's, moved to start at zero and turned by the least angle that makes it level: so that
 /// the recorded specific forces, turned into it, have their mean along z, or without them the body's z axes. The truth
 /// is the spline through the poses, not the poses.
@@ -60,11 +65,14 @@ class RecordedDrive {
  public:
   /// @param trajectory  T_map_body; see `PoseSpline`.
   /// @param imu  samples on the trajectory's clock, increasing; if empty they are simulated.
-  /// @throws std::invalid_argument if the trajectory is too short, spreads too far, or its body does not stay upright;
+  /// @param others  the other drives through the same world; the world does not depend on which of them this is.
+  /// @throws std::invalid_argument if a trajectory is too short, spreads too far, or its body does not stay upright;
   /// or if the specific forces, turned into its frame, have no mean of about one g.
-  RecordedDrive(const Trajectory& trajectory, std::vector<ImuSample> imu, const RecordedDriveOptions& options);
+  RecordedDrive(const Trajectory& trajectory, std::vector<ImuSample> imu, const RecordedDriveOptions& options,
+                std::span<const Trajectory> others = {});
 
-  /// The next packet: IMU samples, and scans at their end; nothing after the last scan and sample.
+  /// The next packet: IMU samples, fixes, and scans at their end; nothing after the last of them. At equal times scans
+  /// come last.
   [[nodiscard]] std::optional<Packet> next();
 
   [[nodiscard]] Timestamp epoch() const { return epoch_; }
@@ -84,23 +92,31 @@ class RecordedDrive {
   /// one place, as at bridges, the ground lies between them.
   [[nodiscard]] double off_ground(double limit) const;
 
+  [[nodiscard]] double length() const { return length_; }  ///< of this drive, metres
   [[nodiscard]] const PoseSpline& motion() const { return motion_; }
   [[nodiscard]] const DrivenPath& path() const { return path_; }
   [[nodiscard]] const RayCaster& caster() const { return caster_; }
   [[nodiscard]] const SpinningLidar& lidar() const { return lidar_; }
   [[nodiscard]] const std::vector<ImuSample>& imu() const { return imu_; }
+  [[nodiscard]] const std::vector<GnssReading>& gnss() const { return gnss_; }
   [[nodiscard]] const RecordedDriveOptions& options() const { return options_; }
 
  private:
+  RecordedDrive(const Trajectory& trajectory, std::vector<ImuSample> imu, const RecordedDriveOptions& options,
+                std::span<const Trajectory> others, const SE3d& T_map_trajectory);
+
   RecordedDriveOptions options_;
   Timestamp epoch_;
   PoseSpline motion_;
-  DrivenPath path_;
+  DrivenPath path_;  ///< of all drives
+  double length_;
   RayCaster caster_;
   SpinningLidar lidar_;
   std::vector<ImuSample> imu_;
+  std::vector<GnssReading> gnss_;
   Index scan_count_;
   std::size_t next_imu_ = 0;
+  std::size_t next_gnss_ = 0;
   Index next_scan_ = 0;
 };
 

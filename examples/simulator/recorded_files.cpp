@@ -109,7 +109,7 @@ SimulationReport write_recorded_drive(const RecordedDrive& drive, const Recorded
   SimulationReport report{.scans = drive.scan_count(),
                           .points = 0,
                           .duration = drive.motion().duration(),
-                          .length = drive.path().length(),
+                          .length = drive.length(),
                           .bytes = 0};
   if (with_scans) report.points = write_scans(folder, drive, run_chunks, progress);
   write_imu(folder.part("imu.csv"), drive, texts);
@@ -119,6 +119,8 @@ SimulationReport write_recorded_drive(const RecordedDrive& drive, const Recorded
   write_text(folder.part("simulation/source.txt"), texts.source + "\n");
   write_text(folder.part("simulation/options.json"), texts.options);
   write_tum(folder.part("simulation/trajectory.tum"), texts.trajectory);
+  for (std::size_t i = 0; i < texts.others.size(); ++i)
+    write_tum(folder.part("simulation/other" + std::to_string(i + 1) + ".tum"), texts.others[i]);
   write_text(folder.part("README.txt"), readme(drive, texts, report));
   report.bytes = folder.keep();
   return report;

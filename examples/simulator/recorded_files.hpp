@@ -14,14 +14,15 @@ struct RecordedTexts {
   std::string source;                 ///< one line: what is simulated, what is real, and from which files
   std::string options;                ///< of the simulation, written as it is
   std::vector<std::string> imu_rows;  ///< recorded rows `timestamp,gx,gy,gz,ax,ay,az`; the drive's samples if empty
-  Trajectory trajectory;              ///< what the drive was made from
+  Trajectory trajectory;              ///< what the drive was made from, ...
+  std::vector<Trajectory> others{};   ///< ... and its world
 };
 
 /// Writes a semi-real drive as a folder of clouds:
 /// `scans/<number>.pcd` (x y z intensity time: seconds since the scan's start, as measured, with the motion's skew),
 /// `times.txt` (of the scans' starts), `imu.csv`, `truth.tum` (T_map_body at every scan's end), `T_body_lidar.txt` (the
-/// nominal one, 3x4), `README.txt`; `simulation/` with `source.txt`, `options.json` and `trajectory.tum`, from which
-/// the scans can be made again.
+/// nominal one, 3x4), `README.txt`; `simulation/` with `source.txt`, `options.json`, `trajectory.tum` and, of other
+/// drives, `other1.tum` and so on, from which the scans can be made again.
 ///
 /// @param with_scans  whether clouds and times are written.
 /// @param directory  made if missing; must be empty.

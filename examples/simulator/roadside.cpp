@@ -88,8 +88,10 @@ class Roadside {
   /// Calls `make(sample, rng)` along the path, which says how far on the next place is; not where an earlier pass was.
   template <class Make>
   void walk(Rng rng, const Make& make) {
-    for (double along = rng.uniform(0.0, 4.0); along < path_.length();) {
+    for (double along = rng.uniform(0.0, 4.0); along < path_.last_along();) {
       const std::size_t i = sample_at(along);
+      const double here = path_.samples()[i].along;
+      if (here > along + 1.0) along = here;  // the next drive begins
       const bool again = path_.was_passed_before(i, building_line_);
       along += again ? 2.0 : make(path_.samples()[i], rng);
     }

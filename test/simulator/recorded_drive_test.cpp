@@ -116,6 +116,61 @@ TEST_SUITE("simulator/recorded_drive") {
     CHECK(drive.off_ground(1.5) < 3.0);                          // where it ends, above two earlier passes
   }
 
+  TEST_CASE("drives of one frame share a world, whichever is driven, and nothing stands in the way of any") {
+    const Trajectory first = figure_of_eight();
+    Trajectory second;  // from the crossing straight out of the first one's loops, an hour later
+    for (double t = 0.0; t <= 12.0; t += 0.1) {
+      second.times.push_back(Timestamp(seconds(3700.0 + t)));
+      second.poses.push_back(SE3d(SO3d::exp({0.0, 0.0, std::numbers::pi / 2}), {0.0, -30.0 + 10.0 * t, 1.5}));
+    }
+    const RecordedDrive here(first, {}, small_options(), std::array{second});
+    const RecordedDrive there(second, {}, small_options(), std::array{first});
+    check_clear(here);  // all passes of both
+    const World& world = here.caster().world();
+    const World& same = there.caster().world();
+    CHECK(world.ground.heights == same.ground.heights);
+    REQUIRE(world.boxes.size() == same.boxes.size());
+    for (std::size_t i = 0; i < world.boxes.size(); ++i) CHECK(world.boxes[i].center == same.boxes[i].center);
+    CHECK(here.path().length() == doctest::Approx(here.length() + there.length()).epsilon(1e-3));
+    CHECK(there.length() == doctest::Approx(120.0).epsilon(0.02));
+    // Both are in the frame of the one that began first: where the two meet in the trajectories, they do in the truth.
+    const SE3d T_first = here.motion().pose(0.0) * first.poses.front().inverse();
+    const SE3d T_second = there.motion().pose(0.0) * second.poses.front().inverse();
+    CHECK((T_first.translation() - T_second.translation()).norm() < 0.05);
+    CHECK((T_first.rotation().inverse() * T_second.rotation()).log().norm() < 0.01);
+    // Alone it has another world.
+    CHECK(RecordedDrive(second, {}, small_options()).caster().world().boxes.size() != world.boxes.size());
+  }
+
+  TEST_CASE("fixes of a simulated receiver come in order, and are as far off as a receiver's are") {
+    RecordedDriveOptions options = small_options();
+    options.lidar.firings_per_revolution = 12;
+    options.gnss.emplace().antenna_body.setZero();
+    RecordedDrive drive(figure_of_eight(), {}, options);
+    Timestamp last{};
+    std::size_t fixes = 0;
+    double worst = 0.0, best = 1e9;
+    while (const auto packet = drive.next()) {
+      if (const auto* fix = std::get_if<GnssFix>(&*packet)) {
+        CHECK(fix->time >= last);
+        last = fix->time;
+        ++fixes;
+        const SE3d truth = drive.motion().pose(to_seconds(fix->time - drive.epoch()));
+        const double off = (fix->position_ecef - map_to_ecef(truth.translation())).norm();
+        worst = std::max(worst, off);
+        best = std::min(best, off);
+      } else if (const auto* scan = std::get_if<LidarScan>(&*packet)) {
+        CHECK(scan->end >= last);
+        last = scan->end;
+      }
+    }
+    CHECK(fixes > 60);  // two a second for 52 s, less the outages
+    CHECK(fixes < 105);
+    CHECK(worst < 40.0);
+    CHECK(worst > 1.0);
+    CHECK(best < 6.0);
+  }
+
   TEST_CASE("rays meet what brute force meets, also where scans are taken") {
     const RecordedDrive drive(figure_of_eight(), {}, small_options());
     const test::BruteForce exact(drive.caster().world(), 0.0);
