@@ -246,10 +246,9 @@ TEST_SUITE("simulator/error_sources") {
 
   TEST_CASE("stamps of scans drift and jitter by what is said") {
     World world;
-    add_box(world, {}, {1000.0, -500.0, -500.0}, {1001.0, 500.0, 500.0}, Material::metal);
+    add_box(world, {}, {100.0, -500.0, -500.0}, {101.0, 500.0, 500.0}, Material::metal);
     const RayCaster caster(std::move(world));
     LidarOptions options = ideal_lidar();
-    options.max_range = 2000.0;
     const auto first_x = [&](const LidarOptions& with, Index index) {
       const Revolution turn = SpinningLidar(with, Rng(1)).turn(caster, Straight(), index);
       // The middle firing looks ahead.
@@ -258,19 +257,18 @@ TEST_SUITE("simulator/error_sources") {
       return -1.0;
     };
     options.clock_drift = 1e-3;
-    LidarOptions exact = ideal_lidar();
-    exact.max_range = 2000.0;
-    REQUIRE(first_x(exact, 500) > 0.0);
-    // 50 s at 1e-3 make 50 ms: half a metre nearer.
-    CHECK(first_x(exact, 500) - first_x(options, 500) == doctest::Approx(0.5).epsilon(0.01));
+    const LidarOptions exact = ideal_lidar();
+    REQUIRE(first_x(exact, 50) > 0.0);
+    // 5 s at 1e-3 make 5 ms: 5 cm nearer.
+    CHECK(first_x(exact, 50) - first_x(options, 50) == doctest::Approx(0.05).epsilon(0.01));
     options.clock_drift = 0.0;
     options.clock_jitter = 0.01;
     double squares = 0.0;
-    for (Index index = 0; index < 200; ++index) {
+    for (Index index = 0; index < 70; ++index) {
       const double error = (first_x(exact, index) - first_x(options, index)) / 10.0;
-      squares += error * error / 200.0;
+      squares += error * error / 70.0;
     }
-    CHECK(std::sqrt(squares) == doctest::Approx(0.01).epsilon(0.15));
+    CHECK(std::sqrt(squares) == doctest::Approx(0.01).epsilon(0.25));
   }
 
   TEST_CASE("an inertial unit warms up, is shaken while it moves, and its clock jitters") {
@@ -325,11 +323,12 @@ TEST_SUITE("simulator/error_sources") {
       return caster.cast({origin.cast<float>(), direction.cast<float>(), 38.0F});
     };
     for (const double side : {-1.0, 1.0}) {
-      const auto railing = look(side, 1.05);
-      REQUIRE(railing);
-      CHECK(railing->material == Material::metal);
-      CHECK(railing->distance < options.streets.half_road + 1.0);
-      const auto above = look(side, 2.5);
+      bool railing = false;
+      for (double height = 0.3; height < 1.6; height += 0.03)
+        if (const auto hit = look(side, height); hit && hit->material == Material::metal)
+          railing = railing || hit->distance < options.streets.half_road + 1.0;
+      CHECK(railing);
+      const auto above = look(side, 3.5);
       if (above) CHECK(above->material != Material::wall);  // at most a tree of another street, or rising ground
     }
   }
