@@ -123,6 +123,10 @@ void add_usage(std::vector<ProgramMessage>& cases) {
   cases.push_back({"simulate town --trajectory @/a --out @/out", 2, "simulate: a preset or a trajectory is needed",
                    "both", "name a preset (town"});
   cases.push_back({"simulate tawn --out @/out", 2, "simulate: there is no such preset", "tawn", "take one of: town"});
+  cases.push_back({"simulate town --without rust --out @/out", 2, "simulate: an error source has no such name", "rust",
+                   "there are: laser-angles, "});
+  cases.push_back({"map simulate:nclt-like/small/1/errors=rust --out @/out", 2,
+                   "simulate: an error source has no such name", "rust", "there are: laser-angles, "});
   cases.push_back(
       {"simulate town --sessions 9 --out @/out", 2, "simulate: the preset has fewer sessions", "9", "take at most 1"});
 }
@@ -135,6 +139,8 @@ void add_recorded(std::vector<ProgramMessage>& cases) {
                      std::move(files)});
   };
   const std::string good = straight(60);
+  simulate("--also @/b.txt", 2, "b.txt: a trajectory without times", "rows of 12 numbers",
+           "give one of TUM's, EuRoC's or NCLT's format", {{"a.tum", good}, {"b.txt", kitti_rows(60)}});
   simulate("", 3, "a.tum, pose 3", "a time that is not later", "sort the poses by time",
            {{"a.tum", kitti_rows(30)}, {"t", ""}});
   cases.pop_back();  // times of KITTI's rows cannot go back, and TUM's reader says so by line
