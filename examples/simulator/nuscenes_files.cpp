@@ -169,8 +169,8 @@ void NuscenesFolder::begin_scene(std::size_t session, const TownDrive& drive) {
   write_imu();
 }
 
-Index NuscenesFolder::arriving(Index from, Index step) const {
-  while (from >= 0 && from < drive_->scan_count() && !drive_->lidar().arrives(from)) from += step;
+Index NuscenesFolder::arriving(Index from, Index direction) const {
+  while (from >= 0 && from < drive_->scan_count() && !drive_->lidar().arrives(from)) from += direction;
   return from;
 }
 

@@ -40,8 +40,8 @@ class NuscenesFolder {
   void write_imu();
   void write_file(const std::filesystem::path& name, std::span<const std::byte> bytes);
   [[nodiscard]] Timestamp sample_time(Index index) const { return drive_->scan_end(index); }
-  /// The next scan from here on, in steps of 1 or -1, that arrives; out of range if there is none.
-  [[nodiscard]] Index arriving(Index from, Index step) const;
+  /// The next scan from here on, forwards (1) or backwards (-1), that arrives; out of range if there is none.
+  [[nodiscard]] Index arriving(Index from, Index direction) const;
   void add_sample_data(Table kind, Index index, Index sample_index, Index count, Timestamp time, bool key,
                        const std::string& name);
 

@@ -172,6 +172,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
   }
 
   TEST_CASE("the preset of FAST-LIO2 walks as well, on its own map" * doctest::skip(quick())) {
+    CHECK(fast_lio2_options().motion.rest_share == 1);  // quiet readings are of rest, as in its code
     using Map = IkdTree<float, NearestToCenter>;
     LidarInertialOdometryOptions<Trivial, NearestToCenter> options = fast_lio2_options();
     options.T_body_lidar = strolling().T_body_lidar;

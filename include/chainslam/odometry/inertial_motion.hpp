@@ -246,7 +246,7 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   x.get<Inertial::rotation>() = gravity_aligned(start.up_body);
   // Quiet measurements are of rest or of a slow, steady turn, and do not tell which. At rest their mean is the bias; in
   // a turn it says nothing of it. The state is the mean of both.
-  const double rest = start.at_rest ? 0.5 : 0.0;
+  const double rest = start.at_rest ? options_.rest_share : 0.0;
   x.get<Inertial::gyro_bias>() = R3d(scaled(rest, start.gyro_bias));
   x.get<Inertial::lidar_position>() = R3d(T_body_lidar_.translation());
   x.get<Inertial::lidar_rotation>() = T_body_lidar_.rotation();

@@ -69,6 +69,7 @@ struct LidarInertialOdometryOptions {
   options.motion.lidar_rotation = 0;
   options.motion.start_speed = 5;
   options.motion.start_bend = 0;
+  options.motion.rest_share = 1;
   options.motion.imu.unseen_share = 0;
   options.motion.imu.max_step = std::numeric_limits<double>::infinity();
   options.scan_to_map = rules.scan_to_map;
