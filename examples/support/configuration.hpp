@@ -21,13 +21,13 @@
 
 namespace chainslam::support {
 
-/// A configuration that cannot be used. `what()` is three lines: file, line and column; what was found; what to do. What
-/// comes from outside is made printable, so that it cannot pass for another line.
+/// A configuration that cannot be used. `what()` is three lines: file, line and column; what was found; what to do.
+/// What comes from outside is made printable, so that it cannot pass for another line.
 class ConfigError : public std::runtime_error {
  public:
   ConfigError(const std::string& place, const std::string& problem, const std::string& found, const std::string& remedy)
-      : std::runtime_error((place.empty() ? "" : printable(place) + ": ") + printable(problem) + "\n  found: " +
-                           printable(found) + "\n  do: " + printable(remedy, true)) {}
+      : std::runtime_error((place.empty() ? "" : printable(place) + ": ") + printable(problem) +
+                           "\n  found: " + printable(found) + "\n  do: " + printable(remedy, true)) {}
   /// @param message  all three lines.
   explicit ConfigError(const std::string& message) : std::runtime_error(message) {}
 };

@@ -15,7 +15,7 @@ struct InertialMotionOptions {
   double start_speed = 20;   ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
   double rest_speed = 0.05;  ///< m/s, deviation where rest is assumed
   double start_gyro_bias = 1e-2;  ///< rad/s, deviation
-  double rest_share = 0.5;        ///< of starts with quiet readings, those at rest; the others are in a slow, steady turn
+  double rest_share = 0.5;  ///< of starts with quiet readings, those at rest; the others are in a slow, steady turn
   double start_accel_bias = 0.1;  ///< m/s^2, deviation
   double start_up = 0.15;    ///< radians, deviation of gravity's direction: steady acceleration is as quiet as rest
   double rest_up = 0.01;     ///< and where rest is assumed: what the accelerometer's bias makes of it
