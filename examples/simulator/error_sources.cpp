@@ -40,9 +40,9 @@ using Imu = InertialOptions;
 using Others = TrafficOptions;
 
 constexpr std::array<ErrorSource, 26> sources{{
-    {"laser-angles", "every laser points higher or lower than its data sheet says",
+    {"laser-angles", "lasers point higher or lower than their data sheet says, all together and each by itself",
      "KITTI's HDL-64E: 0.205 degrees as a whole (Deschaud 2018 found it, KISS-ICP corrects it by that)",
-     copy_members<&Preset::lidar, &Lidar::elevation_error_deg>},
+     copy_members<&Preset::lidar, &Lidar::elevation_offset_deg, &Lidar::elevation_error_deg>},
     {"laser-ranges", "every laser has a constant error of its own in range",
      "data sheets: accuracy of 2 cm (HDL-32E), 3 cm (VLS-128)", copy_members<&Preset::lidar, &Lidar::range_bias>},
     {"laser-warm-up", "both drift while the sensor warms up",

@@ -9,11 +9,12 @@ namespace {
 /// Where the sizes are from: see `error_sources`.
 void add_hard_errors(Preset& preset) {
   LidarOptions& lidar = preset.lidar;
-  lidar.elevation_error_deg = 0.2;
-  lidar.range_bias = 0.03;
+  lidar.elevation_offset_deg = 0.2;
+  lidar.elevation_error_deg = 0.05;
+  lidar.range_bias = 0.01;
   lidar.elevation_drift_deg = 0.02;
   lidar.range_drift = 0.02;
-  lidar.range_noise = 0.02;
+  lidar.range_noise = 0.015;
   lidar.lost_returns = 0.02;
   lidar.incidence_bias = 0.01;
   lidar.intensity_bias = 0.02;
@@ -22,9 +23,9 @@ void add_hard_errors(Preset& preset) {
   lidar.wind = 0.15;
   lidar.drops = 5e-4;
   lidar.dimming = 2e-3;
-  lidar.clock_offset = 0.005;
-  lidar.clock_drift = 1e-6;
-  lidar.clock_jitter = 0.002;
+  lidar.clock_offset = 0.015;
+  lidar.clock_drift = 2e-6;
+  lidar.clock_jitter = 0.008;
   lidar.lost_packets = 0.003;
   lidar.lost_scans = 0.003;
   lidar.mount_angle_deg = 0.5;

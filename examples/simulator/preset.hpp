@@ -61,9 +61,10 @@ enum class PresetSize { small, medium, large, full };
 /// and lawns, people, a corridor indoors where GNSS is lost; in winter bare trees and snow. Small: three blocks, about
 /// 100 s each; medium: 15 min; large: 5 km; full: 90 min over 400 x 800 m. "mars-like": five sessions of a car in a
 /// town of avenues, VLS-128 at 10 Hz and inertial unit at 10 Hz: a tunnel, traffic alongside and against it. Small: 900
-/// m, about 90 s each; medium and large: 6 km, 10 min; full: over 1500 x 3000 m, 2.4 h. "nclt-hard", "mars-hard": the
-/// same with errors and worlds as hard as real ones (see `error_sources`), sized so that FAST-LIO2 as published drifts
-/// as it does on NCLT and MARS. Small and full: as above; medium: 1.5 and 3 km a session; large: 5 and 6 km.
+/// m, about 90 s each; medium and large: 6 km, 10 min; full: over 1500 x 3000 m, 2.4 h.
+///
+/// "nclt-hard", "mars-hard": the same with harder errors and places (see `error_sources`; bench/README.md has how far
+/// FAST-LIO2 as published drifts in them). Small and full: as above; medium: 1.5 and 3 km a session; large: 5 and 6 km.
 ///
 /// All four have the errors of real sensors (see the options) and are told only nominal values. Their sessions start
 /// apart, in mixed directions, and share a half to four fifths of their streets with those before.

@@ -73,11 +73,12 @@ SpinningLidar::SpinningLidar(const LidarOptions& options, Rng unit, Index day)
     const double bias = either_way(unit, 0.5, 1.5) * options.range_bias;
     const double azimuth = turn_rate * to_seconds(laser_offset(laser)) + channel(laser).azimuth_deg * degree;
     const double elevation = nominal_elevation(laser);
+    const double actual = elevation + options.elevation_offset_deg * degree + error;
     lasers_.push_back({.nominal = unit_vector(azimuth, elevation),
-                       .actual = unit_vector(azimuth, elevation + error),
+                       .actual = unit_vector(azimuth, actual),
                        .range_bias = bias,
                        .azimuth = azimuth,
-                       .elevation = elevation + error,
+                       .elevation = actual,
                        .elevation_drift = either_way(warming, 0.2, 1.0) * options.elevation_drift_deg * degree,
                        .range_drift = either_way(warming, 0.5, 1.5) * options.range_drift});
   }

@@ -139,6 +139,25 @@ TEST_SUITE("simulator/error_sources") {
     CHECK(options_hash(changed) == options_hash(preset_at_hand));
   }
 
+  TEST_CASE("all lasers can be off by the same angle") {
+    // A floor 10 m below: a ray that really points half a degree higher reaches farther.
+    World world;
+    add_box(world, {}, {-90.0, -90.0, -11.0}, {90.0, 90.0, -10.0}, Material::metal);
+    const RayCaster caster(std::move(world));
+    LidarOptions options = ideal_lidar();
+    const Ranges exact = ranges_of(options, caster, 0);
+    options.elevation_offset_deg = 0.5;
+    int compared = 0;
+    for (const auto& [ray, range] : ranges_of(options, caster, 0)) {
+      const auto there = exact.find(ray);
+      if (there == exact.end()) continue;
+      const double angle = std::asin(10.0 / there->second);
+      CHECK(range == doctest::Approx(10.0 / std::sin(angle - 0.5 * std::numbers::pi / 180.0)).epsilon(1e-3));
+      ++compared;
+    }
+    CHECK(compared > 3000);
+  }
+
   TEST_CASE("lasers drift as the sensor warms up") {
     const RayCaster world(walls(Material::wall));
     LidarOptions options = ideal_lidar();
