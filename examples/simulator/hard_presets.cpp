@@ -82,10 +82,12 @@ Preset mars_hard(PresetSize size) {
   preset.summary =
       "a car in a town of avenues in five sessions over a year, with errors and places as hard as real ones";
   add_hard_errors(preset);
+  preset.lidar.clock_offset = 0.02;  // of a car that is not wired for it
+  preset.lidar.clock_jitter = 0.015;
   preset.traffic.companions = 9;
   preset.traffic.gap = 9.0;
   preset.traffic.on_both_sides = true;
-  preset.town.open_sides = 0.25;
+  preset.town.open_sides = 0.4;
   preset.town.alike = 0.4;
   auto& passages = preset.town.passages;
   switch (size) {
@@ -94,7 +96,9 @@ Preset mars_hard(PresetSize size) {
       break;
     case PresetSize::medium:
       preset.sessions = walks(6, 5, 20);
-      passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({4, 2}, {5, 2})});
+      passages.insert(passages.end(),
+                      {open_stretch({0, 1}, {0, 2}), open_stretch({4, 2}, {5, 2}), open_stretch({1, 0}, {2, 0}),
+                       open_stretch({3, 3}, {3, 4}), open_stretch({2, 1}, {3, 1}), open_stretch({4, 0}, {4, 1})});
       break;
     case PresetSize::large:
       passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({4, 2}, {5, 2}),
