@@ -97,6 +97,14 @@ void add_odometry(CLI::App& program, int& exit_code) {
 }
 
 /// What `simulate` takes for a recorded trajectory.
+/// A list as lines of about 100 characters.
+std::string in_lines(std::string list) {
+  constexpr std::size_t width = 100;
+  for (std::size_t at = list.find(", ", width); at != std::string::npos; at = list.find(", ", at + width))
+    list[at + 1] = '\n';
+  return list;
+}
+
 void add_recorded(CLI::App& verb, SimulateArguments& arguments) {
   const std::string group = "Along a recorded trajectory";
   verb.add_option("--trajectory", arguments.trajectory,
@@ -187,8 +195,8 @@ void add_simulate(CLI::App& program, int& exit_code) {
       ->check(CLI::Range(1, 1000))
       ->option_text("N");
   verb->add_option("--errors", arguments->errors,
-                   "keep only these of the preset's error sources, separated by commas: all (default), or of " +
-                       simulator::error_source_names())
+                   "keep only these of the preset's error sources, separated by commas: all (default), or of\n" +
+                       in_lines(simulator::error_source_names()))
       ->option_text("NAMES");
   verb->add_option("--without", arguments->without, "leave these error sources out, separated by commas")
       ->option_text("NAMES");
