@@ -54,9 +54,9 @@ std::string against(const ImuCalibration& calibration) {
                                      : "against the LiDAR's (no T_body_lidar is given)";
 }
 
-/// By the data; as applied, should those no longer exclude what was given.
+/// By all of the data; as applied, should they not show it.
 SO3d R_body_imu(const ImuCalibration& calibration) {
-  if (!calibration.found.contradicted) return calibration.applied.R_body_imu;
+  if (!calibration.found.contradicted && !calibration.found.rotation_known) return calibration.applied.R_body_imu;
   return calibration.T_body_lidar.rotation() * calibration.found.R_body_lidar.inverse();
 }
 
@@ -65,6 +65,15 @@ std::string axes_finding(const ImuCalibration& calibration) {
   return text_of("the IMU's axes are turned by %.1f deg (+- %.1f) about (%.2f %.2f %.2f) ", turn.norm() * degrees,
                  degrees * rotation_deviation(calibration.found), axis.x(), axis.y(), axis.z()) +
          against(calibration);
+}
+
+/// A correction that later data do not bear out.
+std::string axes_withdrawn(const ImuCalibration& calibration) {
+  return text_of("the IMU's axes were taken to be turned by %.1f deg",
+                 degrees * calibration.applied.R_body_imu.log().norm()) +
+         corrected(calibration.axes_corrected) +
+         text_of("by all of the data T_body_lidar is right to %.1f deg (+- %.1f)",
+                 degrees * R_body_imu(calibration).log().norm(), degrees * rotation_deviation(calibration.found));
 }
 
 std::string axes_setting(const ImuCalibration& calibration) {
@@ -122,7 +131,10 @@ std::vector<std::string> calibration_notes(const ImuCalibration& calibration) {
   std::vector<std::string> notes;
   if (std::abs(calibration.applied.time_offset) >= large_offset)
     notes.push_back(clock_finding(calibration) + corrected(calibration.clock_corrected) + clock_setting(calibration));
-  if (calibration.applied.R_body_imu.log().norm() >= large_angle)
+  const bool was_corrected = calibration.applied.R_body_imu.log().norm() >= large_angle;
+  if (was_corrected && R_body_imu(calibration).log().norm() < large_angle)
+    notes.push_back(axes_withdrawn(calibration));
+  else if (was_corrected)
     notes.push_back(axes_finding(calibration) + corrected(calibration.axes_corrected) + axes_setting(calibration));
   else if (calibration.found.contradicted)
     notes.push_back(unclear_axes(calibration));

@@ -91,6 +91,17 @@ TEST_SUITE("support/imu_calibration") {
     CHECK(tells(calibration_notes(calibration)[0], "(no T_body_lidar is given)"));
   }
 
+  TEST_CASE("a correction of the axes that later data do not bear out names no setting") {
+    ImuCalibration calibration = agreeing();
+    calibration.follow({.time_offset = 0, .R_body_imu = SO3d::exp({0, 0, 3.5 * degree})}, 27.5);
+    const std::vector<std::string> notes = calibration_notes(calibration);
+    REQUIRE(notes.size() == 1);
+    CHECK(tells(notes[0],
+                "taken to be turned by 3.5 deg: corrected from 27.5 s on; by all of the data T_body_lidar is "
+                "right to 0.0 deg (+- 0.3)"));
+    CHECK_FALSE(tells(notes[0], "set dataset.T_body_lidar"));
+  }
+
   TEST_CASE("a contradiction that the motion does not fully show is told, but not corrected") {
     ImuCalibration calibration = agreeing();
     calibration.found.contradicted = true;
