@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -16,7 +15,6 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/io/atomic_file.hpp"
 #include "datasets/dataset.hpp"
 #include "odometry/drive_table.hpp"
 #include "odometry/random_starts.hpp"
@@ -24,6 +22,7 @@
 #include "support/real_data.hpp"
 #include "support/real_drives.hpp"
 #include "support/semi_real_drives.hpp"
+#include "table_file.hpp"
 
 namespace chainslam::bench {
 namespace {
@@ -186,14 +185,5 @@ int main(int count, char** words) {
   app.add_option("--seed", options.seed, "of these times");
   app.add_option("datasets", options.datasets, "data sets with their truth");
   CLI11_PARSE(app, count, words);
-  try {
-    const std::string text = bench::tables(options);
-    AtomicFile file(options.out);
-    file.write(text);
-    file.commit();
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "bench_drives: %s\n", error.what());
-    return 3;
-  }
-  return 0;
+  return bench::write_table("bench_drives", options.out, [&] { return bench::tables(options); });
 }

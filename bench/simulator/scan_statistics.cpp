@@ -7,21 +7,24 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
+#include <numbers>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
-#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "datasets/dataset.hpp"
 #include "simulator/preset.hpp"
 #include "simulator/town_drive.hpp"
 #include "support/semi_real_drives.hpp"
+#include "table_file.hpp"
 
 namespace chainslam::bench {
 namespace {
@@ -256,14 +259,5 @@ int main(int count, char** words) {
                  "semi-real:07, or PRESET/SIZE/SESSION of the simulator")
       ->required();
   CLI11_PARSE(app, count, words);
-  try {
-    const std::string text = bench::table(series, scans);
-    AtomicFile file(out);
-    file.write(text);
-    file.commit();
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "bench_scan_statistics: %s\n", error.what());
-    return 3;
-  }
-  return 0;
+  return bench::write_table("bench_scan_statistics", out, [&] { return bench::table(series, scans); });
 }

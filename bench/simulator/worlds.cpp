@@ -3,21 +3,23 @@
 
 #include <CLI/CLI.hpp>
 #include <array>
+#include <cstdint>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/io/atomic_file.hpp"
 #include "odometry/outcome.hpp"
 #include "simulator/error_sources.hpp"
 #include "simulator/preset_description.hpp"
 #include "simulator/town_drive.hpp"
+#include "table_file.hpp"
 
 namespace chainslam::bench {
 namespace {
@@ -180,14 +182,5 @@ int main(int count, char** words) {
   app.add_flag("--by-source", options.by_source, "a row for each error source: alone, and all without it");
   app.add_option("--threads", options.threads, "sessions at a time (default 2)")->check(CLI::Range(1, 1024));
   CLI11_PARSE(app, count, words);
-  try {
-    const std::string text = bench::tables(options);
-    AtomicFile file(options.out);
-    file.write(text);
-    file.commit();
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "bench_worlds: %s\n", error.what());
-    return 3;
-  }
-  return 0;
+  return bench::write_table("bench_worlds", options.out, [&] { return bench::tables(options); });
 }
