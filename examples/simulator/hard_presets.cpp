@@ -49,7 +49,7 @@ Passage open_stretch(Crossing from, Crossing to) {
 Preset nclt_hard(PresetSize size) {
   Preset preset = nclt_like(size);
   preset.name = "nclt-hard";
-  preset.summary = "a segway on a campus in five sessions over a year, with errors and places as hard as real ones";
+  preset.summary = "a segway on a campus in five sessions over a year, with harder errors and places";
   add_hard_errors(preset);
   preset.drive.sway_angle = 0.03;
   preset.drive.vibration_angle = 4e-3;
@@ -79,8 +79,7 @@ Preset nclt_hard(PresetSize size) {
 Preset mars_hard(PresetSize size) {
   Preset preset = mars_like(size);
   preset.name = "mars-hard";
-  preset.summary =
-      "a car in a town of avenues in five sessions over a year, with errors and places as hard as real ones";
+  preset.summary = "a car in a town of avenues in five sessions over a year, with harder errors and places";
   add_hard_errors(preset);
   preset.lidar.clock_offset = 0.02;  // of a car that is not wired for it
   preset.lidar.clock_jitter = 0.015;
