@@ -2,8 +2,6 @@
 
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -15,6 +13,7 @@
 #include "map_file.hpp"
 #include "map_inspect.hpp"
 #include "options.hpp"
+#include "summary_file.hpp"
 #include "support/interrupt.hpp"
 #include "verbs.hpp"
 
@@ -27,33 +26,10 @@ namespace fs = std::filesystem;
 /// Whether a folder holds the results of a run of `chainslam map`.
 bool is_map(const fs::path& path) { return fs::is_regular_file(path / "summary.json"); }
 
-/// The figures of a summary as facts, levels joined by dots.
-void add_figures(const nlohmann::ordered_json& json, const std::string& prefix, datasets::Inspection& result) {
-  for (const auto& [key, value] : json.items()) {
-    const std::string name = prefix.empty() ? key : prefix + '.' + key;
-    if (value.is_object())
-      add_figures(value, name, result);
-    else
-      result.facts.emplace_back(name, value.is_string() ? value.get<std::string>() : value.dump());
-  }
-}
-
 /// What the files of a map say, one after the other.
 datasets::Inspection inspect_map(const fs::path& path) {
-  datasets::Inspection result{.kind = "map made by chainslam", .facts = {}, .warnings = {}};
-  constexpr int deepest = 16;  // more levels than summaries have; what takes them one by one has a stack that ends
-  std::ifstream file(path / "summary.json");
-  const auto shallow = [&](int depth, auto /*event*/, auto& /*parsed*/) {
-    if (depth > deepest)
-      throw_input_error((path / "summary.json").string(), "", "more than " + std::to_string(deepest) + " levels",
-                        "the file was changed: make the map again");
-    return true;
-  };
-  const auto summary = nlohmann::ordered_json::parse(file, shallow, false);
-  if (summary.is_discarded())
-    throw_input_error((path / "summary.json").string(), "", "no JSON text",
-                      "the file was cut short or changed: make the map again");
-  add_figures(summary, "", result);
+  datasets::Inspection result{
+      .kind = "map made by chainslam", .facts = read_summary(path / "summary.json"), .warnings = {}};
   for (const char* name : {"trajectory.tum", "odometry.tum", "graph.g2o", "map.ply"}) {
     if (!fs::is_regular_file(path / name)) {
       result.warnings.push_back(std::string(name) + " is missing");

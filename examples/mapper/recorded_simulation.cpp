@@ -1,10 +1,6 @@
 #include "recorded_simulation.hpp"
 
-#include <array>
-#include <cmath>
 #include <cstdio>
-#include <fstream>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -13,6 +9,7 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/tum.hpp"
 #include "datasets/files.hpp"
+#include "drive_choice.hpp"
 #include "recorded_input.hpp"
 #include "simulator/recorded_drive.hpp"
 #include "support/configuration.hpp"
@@ -23,72 +20,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The options that a drive can be made again from.
-struct DriveChoice {
-  std::string lidar;
-  int columns;
-  double lidar_height;
-  std::uint64_t seed;
-  bool recorded_imu;
-  std::size_t others;  ///< drives through the same world
-  bool gnss;
-  SE3d T_body_lidar;
-};
-
-std::string text_of(const DriveChoice& choice) {
-  const SE3d& T = choice.T_body_lidar;
-  const auto& q = T.rotation().quaternion();
-  const std::array<double, 7> pose{
-      T.translation().x(), T.translation().y(), T.translation().z(), q.x(), q.y(), q.z(), q.w()};
-  return nlohmann::json{{"lidar", choice.lidar},
-                        {"columns", choice.columns},
-                        {"lidar_height", choice.lidar_height},
-                        {"seed", choice.seed},
-                        {"recorded_imu", choice.recorded_imu},
-                        {"T_body_lidar", pose},
-                        {"others", choice.others},
-                        {"gnss", choice.gnss}}
-             .dump(2) +
-         "\n";
-}
-
 /// Where another drive through the same world is kept.
 fs::path other_file(const fs::path& folder, std::size_t i) {
   return folder / "simulation" / ("other" + std::to_string(i + 1) + ".tum");
-}
-
-/// A number that the command line would have taken.
-double number_within(const nlohmann::json& json, const char* key, double least, double most) {
-  const double value = json.at(key).get<double>();
-  if (!(value >= least && value <= most)) throw std::out_of_range(std::string(key) + " = " + std::to_string(value));
-  return value;
-}
-
-DriveChoice choice_of(const nlohmann::json& json) {
-  const auto pose = json.at("T_body_lidar").get<std::array<double, 7>>();
-  const Eigen::Quaterniond q(pose[6], pose[3], pose[4], pose[5]);
-  const Eigen::Vector3d t(pose[0], pose[1], pose[2]);
-  if (!(std::abs(q.norm() - 1) < 1e-3 && t.norm() < 100)) throw std::out_of_range("T_body_lidar is no pose");
-  return {.lidar = json.at("lidar"),
-          .columns = static_cast<int>(number_within(json, "columns", 36, 8192)),
-          .lidar_height = number_within(json, "lidar_height", 0.2, 10.0),
-          .seed = json.at("seed"),
-          .recorded_imu = json.at("recorded_imu"),
-          .others = static_cast<std::size_t>(json.contains("others") ? number_within(json, "others", 0, 1000) : 0),
-          .gnss = json.value("gnss", false),
-          .T_body_lidar = SE3d(SO3d::from_quaternion(q.normalized()), t)};
-}
-
-/// @throws IoError if it is not what `text_of` writes.
-DriveChoice read_choice(const fs::path& path) {
-  try {
-    std::ifstream file(path);
-    return choice_of(nlohmann::json::parse(file));
-  } catch (const std::out_of_range& error) {
-    throw_input_error(path.string(), "", error.what(), "simulate the drive again");
-  } catch (const nlohmann::json::exception& error) {
-    throw_input_error(path.string(), "", error.what(), "simulate the drive again");
-  }
 }
 
 simulator::RecordedDriveOptions options_of(const DriveChoice& choice) {

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # usage: test/fuzz/run.sh FUZZERS TESTS SECONDS [NAME...]
 # Runs the fuzzers in the folder FUZZERS, or those of these names, for so many seconds each: from the files that the tests
-# in the folder TESTS write, and from test/fuzz/corpus. Prints each one's executions per second of processor time, which
-# other programs' work does not change, and how much of our code that it entered it covers. Input that finds a fault is left
-# in FUZZERS.
+# in the folder TESTS write, and from test/fuzz/corpus. CHAINSLAM_FUZZ_EXECUTIONS ends each after so many inputs, if that is
+# sooner. Prints each one's executions per second of processor time, which other programs' work does not change, and how much
+# of our code that it entered it covers. Input that finds a fault is left in FUZZERS.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 cd "$1"
@@ -28,7 +28,8 @@ summary() {
   edges="$("./fuzz_$name" -runs=0 -max_len=65536 -print_coverage=1 "$@" 2>&1 |
     awk '/^COVERED_FUNC:.* chainslam::/ { split($5, part, "/"); covered += part[1]; all += part[2]; ++functions }
          END { if (all > 0) printf "%.0f %% of %d edges in %d functions", 100 * covered / all, all, functions }')"
-  printf '%-22s %6s executions/s in %s s of processor time, covers %s\n' "$name" "$rate" "$seconds" "$edges"
+  printf '%-22s %6s executions/s in %s s of processor time, %s in all, covers %s\n' \
+    "$name" "$rate" "$seconds" "${units:-0}" "$edges"
   if [ "${rate:-0}" -lt 1000 ]; then echo "             slow: fewer than 1000 executions/s"; fi
 }
 
@@ -53,8 +54,9 @@ for program in ./fuzz_*; do
   folders=("corpus_$name" "$seeds" "$more")
   if [ -d "$here/corpus/$name" ]; then folders+=("$here/corpus/$name"); fi
   TIMEFORMAT='%U %S'
-  { time "$program" -max_total_time="$seconds" -rss_limit_mb=1500 -malloc_limit_mb=512 -timeout=10 -max_len="$longest" \
-    -artifact_prefix="found_${name}_" -print_final_stats=1 -verbosity=0 "${folders[@]}" >"log_$name" 2>&1; } \
+  { time "$program" -max_total_time="$seconds" -runs="${CHAINSLAM_FUZZ_EXECUTIONS:--1}" -max_len="$longest" \
+    -rss_limit_mb=1500 -malloc_limit_mb=512 -timeout=10 -artifact_prefix="found_${name}_" \
+    -print_final_stats=1 -verbosity=0 "${folders[@]}" >"log_$name" 2>&1; } \
     2>"log_$name.times" || { tail -n 60 "log_$name"; exit 1; }
   summary "$name" "log_$name" "${folders[@]}"
 done

@@ -195,6 +195,8 @@ void add_recorded(std::vector<ProgramMessage>& cases) {
   again("{}", good, "options.json", "T_body_lidar", "simulate the drive again");
   again(options_json("1024", "2000000000"), good, "options.json", "columns = 2000000000", "simulate the drive again");
   again(options_json("1.73", "-1e99"), good, "options.json", "lidar_height = ", "simulate the drive again");
+  again(options_json("\"seed\": 1", "\"seed\": -1"), good, "options.json", "seed = -1", "simulate the drive again");
+  again(options_json("HDL-64E", "HDL-65E"), good, "options.json", "lidar = HDL-65E", "simulate the drive again");
   again(options_json("0, 1]", "0, 0]"), good, "options.json", "T_body_lidar is no pose", "simulate the drive again");
   again(options_json(), straight(3), "trajectory.tum", "3 poses", "give a trajectory of at least 10 poses");
 }
