@@ -249,7 +249,8 @@ void add_recover(CLI::App& program, int& exit_code) {
       "progress line had shown is there, but for the last second of data, and loops are closed again with the run's "
       "own\n"
       "configuration: the map is the one that the run would have made of these data. That takes the time that closing\n"
-      "loops took; with --no-replay it takes what the run had closed so far, at once.\n"
+      "loops took; with --no-replay it takes what the run had closed so far, at once. Of a run that another version of\n"
+      "chainslam began, settings that this one does not have are named and left out.\n"
       "Of a map file, takes all up to the last commit that can be read; scans that are damaged are left out, their\n"
       "keyframes stay. Keyframes after the last optimised poses are placed by odometry.\n"
       "MAP is only read; NEW is read again to check it.");

@@ -8,6 +8,7 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/printable.hpp"
 #include "chainslam/io/map_archive.hpp"
+#include "console.hpp"
 #include "end_on_interrupt.hpp"
 #include "exit_code.hpp"
 #include "map_file.hpp"
@@ -64,6 +65,7 @@ int run(const RecoverArguments& arguments) {
   const std::optional<RepeatedRun> repeated = repeat(unfinished, arguments);
   if (!repeated) return recover_file(unfinished.map, arguments);
   check_copy(arguments.out, *repeated->map);
+  print_notes("note:", repeated->notes);
   std::printf("recovered    %s\nsaved        %s\nwritten      %s\n", repeated->account.c_str(),
               short_account(*repeated->map).c_str(), printable(arguments.out.native()).c_str());
   return exit_good;

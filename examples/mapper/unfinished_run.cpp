@@ -1,6 +1,7 @@
 #include "unfinished_run.hpp"
 
-#include <cstdio>
+#include <algorithm>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -40,12 +41,45 @@ std::vector<SlamMap> loaded_maps(const JournaledInput& recorded, const fs::path&
   return maps;
 }
 
-MapperOptions options_of(const JournaledInput& recorded, const fs::path& inputs) {
+/// A run's settings, as far as this version of the program has them.
+struct RunSettings {
   MapperOptions options;
-  support::Configuration configuration = make_configuration(options);
-  configuration.load_text(recorded.parameters, inputs.string() + ", parameters");
-  configuration.apply();
-  return options;
+  std::string text;                ///< as a file; the run's own where this version has all of them
+  std::vector<std::string> notes;  ///< what this version does not have, and what it has beside
+};
+
+/// The first of them, and how many more there are.
+std::string some_of(const std::vector<std::string>& names) {
+  constexpr std::size_t most = 20;
+  std::string text;
+  for (std::size_t i = 0; i < std::min(most, names.size()); ++i) text += (i == 0 ? "" : ", ") + names[i];
+  return text + (names.size() > most ? " and " + std::to_string(names.size() - most) + " more" : "");
+}
+
+RunSettings settings_of(const JournaledInput& recorded, const fs::path& inputs) {
+  RunSettings settings{.options = {}, .text = recorded.parameters, .notes = {}};
+  support::Configuration configuration = make_configuration(settings.options);
+  std::vector<std::string> left_out;
+  try {
+    left_out = configuration.load_foreign_text(recorded.parameters, "parameters");
+    configuration.apply();
+  } catch (const support::ConfigError& error) {
+    const std::string problem = error.what();
+    throw_input_error(inputs.string(), "",
+                      "a configuration that this version cannot use: " + problem.substr(0, problem.find('\n')),
+                      "recover with the version of chainslam that began the run, or pass --no-replay: that takes what "
+                      "the run had closed so far");
+  }
+  const std::vector<std::string> defaults = configuration.unassigned();
+  if (left_out.empty() && defaults.empty()) return settings;
+  settings.text = configuration_text(settings.options);
+  settings.notes.emplace_back("another version of chainslam began this run: its own map may have differed");
+  if (!left_out.empty())
+    settings.notes.push_back("settings left out, which this version does not have: " + some_of(left_out));
+  if (!defaults.empty())
+    settings.notes.push_back("settings of this version that the run does not state, at their defaults: " +
+                             some_of(defaults));
+  return settings;
 }
 
 Index keyframes_in(const fs::path& map) {
@@ -78,16 +112,17 @@ std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArgumen
   for (const SlamMap& map : loaded) known += to_index(map.keyframes.size());
   if (keyframes_in(run.map) > known) return std::nullopt;
 
-  const MapperOptions options = options_of(recorded, run.inputs);
+  RunSettings settings = settings_of(recorded, run.inputs);
   support::Progress progress;
   support::StageTimes times;
-  MapJournal journal(arguments.out, {.overwrite = arguments.overwrite, .parameters = recorded.parameters});
-  const MappingRun again{.options = options,
+  MapJournal journal(arguments.out, {.overwrite = arguments.overwrite, .parameters = settings.text});
+  const MappingRun again{.options = settings.options,
                          .threads = to_index(arguments.threads),
                          .progress = progress,
                          .times = times,
                          .journal = [&](const SlamMap& map) { journal.update(map); }};
   RepeatedRun repeated;
+  repeated.notes = std::move(settings.notes);
   repeated.account = std::to_string(recorded.keyframes) + " keyframes of the run" +
                      (recorded.problems.empty() ? ", all that it had shown" : "; " + recorded.problems.front());
   repeated.map = run_again(std::move(recorded.inputs), loaded, again);

@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "chainslam/map/slam_map.hpp"
 #include "verbs.hpp"
@@ -28,13 +29,14 @@ constexpr const char* inputs_name = "input.cslam";
 /// A run's work, done again into a new map file.
 struct RepeatedRun {
   std::shared_ptr<const SlamMap> map;
-  std::string account;  ///< what was read, a line for the user
+  std::string account;             ///< what was read, a line for the user
+  std::vector<std::string> notes;  ///< where the run's configuration is none of this version, what became of it
 };
 
-/// Does the back end's work of a run again and saves its map as `arguments.out`.
+/// Does the back end's work of a run again and saves its map as `arguments.out`. Of a run that another version of the
+/// program began, settings that this version does not have are left out, and those that it lacks have their defaults.
 /// @returns nothing if the inputs hold less than the run's map: it is then better to take that.
-/// @throws IoError if the inputs, or a map that the run had loaded, cannot be read, or the map cannot be written;
-/// ConfigError if the run's configuration is none of this version.
+/// @throws IoError if the inputs, or a map that the run had loaded, cannot be read, or the map cannot be written.
 [[nodiscard]] std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArguments& arguments);
 
 }  // namespace chainslam::mapper

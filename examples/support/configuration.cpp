@@ -216,6 +216,20 @@ std::string read_file(const std::filesystem::path& path) {
   return text;
 }
 
+/// @throws ConfigError if it is not TOML, or nested deeper than the parser bears.
+toml::table parsed(std::string_view text, const std::string& name) {
+  if (const auto line = too_deep_line(text))
+    throw ConfigError(name + ", line " + std::to_string(*line), "nested too deeply",
+                      "more than " + std::to_string(deepest_toml) + " levels",
+                      "write table.key = value; `chainslam config --print` shows a whole file");
+  try {
+    return toml::parse(text);
+  } catch (const toml::parse_error& error) {
+    throw ConfigError(place_text(name, error.source().begin), "not TOML", std::string(error.description()),
+                      "correct the line; `chainslam config --print` shows a whole file");
+  }
+}
+
 /// A TOML value as one of ours, or nothing if it is none (a date, a mixed array).
 std::optional<Configuration::Value> value_of(const toml::node& node) {
   if (const auto* flag = node.as_boolean()) return flag->get();
@@ -257,6 +271,12 @@ class Configuration::TomlReader {
     return std::move(assignments_);
   }
 
+  /// Passes over what the configuration does not take; `left_out` gets it, as "key = value".
+  std::vector<Assignment> read(const toml::table& table, std::vector<std::string>& left_out) {
+    left_out_ = &left_out;
+    return read(table);
+  }
+
  private:
   void read_table(const toml::table& table, const std::string& prefix) {
     for (auto&& [key, node] : table) {
@@ -266,15 +286,24 @@ class Configuration::TomlReader {
       try {
         read_node(name, node, position);
       } catch (const ConfigError& error) {
-        note(error, position);
+        if (left_out_ != nullptr)
+          leave_out(name, node);
+        else
+          note(error, position);
       }
     }
   }
 
+  void leave_out(const std::string& name, const toml::node& node) {
+    const std::optional<Value> value = value_of(node);
+    left_out_->push_back(name + " = " + (value ? shown(*value) : "(a value of another kind)"));
+  }
+
   void read_node(const std::string& name, const toml::node& node, const toml::source_position& position) {
     const Key* key = configuration_.find(name);
-    if (key == nullptr && node.is_table() && configuration_.is_table(name))
+    if (key == nullptr && node.is_table() && (configuration_.is_table(name) || left_out_ != nullptr))
       return read_table(*node.as_table(), name + ".");
+    if (key == nullptr && left_out_ != nullptr) return leave_out(name, node);
     if (key == nullptr && configuration_.is_table(name))
       throw ConfigError(place_text(file_, position), "'" + name + "' is a table, not a value", "a value",
                         "write [" + name + "] on a line of its own, its keys below");
@@ -306,6 +335,7 @@ class Configuration::TomlReader {
   std::optional<ConfigError> first_error_;
   toml::source_position first_position_{};
   std::size_t errors_ = 0;
+  std::vector<std::string>* left_out_ = nullptr;  ///< nothing may be left out if there is none
 };
 
 // ---- registration ----
@@ -344,17 +374,24 @@ void Configuration::add_rule(std::vector<std::string> keys, std::string demand, 
 void Configuration::load(const std::filesystem::path& file) { load_text(read_file(file), file.string()); }
 
 void Configuration::load_text(std::string_view text, const std::string& name) {
-  if (const auto line = too_deep_line(text))
-    throw ConfigError(name + ", line " + std::to_string(*line), "nested too deeply",
-                      "more than " + std::to_string(deepest_toml) + " levels",
-                      "write table.key = value; `chainslam config --print` shows a whole file");
-  try {
-    std::vector<Assignment> read = TomlReader(*this, name).read(toml::parse(text));
-    assignments_.insert(assignments_.end(), std::make_move_iterator(read.begin()), std::make_move_iterator(read.end()));
-  } catch (const toml::parse_error& error) {
-    throw ConfigError(place_text(name, error.source().begin), "not TOML", std::string(error.description()),
-                      "correct the line; `chainslam config --print` shows a whole file");
-  }
+  append(TomlReader(*this, name).read(parsed(text, name)));
+}
+
+std::vector<std::string> Configuration::load_foreign_text(std::string_view text, const std::string& name) {
+  std::vector<std::string> left_out;
+  append(TomlReader(*this, name).read(parsed(text, name), left_out));
+  return left_out;
+}
+
+void Configuration::append(std::vector<Assignment> read) {
+  assignments_.insert(assignments_.end(), std::make_move_iterator(read.begin()), std::make_move_iterator(read.end()));
+}
+
+std::vector<std::string> Configuration::unassigned() const {
+  std::vector<std::string> result;
+  for (std::size_t i = 0; i < keys_.size(); ++i)
+    if (std::ranges::find(assignments_, i, &Assignment::key) == assignments_.end()) result.push_back(keys_[i].name);
+  return result;
 }
 
 void Configuration::set(std::string_view assignment) {

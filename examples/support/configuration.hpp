@@ -117,6 +117,14 @@ class Configuration {
   /// As `load`, for text at hand; errors call it `name`.
   void load_text(std::string_view text, const std::string& name);
 
+  /// As `load_text`, for what another version of the program has printed.
+  /// @returns what is left out since no key takes it, as "key = value"; sorted by key.
+  /// @throws ConfigError if it is not TOML.
+  [[nodiscard]] std::vector<std::string> load_foreign_text(std::string_view text, const std::string& name);
+
+  /// Names of the keys that nothing that was read assigns, in the order of registration.
+  [[nodiscard]] std::vector<std::string> unassigned() const;
+
   /// One override as the command line states it: `key=value`; text needs no quotes there.
   /// @throws ConfigError as `load`.
   void set(std::string_view assignment);
@@ -155,6 +163,7 @@ class Configuration {
   };
   class TomlReader;
 
+  void append(std::vector<Assignment> read);
   [[nodiscard]] const Key* find(std::string_view name) const;
   [[nodiscard]] bool is_table(std::string_view name) const;
   [[nodiscard]] ConfigError unknown_key(const std::string& place, const std::string& name) const;

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/io/input_journal.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "io/maps.hpp"
 #include "program/faults.hpp"
@@ -281,6 +282,9 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
                    {{"taken/mine", "mine"}}});
   cases.push_back({"recover @/loaded.partial --out @/out", 3, "input.cslam.partial", "which is not there any more",
                    "put that map back, or pass --no-replay"});
+  cases.push_back({"recover @/foreign.partial --out @/out", 3, "input.cslam.partial",
+                   "a configuration that this version cannot use: parameters, line 1",
+                   "recover with the version of chainslam that began the run, or pass --no-replay"});
   cases.push_back({"export @/none --format tum --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back(
       {"export @/map.cslam --format las --out @/out", 2, "chainslam export", "las", "`chainslam export --help`"});
@@ -373,6 +377,13 @@ TEST_SUITE("program/messages") {
                                       " --out " + quoted(root / "loaded"),
                                   with_fault("sync:input.cslam:-1:2")));
     fs::remove(root / "earlier.cslam");
+    fs::create_directories(root / "foreign.partial");
+    {
+      InputJournal journal(root / "foreign.partial/input.cslam", "<settings/>\n");
+      journal.append(SessionStart{"one"});
+      journal.append(random_map(1, 1).keyframes.front());
+      journal.commit();
+    }
     const std::set<std::string> before = names_in(root);
     std::string all;
     const std::vector<ProgramMessage> cases = program_messages();

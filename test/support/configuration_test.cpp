@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
@@ -305,6 +306,35 @@ pair = [4, 5]
           "  found: odometry.min_range = 200.0, odometry.max_range = 100.0\n"
           "  do: change one of them; `chainslam config --explain odometry.min_range` gives the default");
     CHECK(complaint("[odometry]\nmin_range = 200\nmax_range = 300").empty());
+  }
+
+  TEST_CASE("of another version's file, what no key takes is left out and named; the rest holds") {
+    Options options;
+    Configuration configuration = bound_to(options);
+    const std::vector<std::string> left_out = configuration.load_foreign_text(
+        "preset = \"worst\"\nname = \"x\"\ndate = 2020-01-01\nicp = 3\n[odometry]\nvoxel_size = 0.25\n"
+        "max_range = -1\nmin_range = \"far\"\nvoxels = [1, 2]\n[old.part]\na = true\n[sensor]\npair = [1]\n",
+        "parameters");
+    CHECK(left_out == std::vector<std::string>{"date = (a value of another kind)", "icp = 3", "odometry.max_range = -1",
+                                               "odometry.min_range = \"far\"", "odometry.voxels = [1, 2]",
+                                               "old.part.a = true", "preset = \"worst\"", "sensor.pair = [1]"});
+    const std::vector<std::string> unassigned = configuration.unassigned();
+    CHECK(unassigned.size() == configuration.names().size() - 2);
+    for (const char* name : {"name", "odometry.voxel_size"})
+      CHECK(std::ranges::find(unassigned, name) == unassigned.end());
+    configuration.apply();
+    CHECK(options.voxel_size == 0.25);
+    CHECK(options.name == "x");
+    CHECK(options.max_range == Options().max_range);
+    CHECK(options.preset == Preset::best);
+    for (const char* text : {"<settings/>", "a = 1\na = 2\n"})
+      CHECK_THROWS_AS(static_cast<void>(configuration.load_foreign_text(text, "parameters")), ConfigError);
+
+    std::string strange;  // of many keys that are unknown no nearest name is sought
+    for (int i = 0; i < 30'000; ++i) strange += "odometry.voxel_sise" + std::to_string(i) + " = 1\n";
+    const auto begin = std::chrono::steady_clock::now();
+    CHECK(configuration.load_foreign_text(strange, "parameters").size() == 30'000);
+    CHECK(std::chrono::steady_clock::now() - begin < std::chrono::seconds(2));
   }
 
   TEST_CASE("overrides complain as files do") {
