@@ -93,6 +93,11 @@ void add_odometry(CLI::App& program, int& exit_code) {
   verb->add_option("--threads", arguments->threads, "default: all cores; changes the time, not the result")
       ->check(CLI::Range(1, 1024))
       ->option_text("N");
+  verb->add_option("--max-memory", arguments->max_memory,
+                   "end the run, record what came before and exit with 4 where it needs more, as in 6GB; default:\n"
+                   "half of the machine's memory")
+      ->transform(CLI::AsSizeValue(true).description(""))
+      ->option_text("SIZE");
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
@@ -249,7 +254,8 @@ void add_recover(CLI::App& program, int& exit_code) {
       "progress line had shown is there, but for the last second of data, and loops are closed again with the run's "
       "own\n"
       "configuration: the map is the one that the run would have made of these data. That takes the time that closing\n"
-      "loops took; with --no-replay it takes what the run had closed so far, at once. Of a run that another version of\n"
+      "loops took; with --no-replay it takes what the run had closed so far, at once. Of a run that another version "
+      "of\n"
       "chainslam began, settings that this one does not have are named and left out.\n"
       "Of a map file, takes all up to the last commit that can be read; scans that are damaged are left out, their\n"
       "keyframes stay. Keyframes after the last optimised poses are placed by odometry.\n"

@@ -31,6 +31,11 @@ void print_notes(const char* mark, const std::vector<std::string>& notes) {
   for (const std::string& note : notes) std::fprintf(stderr, "%s %s\n", mark, printable(note).c_str());
 }
 
+void print_memory_error(std::uint64_t max_memory, const std::string& remedy) {
+  std::fprintf(stderr, "error: memory\n  found: more than %.0f MB in use (--max-memory)\n  do: %s\n",
+               1e-6 * static_cast<double>(max_memory), printable(remedy, true).c_str());
+}
+
 void print_verdict(const support::Verdict& verdict, OdometrySourceKind source) {
   std::printf("verdict      %s\n", printable(verdict.headline).c_str());
   if (verdict.failed && !verdict.sentences.empty()) std::printf("  do: %s\n", remedy(source));

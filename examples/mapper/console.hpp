@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,10 @@ void print_verdict(const support::Verdict& verdict, OdometrySourceKind source);
 
 /// What of the IMU odometry relied on, and what the scans say of its clock and axes.
 void print_imu(const support::RunSummary& summary);
+
+/// That a run ended since it needed more memory than it may have, to the error stream.
+/// @param remedy  what to do.
+void print_memory_error(std::uint64_t max_memory, const std::string& remedy);
 
 /// Against the truth, if that is known.
 void print_errors(const RunOutcome& outcome);

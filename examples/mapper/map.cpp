@@ -114,13 +114,11 @@ bool has_empty_session(const MappingResult& mapping, const MapArguments& argumen
   throw without_use(mapping.sessions.front(), arguments.data.front());
 }
 
-std::string memory_text(std::uint64_t max_memory, bool at_once, const fs::path& out) {
-  char text[96];
-  std::snprintf(text, sizeof text, "memory\n  found: more than %.0f MB in use (--max-memory)\n  do: ",
-                1e-6 * static_cast<double>(max_memory));
-  if (at_once) return text + std::string("allow more, or load smaller maps: there was no room for a keyframe");
-  return text + ("the map of what came before is saved: go on with --load " + printable((out / map_name).native()) +
-                 " where there is more, or raise keyframes.distance or keyframes.voxel_size");
+/// What helps a run that needed more memory than it may have.
+std::string memory_remedy(bool at_once, const fs::path& out) {
+  if (at_once) return "allow more, or load smaller maps: there was no room for a keyframe";
+  return "the map of what came before is saved: go on with --load " + printable((out / map_name).native()) +
+         " where there is more, or raise keyframes.distance or keyframes.voxel_size";
 }
 
 /// Whatever ends mapping before its time, what the back end was given is kept, and the user learns how to get it.
@@ -190,7 +188,7 @@ int run(const MapArguments& arguments) {
   configure(options, arguments.config, arguments.overrides);
   const Datasets datasets = open_datasets(arguments, options);
   std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
-  const std::uint64_t max_memory = arguments.max_memory > 0 ? arguments.max_memory : machine_memory() / 2;
+  const std::uint64_t max_memory = memory_bound(arguments.max_memory);
   const SavedMaps saved = load_maps(arguments, max_memory);
   const support::Interrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
@@ -228,8 +226,7 @@ int run(const MapArguments& arguments) {
   print_notes("warning:", mapping.notes);
   if (mapping.failure) std::fprintf(stderr, "error: %s\n", printable(mapping.failure->what(), true).c_str());
   if (mapping.memory_full)
-    std::fprintf(stderr, "error: %s\n",
-                 printable(memory_text(max_memory, mapping.map->keyframes.empty(), folder.target()), true).c_str());
+    print_memory_error(max_memory, memory_remedy(mapping.map->keyframes.empty(), folder.target()));
   if (mapping.map->keyframes.empty()) {
     input.remove();
     journal.remove();

@@ -45,6 +45,8 @@ std::uint64_t machine_memory() {
   return bytes;
 }
 
+std::uint64_t memory_bound(std::uint64_t given) { return given > 0 ? given : machine_memory() / 2; }
+
 LoadedMap open_map(const fs::path& path, MapLoadOptions options) {
   if (options.max_memory == 0) options.max_memory = machine_memory() / 5 * 4;
   return load_map(path, options);

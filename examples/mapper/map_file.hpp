@@ -14,6 +14,9 @@ namespace chainslam::mapper {
 /// Bytes of the machine's memory, or of what its control group allows.
 [[nodiscard]] std::uint64_t machine_memory();
 
+/// Bytes that a run may take: those given, or half of `machine_memory` for 0.
+[[nodiscard]] std::uint64_t memory_bound(std::uint64_t given);
+
 /// `load_map`, unless the options say otherwise within four fifths of `machine_memory`. @throws IoError
 [[nodiscard]] LoadedMap open_map(const std::filesystem::path& path, MapLoadOptions options = {});
 

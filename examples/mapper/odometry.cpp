@@ -12,6 +12,7 @@
 #include "console.hpp"
 #include "datasets/odometry_recording.hpp"
 #include "exit_code.hpp"
+#include "map_file.hpp"
 #include "options.hpp"
 #include "output.hpp"
 #include "results.hpp"
@@ -66,7 +67,8 @@ class Recorder {
                              .frame = session,
                              .prior = {}});
     result.map = std::make_shared<const SlamMap>(std::move(map_));
-    result.interrupted = run_.stop.stop_requested();
+    result.memory_full = memory_is_full(run_);
+    result.interrupted = run_.stop.stop_requested() || result.memory_full;
     return result;
   }
 
@@ -116,6 +118,12 @@ datasets::RecordingInfo description(const datasets::DatasetInfo& dataset, const 
           .notes = session.notes};
 }
 
+/// What helps a run that needed more memory than it may have.
+std::string memory_remedy(bool at_once) {
+  return at_once ? "allow more: there was no room for a keyframe"
+                 : "what came before is recorded: map that, or allow more";
+}
+
 /// The goals that odometry alone can meet.
 Goals goals_of_odometry(const Goals& goals) {
   return {.max_lost_share = goals.max_lost_share, .max_map_restarts = goals.max_map_restarts};
@@ -159,6 +167,7 @@ int run(const OdometryArguments& arguments) {
                                .threads = to_index(arguments.threads),
                                .stop = interrupt.token(),
                                .max_scans = to_index(arguments.max_scans),
+                               .max_memory = memory_bound(arguments.max_memory),
                                .progress = progress,
                                .times = times};
   datasets::OdometryRecording recording(folder.path());
@@ -169,6 +178,9 @@ int run(const OdometryArguments& arguments) {
   for (const std::string& warning : dataset->info().warnings) session.notes.push_back(warning);
   const bool failed = session.failure.has_value();
   if (failed) std::fprintf(stderr, "error: %s\n", printable(session.failure->what(), true).c_str());
+  const bool memory_full = result.memory_full;
+  if (memory_full) print_memory_error(mapping_run.max_memory, memory_remedy(result.map->keyframes.empty()));
+  if (memory_full && result.map->keyframes.empty()) return exit_output;
   if (result.map->keyframes.empty() && !result.interrupted)
     throw_input_error(arguments.data.string(), "",
                       std::to_string(session.scans) + " scans, none of which could be used",
@@ -184,6 +196,7 @@ int run(const OdometryArguments& arguments) {
   options.goals = goals_of_odometry(options.goals);
   const RunOutcome outcome = conclude(std::move(result), arguments.data.string(), options);
   print_outcome(outcome, times, folder.target(), kept, options.odometry_source);
+  if (memory_full) return exit_output;
   if (failed) return exit_input;
   if (interrupted) return exit_interrupted;
   for (const support::GoalResult& goal : outcome.summary.goals)

@@ -39,6 +39,7 @@ struct OdometryArguments {
   bool overwrite = false;
   int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   int max_scans = 0;
+  std::uint64_t max_memory = 0;  ///< bytes; 0: half of the machine's
 };
 
 struct SimulateArguments {
