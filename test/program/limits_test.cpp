@@ -18,6 +18,13 @@ namespace {
 using namespace chainslam;
 using namespace chainslam::test;
 
+/// The memory in use that a run's last progress line states, MiB.
+double last_memory(const std::string& progress) {
+  const std::size_t end = progress.rfind(" MiB");
+  REQUIRE(end != std::string::npos);
+  return std::stod(progress.substr(progress.rfind(' ', end - 1)));
+}
+
 /// Waits until a run has acknowledged so many keyframes.
 void await_keyframes(const fs::path& left, Index count) {
   for (int i = 0; i < 2000; ++i) {
@@ -63,6 +70,39 @@ TEST_SUITE("program/limits") {
     CHECK(load.exit_code == 3);
     CHECK(contains(load.errors, "bytes of memory, where 2000000 are allowed"));
     CHECK(!fs::exists(scratch.path() / "no.partial"));
+  }
+
+  TEST_CASE("odometry that needs more memory than it may ends in order: what came before is recorded, exit code 4") {
+    const ScratchFolder scratch("limits_odometry");
+    const fs::path set = scratch.path() / "set";
+    const auto record = [&](const std::string& more) {
+      fs::remove_all(set);
+      return run_program(scratch.path(),
+                         "odometry simulate:mars-like/small/1 --set odometry.source=lidar "
+                         "--set odometry.voxel_size=0.05 --threads 1 --out " +
+                             quoted(set) + more);
+    };
+    const double one = last_memory(record(" --max-scans 1").errors),
+                 all = last_memory(record(" --max-scans 80").errors);
+    REQUIRE(all > one + 2);
+    const std::string bound = std::to_string(static_cast<int>(0.5 * (one + all) * 1048576)) + "B";
+    const ProgramResult full = record(" --max-scans 80 --max-memory " + bound);
+    CAPTURE(full.errors);
+    CHECK(full.exit_code == 4);
+    CHECK(three_lines(full.errors));
+    CHECK(contains(full.errors, " MB in use (--max-memory)\n  do: what came before is recorded"));
+    CHECK(contains(full.output, "recorded     " + set.string()));
+    const auto frames = nlohmann::json::parse(read_text(set / "odometry.json"))["frames"].get<int>();
+    CHECK(frames > 1);
+    CHECK(frames < 80);
+    CHECK(run_program(scratch.path(), "map " + quoted(set) + " --out " + quoted(scratch.path() / "map")).exit_code ==
+          0);
+    const ProgramResult none = record(" --max-memory 1MB");
+    CHECK(none.exit_code == 4);
+    CHECK(three_lines(none.errors));
+    CHECK(contains(none.errors, "more than 1 MB in use (--max-memory)"));
+    CHECK(!fs::exists(set));
+    CHECK(!fs::exists(set.string() + ".partial"));
   }
 
   TEST_CASE("Ctrl-C, SIGTERM and SIGHUP end a run with its map saved; the second signal ends it at once") {
