@@ -11,9 +11,9 @@ namespace {
 
 using Figures = std::vector<std::pair<std::string, std::string>>;
 
-void add_figures(const nlohmann::ordered_json& json, const std::string& prefix, Figures& figures) {
+void add_figures(const nlohmann::ordered_json& json, const std::string& table, Figures& figures) {
   for (const auto& [key, value] : json.items()) {
-    const std::string name = prefix.empty() ? key : prefix + '.' + key;
+    const std::string name = table.empty() ? key : table + '.' + key;
     if (value.is_object())
       add_figures(value, name, figures);
     else
