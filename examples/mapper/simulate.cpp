@@ -43,10 +43,11 @@ namespace {
 
 struct Interrupted {};
 
-/// Makes a folder with a progress line; @returns nothing if interrupted, and then nothing is kept.
+/// Makes a folder with a progress line. @returns nothing if interrupted, and then nothing is kept.
+/// @param interrupt  from before the folder was begun: no signal leaves one behind.
 template <class Make>
-std::optional<simulator::SimulationReport> make_with_progress(const OutputFolder& folder, const Make& make) {
-  const support::Interrupt interrupt;
+std::optional<simulator::SimulationReport> make_with_progress(const OutputFolder& folder,
+                                                              const support::Interrupt& interrupt, const Make& make) {
   support::Progress progress;
   try {
     const simulator::SimulationReport report = make([&](Index done, Index total) {
@@ -69,10 +70,11 @@ std::optional<simulator::SimulationReport> make_with_progress(const OutputFolder
 
 int simulate_recorded(const SimulateArguments& arguments) {
   const RecordedSimulation simulation = make_recorded_simulation(arguments);
+  const support::Interrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
   folder.drop_all_unless_committed();  // a data set without some of its files is of no use
   const ThreadPool pool(to_index(arguments.threads));
-  const auto report = make_with_progress(folder, [&](const simulator::SimulationProgress& progress) {
+  const auto report = make_with_progress(folder, interrupt, [&](const simulator::SimulationProgress& progress) {
     return simulator::write_recorded_drive(
         *simulation.drive, simulation.texts, folder.path(), arguments.scans,
         [&](Index count, Index grain, const std::function<void(Index, Index)>& body) {
@@ -108,9 +110,10 @@ int run(const SimulateArguments& arguments) {
                                  "take at most " + std::to_string(preset->sessions.size()));
     preset->sessions.resize(*arguments.sessions);
   }
+  const support::Interrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
   folder.drop_all_unless_committed();  // a data set without some of its files is of no use
-  const auto made = make_with_progress(folder, [&](const simulator::SimulationProgress& progress) {
+  const auto made = make_with_progress(folder, interrupt, [&](const simulator::SimulationProgress& progress) {
     return simulator::simulate(*preset, arguments.seed, folder.path(), ThreadPool(to_index(arguments.threads)),
                                progress);
   });

@@ -26,6 +26,7 @@ JournaledInput unfinished_run(const fs::path& root) {
 /// The same as if the run had had these settings.
 void write_journal(const fs::path& folder, const JournaledInput& run, const std::string& settings) {
   fs::create_directories(folder);
+  fs::remove(folder / "input.cslam.partial");
   InputJournal journal(folder / "input.cslam", settings, run.loaded);
   for (const MapInput& input : run.inputs) journal.append(input);
   journal.commit();
