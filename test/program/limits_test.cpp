@@ -1,5 +1,6 @@
 #include <unistd.h>
 
+#include <cmath>
 #include <csignal>
 #include <string>
 #include <vector>
@@ -25,6 +26,12 @@ double last_memory(const std::string& progress) {
   return std::stod(progress.substr(progress.rfind(' ', end - 1)));
 }
 
+/// A bound that a run keeps to at its start and not at its end, megabytes. @param start, end  of its memory, MiB
+int between(double start, double end) {
+  REQUIRE(end > start + 3);
+  return static_cast<int>(std::lround(1.048576 * (start + end) / 2));
+}
+
 /// Waits until a run has acknowledged so many keyframes.
 void await_keyframes(const fs::path& left, Index count) {
   for (int i = 0; i < 2000; ++i) {
@@ -44,20 +51,26 @@ TEST_SUITE("program/limits") {
     const fs::path data = scratch.path() / "data", out = scratch.path() / "out";
     write_keyframes(data, 36, false, 5, 1500);
     const std::string command = "map " + quoted(data) + " --set keyframes.voxel_size=0 --threads 1 --out ";
-    const ProgramResult full = run_program(scratch.path(), command + quoted(out) + " --max-memory 16MB");
+    const auto memory_of = [&](const std::string& scans) {
+      return last_memory(
+          run_program(scratch.path(), command + quoted(scratch.path() / scans) + " --max-scans " + scans).errors);
+    };
+    const int megabytes = between(memory_of("1"), memory_of("36"));
+    const std::string number = std::to_string(megabytes), bound = number + " MB";
+    const ProgramResult full = run_program(scratch.path(), command + quoted(out) + " --max-memory " + number + "MB");
     CAPTURE(full.errors);
     CHECK(full.exit_code == 4);
-    CHECK(contains(full.errors, "more than 16 MB in use (--max-memory)"));
+    CHECK(contains(full.errors, "more than " + bound + " in use (--max-memory)"));
     const auto keyframes = load_map(out / "map.cslam").map.keyframes.size();
     CHECK(keyframes > 0);
     CHECK(keyframes < 36);
     CHECK(fs::exists(out / "trajectory.tum"));
-    // By default, it may have half of the machine's memory: here of 32 MB.
+    // By default, it may have half of the machine's memory.
     const std::string small_machine = "LD_PRELOAD=" CHAINSLAM_FAULTS " CHAINSLAM_MACHINE_PAGES=" +
-                                      std::to_string(32'000'000 / ::sysconf(_SC_PAGESIZE));
+                                      std::to_string(2'000'000L * megabytes / ::sysconf(_SC_PAGESIZE));
     const ProgramResult half = run_program(scratch.path(), command + quoted(scratch.path() / "half"), small_machine);
     CHECK(half.exit_code == 4);
-    CHECK(contains(half.errors, "more than 16 MB in use (--max-memory)"));
+    CHECK(contains(half.errors, "more than " + bound + " in use (--max-memory)"));
     CHECK(load_map(scratch.path() / "half/map.cslam").map.keyframes.size() > 0);
     const ProgramResult none =
         run_program(scratch.path(), command + quoted(scratch.path() / "no") + " --max-memory 1MB");
@@ -82,15 +95,14 @@ TEST_SUITE("program/limits") {
                          "--set odometry.voxel_size=0.05 --threads 1 --out " +
                              quoted(set) + more);
     };
-    const double one = last_memory(record(" --max-scans 1").errors),
-                 all = last_memory(record(" --max-scans 80").errors);
-    REQUIRE(all > one + 2);
-    const std::string bound = std::to_string(static_cast<int>(0.5 * (one + all) * 1048576)) + "B";
-    const ProgramResult full = record(" --max-scans 80 --max-memory " + bound);
+    const std::string bound = std::to_string(
+        between(last_memory(record(" --max-scans 1").errors), last_memory(record(" --max-scans 80").errors)));
+    const ProgramResult full = record(" --max-scans 80 --max-memory " + bound + "MB");
     CAPTURE(full.errors);
     CHECK(full.exit_code == 4);
     CHECK(three_lines(full.errors));
-    CHECK(contains(full.errors, " MB in use (--max-memory)\n  do: what came before is recorded"));
+    CHECK(
+        contains(full.errors, "more than " + bound + " MB in use (--max-memory)\n  do: what came before is recorded"));
     CHECK(contains(full.output, "recorded     " + set.string()));
     const auto frames = nlohmann::json::parse(read_text(set / "odometry.json"))["frames"].get<int>();
     CHECK(frames > 1);
