@@ -61,6 +61,9 @@ int run(const RecoverArguments& arguments) {
                          "choose another name: nothing is ever recovered in place");
   require_free(arguments.out, arguments.overwrite);
   const EndOnInterrupt interrupt(arguments.out);
+  if (!unfinished.inputs.empty() && !arguments.replay && !has_closed_any(unfinished))
+    throw_input_error(unfinished.map.string(), "", "nothing that the run had closed",
+                      "recover without --no-replay: what the run was given is kept beside it");
   if (unfinished.inputs.empty() || !arguments.replay) return recover_file(unfinished.map, arguments);
   const std::optional<RepeatedRun> repeated = repeat(unfinished, arguments);
   if (!repeated) return recover_file(unfinished.map, arguments);

@@ -105,6 +105,8 @@ UnfinishedRun find_unfinished(const fs::path& path) {
   return {{}, is_folder ? partial(folder, map_name) : path};
 }
 
+bool has_closed_any(const UnfinishedRun& run) { return keyframes_in(run.map) > 0; }
+
 std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArguments& arguments) {
   JournaledInput recorded = read_input_journal(run.inputs);
   const std::vector<SlamMap> loaded = loaded_maps(recorded, run.inputs);

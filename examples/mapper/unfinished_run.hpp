@@ -26,6 +26,9 @@ constexpr const char* inputs_name = "input.cslam";
 /// What to recover where the user points to: a folder, one of the files in it, or any map file.
 [[nodiscard]] UnfinishedRun find_unfinished(const std::filesystem::path& path);
 
+/// Whether there is a keyframe in the map that a run had made so far.
+[[nodiscard]] bool has_closed_any(const UnfinishedRun& run);
+
 /// A run's work, done again into a new map file.
 struct RepeatedRun {
   std::shared_ptr<const SlamMap> map;

@@ -285,6 +285,8 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
   cases.push_back({"recover @/foreign.partial --out @/out", 3, "input.cslam.partial",
                    "a configuration that this version cannot use: parameters, line 1",
                    "recover with the version of chainslam that began the run, or pass --no-replay"});
+  cases.push_back({"recover @/foreign.partial --no-replay --out @/out", 3, "map.cslam.partial",
+                   "nothing that the run had closed", "recover without --no-replay"});
   cases.push_back({"export @/none --format tum --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back(
       {"export @/map.cslam --format las --out @/out", 2, "chainslam export", "las", "`chainslam export --help`"});
