@@ -1,4 +1,4 @@
-# Sourced by examples/run.sh, test/run.sh and bench/run.sh: packages, build folder, real data.
+# Sourced by examples/run.sh, test/run.sh, bench/run.sh and bench/experiments/run.sh: packages, build folder, real data.
 #
 # In:  root  the checkout. Environment: CHAINSLAM_BUILD_DIR, CHAINSLAM_DATA, CHAINSLAM_JOBS (default: all cores).
 # Out: build, jobs; functions say, fail, install_packages, configure_and_build, unpack_data.
@@ -18,6 +18,7 @@ packages_test="doctest-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip ti
 packages_sanitizers="clang-14 libclang-rt-14-dev"
 packages_bench="libbenchmark-dev libboost-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
 packages_peers="libpcl-dev libopen3d-dev libceres-dev libfmt-dev liblz4-dev"
+packages_experiments="python3 python3-numpy python3-scipy python3-matplotlib"
 packages_kiss_matcher="libflann-dev liblz4-dev libtbb-dev"  # which is built from sources
 
 # Installs the Debian packages that are missing; says which.

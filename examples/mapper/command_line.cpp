@@ -71,7 +71,8 @@ void add_odometry(CLI::App& program, int& exit_code) {
   CLI::App* verb = program.add_subcommand("odometry", "run odometry alone, and record it as a data set to map from");
   verb->footer(
       "SET gets Scans/*.pcd, times.txt and odom_poses.txt of the keyframes, as other programs read keyframe sets;\n"
-      "frames.csv (pose, covariance and health of every scan), fixes.csv, truth.tum, odometry.json and config.toml.\n"
+      "frames.csv (pose, covariance and health of every scan), fixes.csv, truth.tum, odometry.json, config.toml and\n"
+      "summary.json (times, memory, errors against the truth).\n"
       "`chainslam map SET --config SET/config.toml` gives the same map, bit for bit, as mapping DATA; with other "
       "settings\n"
       "of closures, chain, merge and graph it takes seconds. Keyframes are kept as keyframes.distance, angle and\n"

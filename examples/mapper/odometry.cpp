@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -20,6 +22,7 @@
 #include "simulated_dataset.hpp"
 #include "support/interrupt.hpp"
 #include "support/progress.hpp"
+#include "support/summary.hpp"
 #include "trajectory_file.hpp"
 #include "verbs.hpp"
 
@@ -151,6 +154,7 @@ void print_outcome(const RunOutcome& outcome, const support::StageTimes& times, 
 }  // namespace
 
 int run(const OdometryArguments& arguments) {
+  const auto start = std::chrono::steady_clock::now();
   MapperOptions options;
   configure(options, arguments.config, arguments.overrides);
   const auto dataset = open_data(arguments, options);
@@ -194,14 +198,18 @@ int run(const OdometryArguments& arguments) {
   session.truth = std::move(truth);
   const bool interrupted = result.interrupted && !failed;
   options.goals = goals_of_odometry(options.goals);
-  const RunOutcome outcome = conclude(std::move(result), arguments.data.string(), options);
+  RunOutcome outcome = conclude(std::move(result), arguments.data.string(), options);
+  for (const std::string& note : dataset->info().notes) outcome.summary.notes.push_back(note);
+  outcome.summary.stages = times.rows();
+  outcome.summary.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  outcome.summary.peak_memory = support::peak_memory();
+  folder.file("summary.json", [&](const FileTarget& target) { support::write_summary(target, outcome.summary); });
   print_outcome(outcome, times, folder.target(), kept, options.odometry_source);
   if (memory_full) return exit_output;
   if (failed) return exit_input;
   if (interrupted) return exit_interrupted;
-  for (const support::GoalResult& goal : outcome.summary.goals)
-    if (!goal.met) return exit_goal_missed;
-  return exit_good;
+  const bool met = std::ranges::all_of(outcome.summary.goals, &support::GoalResult::met);
+  return folder.exit_code(met ? exit_good : exit_goal_missed);
 }
 
 }  // namespace chainslam::mapper

@@ -63,6 +63,10 @@ TEST_SUITE("program/odometry") {
     const nlohmann::json description = nlohmann::json::parse(read_text(set / "odometry.json"));
     CHECK(description["frames"] == 30);
     CHECK(description["keyframes"]["distance"] == 1);
+    const nlohmann::json summary = summary_of(set);
+    CHECK(summary["stages"]["odometry"]["count"] == 30);
+    CHECK(summary["errors"]["odometry"]["ape"]["poses"] == 30);
+    CHECK(summary["peak_memory_bytes"].get<double>() > 1e6);
 
     const std::string found = good(scratch, "inspect " + quoted(set)).output;
     CHECK(contains(found, "odometry lidar"));

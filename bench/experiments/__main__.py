@@ -1,0 +1,83 @@
+"""The command line behind run.sh."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from .rows import RowError
+from .tasks import TaskFailed, say
+from .worlds import PLATFORMS, SIZES, WorldError
+
+TABLES = {"1": "pose errors", "4": "efficiency", "5": "growth with sessions"}
+DEFAULT_WORLDS = ["nclt-hard", "mars-hard"]
+DEFAULT_SEEDS = {"small": 1, "medium": 3, "large": 1}
+
+
+def parser() -> argparse.ArgumentParser:
+    tables = ", ".join(f"{name} ({what})" for name, what in TABLES.items())
+    command = argparse.ArgumentParser(
+        prog="bench/experiments/run.sh",
+        description="Makes the paper's tables: records odometry once, runs every row on it, writes TABLE.json, TABLE.md "
+        "and figures. Interrupted or run again, it goes on with what is missing.",
+        epilog="environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_JOBS (tasks at a time; default: all cores)",
+    )
+    command.add_argument("tables", nargs="*", metavar="TABLE", help=f"{tables}; default: all")
+    command.add_argument("--world", nargs="+", metavar="WORLD|PATH", default=DEFAULT_WORLDS, dest="worlds",
+                         help=f"{', '.join(PLATFORMS)}; or the sessions of one data set as folders, in their order")
+    command.add_argument("--size", choices=SIZES, default="small", help="of simulated worlds (default: small)")
+    command.add_argument("--seeds", type=int, metavar="N", help="worlds of each kind (default: medium 3, else 1)")
+    command.add_argument("--sessions", type=int, metavar="N", default=5, help="of simulated worlds (default: 5)")
+    command.add_argument("--rows", nargs="+", metavar="ROW", default=[],
+                         help="names, main (default) or ablations: best with what the paper does, one subject at a time")
+    command.add_argument("--out", type=Path, metavar="DIR", help="default: build/experiments")
+    command.add_argument("--readme", action="store_true",
+                         help="also put the tables into README.md, between its markers")
+    for hidden in ("--program", "--lamm"):
+        command.add_argument(hidden, type=Path, help=argparse.SUPPRESS)
+    command.add_argument("--check", action="store_true", help=argparse.SUPPRESS)
+    return command
+
+
+def checked(words: list[str]) -> argparse.Namespace:
+    """The command line, or the end with exit code 2 and a sentence."""
+    command = parser()
+    # `--world A B` would otherwise take a TABLE behind it; the first words are tables.
+    arguments = command.parse_args(words)
+    for name in arguments.tables:
+        if name not in TABLES:
+            command.error(f"there is no table {name}; tables: {', '.join(TABLES)}")
+    arguments.tables = arguments.tables or list(TABLES)
+    if arguments.seeds is None:
+        arguments.seeds = DEFAULT_SEEDS[arguments.size]
+    if arguments.seeds < 1:
+        command.error("--seeds: at least 1")
+    if not 2 <= arguments.sessions <= 5:
+        command.error("--sessions: from 2 to 5")
+    for name in arguments.worlds:
+        if name not in PLATFORMS and not Path(name).exists():
+            command.error(f"--world {name}: no world and no folder of that name; worlds: {', '.join(PLATFORMS)}")
+    return arguments
+
+
+def main() -> int:
+    arguments = checked(sys.argv[1:])
+    if arguments.check:
+        return 0
+    from .make import Maker  # which needs numpy and matplotlib
+
+    jobs = int(os.environ.get("CHAINSLAM_JOBS") or os.cpu_count() or 1)
+    try:
+        return Maker(arguments, jobs).make()
+    except (TaskFailed, RowError, WorldError) as error:
+        say("failed", str(error))
+        return 1
+    except KeyboardInterrupt:
+        say("failed", "interrupted; the same command goes on from here")
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

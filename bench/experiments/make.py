@@ -1,0 +1,184 @@
+"""Runs the tasks of the tables that were asked for, and writes the tables."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from . import figures, readme, table1, table4
+from .plan import TIMED_SCANS, Plan, Programs, Run
+from .results import Result, back_end, errors, load, number, options_hash, recording_figures, resources, stage
+from .rows import Row, ablations, chosen
+from .table import Column, WorldNote, document, write_json, write_text
+from .tasks import Runner, Task, TaskFailed, content_digest, locked, say
+from .worlds import World, worlds
+
+GOAL_MISSED = 5  # exit code of a run that has saved its map and missed a goal
+GROWTH_ROWS = ("unchained", "chained", "best")
+
+
+def preset_settings(program: Path, preset: str) -> dict[str, str]:
+    """All settings of a preset, as the program prints them."""
+    words = [str(program), "config", "--print", "--set", f"preset={preset}"]
+    printed = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    flat: dict[str, str] = {}
+    for section, keys in tomllib.loads(printed).items():
+        for key, value in keys.items() if isinstance(keys, dict) else ():
+            flat[f"{section}.{key}"] = str(value).lower() if isinstance(value, bool) else str(value)
+    return flat
+
+
+class Maker:
+    """One call of run.sh."""
+
+    def __init__(self, arguments: argparse.Namespace, jobs: int) -> None:
+        self.arguments = arguments
+        self.out: Path = arguments.out.resolve()
+        self.programs = Programs(arguments.program, arguments.lamm)
+        self.plan = Plan(self.programs)
+        self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED))
+        self.worlds = worlds(arguments.worlds, arguments.size, arguments.seeds, arguments.sessions)
+        best, paper = (preset_settings(arguments.program, preset) for preset in ("best", "paper"))
+        rows = chosen(arguments.rows, ablations(best, paper))
+        self.rows = [row for row in rows if row.program != "lamm" or self.programs.lamm]
+        for row in rows:
+            if row not in self.rows:
+                say("skipped", f"row {row.name}: bench_lamm is not built (bench/experiments/lamm)")
+        self.failed: dict[str, str] = {}
+
+    def make(self) -> int:
+        with locked(self.out):
+            made = {"1": self.table1, "4": self.table4, "5": self.table5}
+            for name in self.arguments.tables:
+                made[name]()
+        if self.failed:
+            say("failed", f"{len(self.failed)} tasks; the tables are without what they would have shown")
+            return 1
+        say("passed", f"tables {', '.join(self.arguments.tables)} in {self.out}")
+        return 0
+
+    def seeds(self, world: World) -> range:
+        return range(1, world.seeds + 1)
+
+    def run(self, tasks: Sequence[Task]) -> None:
+        self.failed |= self.runner.run(tasks)
+
+    def done(self, runs: Sequence[Run]) -> list[Run]:
+        return [run for run in runs if self.runner.is_done(run.task)]
+
+    def note(self, world: World) -> WorldNote:
+        """What the recordings of FAST-LIO2 say of a world."""
+        recordings = [
+            [self.runner.path(self.plan.odometry(world, seed, i, "fast_lio2")) / "set" for i in range(len(world.sessions))]
+            for seed in self.seeds(world)
+        ]
+        complete = [folders for folders in recordings if all(folder.is_dir() for folder in folders)]
+        if not complete:
+            return WorldNote(world.name, "", len(world.sessions), world.seeds)
+        found = [recording_figures(folders) for folders in complete]
+        mean = {key: sum(one[key] for one in found) / len(found) for key in found[0]}
+        return WorldNote(world.name, options_hash(complete[0][0]), len(world.sessions), world.seeds, **mean)
+
+    def about(self) -> dict[str, Any]:
+        return {
+            "size": self.arguments.size,
+            "program": content_digest(self.programs.chainslam),
+            "rows": [asdict(row) for row in self.rows],
+        }
+
+    def table1(self) -> None:
+        say("table 1", f"{len(self.worlds)} worlds, {len(self.rows)} rows")
+        runs = [self.plan.map(w, seed, row) for w in self.worlds for seed in self.seeds(w) for row in self.rows]
+        self.run([run.task for run in runs])
+        runs = self.done(runs)
+        results = [
+            Result(run.world.name, run.row.name, run.seed, errors(self.runner.path(run.task) / "map")) for run in runs
+        ]
+        notes = [self.note(world) for world in self.worlds]
+        compared = table1.compare(results, notes)
+        self.write("1", table1.markdown(results, notes, compared) + self.definitions(), notes, results, compared)
+        pictures = self.out / "figures"
+        pictures.mkdir(exist_ok=True)
+        for world in self.worlds:
+            if world.seeds > 1:
+                figures.box_plots(results, world.name, pictures)
+            shown = [run for run in runs if run.world == world and run.seed == 1]
+            sets = {run.row.name: [self.runner.path(task) / "set" for task in run.task.after] for run in shown}
+            maps = {run.row.name: self.runner.path(run.task) / "map" for run in shown}
+            figures.paths(maps, sets, world.name, pictures)
+            figures.errors_over_distance(maps, sets, world.name, pictures)
+
+    def table4(self) -> None:
+        say("table 4", "times: one task at a time at the end of each row")
+        world_rows = [(w, row) for w in self.worlds for row in self.rows if not row.is_front_end]
+        last: list[Run] = []
+        fronts: dict[tuple[str, str], Task] = {}
+        for world, row in world_rows:
+            fronts[world.name, row.odometry] = self.plan.timed_odometry(world, 1, row.odometry)
+            whole = row.program == "lamm"
+            last.append(self.plan.whole(world, 1, row) if whole else self.plan.sequence(world, 1, row)[-1])
+        self.run([*(run.task for run in last), *fronts.values()])
+        results = []
+        for run in self.done(last):
+            front = fronts[run.world.name, run.row.odometry]
+            recorded = run.task.after if run.row.program == "lamm" else run.task.after[:1]
+            found = self.efficiency(run, [self.runner.path(task) / "set" for task in recorded])
+            if self.runner.is_done(front):
+                summary = load(self.runner.path(front) / "set/summary.json")
+                found |= stage(summary, "odometry", "front")
+                found["fps"] = 1000 / (found["front_mean_ms"] + found["scan_back_ms"])
+            results.append(Result(run.world.name, run.row.name, 1, found))
+        text = table4.INTRODUCTION.format(scans=TIMED_SCANS)
+        self.write_plain("4", table4.TITLE, text, table4.COLUMNS, results)
+
+    def table5(self) -> None:
+        say("table 5", "times: one task at a time")
+        chains = [
+            self.plan.sequence(world, 1, row)
+            for world in self.worlds
+            for row in self.rows
+            if row.name in GROWTH_ROWS
+        ]
+        self.run([run.task for runs in chains for run in runs])
+        results = []
+        for runs in chains:
+            for i, run in enumerate(self.done(runs)):
+                found = self.efficiency(run, [self.runner.path(run.task.after[0]) / "set"])
+                results.append(Result(run.world.name, f"{run.row.name}, session {i + 1}", 1, found))
+        self.write_plain("5", table4.GROWTH_TITLE, table4.GROWTH_INTRODUCTION, table4.GROWTH_COLUMNS, results)
+
+    def efficiency(self, run: Run, recordings: Sequence[Path]) -> dict[str, float]:
+        folder = self.runner.path(run.task)
+        summary = load(folder / "map/summary.json")
+        scans = sum(number(load(recording / "summary.json"), "scans") for recording in recordings)
+        keyframes = {"keyframes": number(summary, "keyframes")}
+        return back_end(summary, scans) | resources(folder) | keyframes
+
+    def definitions(self) -> str:
+        lines = [f"- `{row.name}`: {row.definition}" for row in self.rows]
+        return "\nRows; all but `best-own` read the same recording of FAST-LIO2's odometry:\n" + "\n".join(lines) + "\n"
+
+    def write_plain(
+        self, name: str, title: str, introduction: str, columns: Sequence[Column], results: Sequence[Result]
+    ) -> None:
+        notes = [self.note(world) for world in self.worlds]
+        self.write(name, table4.markdown(title, introduction, columns, results, notes), notes, results, {})
+
+    def write(
+        self,
+        name: str,
+        text: str,
+        notes: Sequence[WorldNote],
+        results: Sequence[Result],
+        compared: table1.Compared,
+    ) -> None:
+        write_json(self.out / f"table{name}.json", document(name, self.about(), notes, results, compared))
+        write_text(self.out / f"table{name}.md", text)
+        say("written", str(self.out / f"table{name}.md"))
+        if self.arguments.readme:
+            readme.insert(Path(__file__).with_name("README.md"), f"table{name}", self.arguments.size, text)

@@ -1,0 +1,140 @@
+"""Which tasks a table is made of."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import evaluate
+from .rows import OWN, Row
+from .tasks import OUT, THREADS, Task, content_digest
+from .worlds import World
+
+# A table shows what was lost; it is no reason to stop.
+ACCEPT_LOSSES = ("goals.max_lost_share=1", "goals.max_map_restarts=-1")
+TIMED_SCANS = 3000  # of the front end: 5 min of driving
+
+
+@dataclass(frozen=True)
+class Programs:
+    """What tasks run. `lamm` is None where it is not built."""
+
+    chainslam: Path
+    lamm: Path | None = None
+
+    def identity(self, program: str) -> str:
+        path = self.lamm if program == "lamm" else self.chainslam
+        assert path is not None
+        return content_digest(path)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A task with what it stands for."""
+
+    world: World
+    seed: int
+    row: Row
+    task: Task
+
+
+def settings(words: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(word for setting in words for word in ("--set", setting))
+
+
+class Plan:
+    """Makes the tasks of one set of programs; equal tasks are one."""
+
+    def __init__(self, programs: Programs) -> None:
+        self.programs = programs
+
+    def odometry(self, world: World, seed: int, session: int, kind: str) -> Task:
+        """Records one session: as the paper's front end does, or by the default one."""
+        preset = () if kind == OWN else ("preset=paper",)
+        return self._odometry(world, seed, session, preset, f"{kind}", alone=False)
+
+    def timed_odometry(self, world: World, seed: int, kind: str) -> Task:
+        """The beginning of the last session with both cores, for its times."""
+        preset = () if kind == OWN else ("preset=paper",)
+        session = len(world.sessions) - 1
+        return self._odometry(world, seed, session, preset, f"{kind}-timed", alone=True)
+
+    def _odometry(
+        self, world: World, seed: int, session: int, preset: tuple[str, ...], label: str, alone: bool
+    ) -> Task:
+        command = (
+            (str(self.programs.chainslam), "odometry", world.data(seed)[session], "--out", f"{OUT}/set")
+            + ("--threads", THREADS)
+            + settings(preset + (f"platform={world.platform}",) + ACCEPT_LOSSES)
+        )
+        if alone:
+            command += ("--max-scans", str(TIMED_SCANS))
+        name = f"{world.name}/seed{seed}/odometry-{label}-{session + 1}"
+        depends = (self.programs.identity("chainslam"), world.identity)
+        return Task(name, (command,), depends=depends, alone=alone, drop=("set/Scans/*",) if alone else ())
+
+    def sets(self, world: World, seed: int, row: Row) -> tuple[Task, ...]:
+        return tuple(self.odometry(world, seed, i, row.odometry) for i in range(len(world.sessions)))
+
+    def map(self, world: World, seed: int, row: Row) -> Run:
+        """All sessions in one run, and its errors."""
+        sets = self.sets(world, seed, row)
+        folders = [f"{{{i}}}/set" for i in range(len(sets))]
+        task = Task(
+            f"{world.name}/seed{seed}/{row.name}",
+            (self._map_command(world, row, folders, ()), self._evaluate(folders)),
+            after=sets,
+            depends=(self.programs.identity(row.program), self.programs.identity("chainslam"), _recipe()),
+            drop=("map/*.ply", "map/map.cslam", "map/report.html", "map/graph.g2o", "map/map.png"),
+        )
+        return Run(world, seed, row, task)
+
+    def sequence(self, world: World, seed: int, row: Row) -> list[Run]:
+        """One run for each session, which loads the map of those before: each by itself, for its times."""
+        sets = self.sets(world, seed, row)
+        runs: list[Run] = []
+        for i, recording in enumerate(sets):
+            before = tuple(run.task for run in runs[-1:])
+            load = ("--load", "{1}/map/map.cslam") if before else ()
+            task = Task(
+                f"{world.name}/seed{seed}/{row.name}-session{i + 1}",
+                (self._map_command(world, row, ["{0}/set"], load),),
+                after=(recording, *before),
+                depends=(self.programs.identity(row.program),),
+                alone=True,
+                drop=("map/*.ply", "map/report.html", "map/graph.g2o", "map/map.png"),
+            )
+            runs.append(Run(world, seed, row, task))
+        return runs
+
+    def whole(self, world: World, seed: int, row: Row) -> Run:
+        """As `map`, but by itself, for the times of systems that load no map."""
+        sets = self.sets(world, seed, row)
+        folders = [f"{{{i}}}/set" for i in range(len(sets))]
+        task = Task(
+            f"{world.name}/seed{seed}/{row.name}-timed",
+            (self._map_command(world, row, folders, ()),),
+            after=sets,
+            depends=(self.programs.identity(row.program),),
+            alone=True,
+        )
+        return Run(world, seed, row, task)
+
+    def _map_command(self, world: World, row: Row, sets: list[str], load: tuple[str, ...]) -> tuple[str, ...]:
+        if row.program == "lamm":
+            return (str(self.programs.lamm), *sets, "--out", f"{OUT}/map", *row.settings)
+        chosen = row.settings[:1] if row.settings[:1] and row.settings[0].startswith("preset=") else ()
+        rest = row.settings[len(chosen) :]
+        return (
+            (str(self.programs.chainslam), "map", *sets, *load, "--out", f"{OUT}/map", "--threads", THREADS)
+            + settings(chosen + (f"platform={world.platform}",) + rest + ACCEPT_LOSSES)
+        )
+
+    def _evaluate(self, sets: list[str]) -> tuple[str, ...]:
+        module = f"{__package__}.evaluate"
+        return (sys.executable, "-m", module, str(self.programs.chainslam), f"{OUT}/map", *sets)
+
+
+def _recipe() -> str:
+    return content_digest(Path(evaluate.__file__))
