@@ -32,7 +32,9 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--sessions", type=int, metavar="N", default=5, help="of simulated worlds (default: 5)")
     command.add_argument("--rows", nargs="+", metavar="ROW", default=[],
                          help="names, main (default) or ablations: best with what the paper does, one subject at a time")
-    command.add_argument("--out", type=Path, metavar="DIR", help="default: build/experiments")
+    build = Path(os.environ.get("CHAINSLAM_BUILD_DIR") or Path(__file__).parents[2] / "build")
+    command.add_argument("--out", type=Path, metavar="DIR", default=build / "experiments",
+                         help="default: build/experiments")
     command.add_argument("--readme", action="store_true",
                          help="also put the tables into README.md, between its markers")
     for hidden in ("--program", "--lamm"):
@@ -44,7 +46,6 @@ def parser() -> argparse.ArgumentParser:
 def checked(words: list[str]) -> argparse.Namespace:
     """The command line, or the end with exit code 2 and a sentence."""
     command = parser()
-    # `--world A B` would otherwise take a TABLE behind it; the first words are tables.
     arguments = command.parse_args(words)
     for name in arguments.tables:
         if name not in TABLES:

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 
 def figure(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits, never in powers of ten; a dash for none."""
+    """A number with so many significant digits, never in powers of ten; whole ones as counts; a dash for none."""
     if math.isnan(value):
         return "-"
     if math.isinf(value):
         return "inf" if value > 0 else "-inf"
-    if value == 0 or value == int(value) and abs(value) >= 10 ** (digits - 1):
+    if value == int(value):
         return f"{value:.0f}"
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     return f"{value:.{decimals}f}"

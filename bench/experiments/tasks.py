@@ -44,7 +44,7 @@ class Task:
 
     @property
     def folder(self) -> str:
-        return f"{self.name}-{self.digest}"
+        return f"{self.name.replace('/', '-')}-{self.digest}"
 
 
 class TaskFailed(Exception):

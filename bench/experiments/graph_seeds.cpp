@@ -1,0 +1,212 @@
+// The back end on odometry and closures that are drawn from what a run with scans has measured, many times: see
+// README.md beside this file.
+
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "chainslam/core/error.hpp"
+#include "chainslam/io/atomic_file.hpp"
+#include "chainslam/io/map_archive.hpp"
+#include "chainslam/io/tum.hpp"
+#include "chainslam/slam/back_end.hpp"
+#include "datasets/dataset.hpp"
+#include "graph/graph_errors.hpp"
+#include "graph/sampled_closer.hpp"
+#include "graph/sampled_drives.hpp"
+#include "mapper/options.hpp"
+
+namespace chainslam::experiments {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using GraphBackEnd = BackEnd<SampledCloser, ChainedCloser, SampledMerger, Cauchy>;
+
+struct Arguments {
+  fs::path map, out;
+  std::vector<fs::path> sets;
+  std::vector<std::string> overrides;
+  int seeds = 20;
+};
+
+/// The keyframes of a recording, and its truth at their times.
+MeasuredDrive read_drive(const fs::path& set) {
+  const auto dataset = datasets::open_dataset(set, {});
+  const std::optional<Trajectory> truth = dataset->truth();
+  if (!truth) throw_input_error(set.string(), "", "no truth", "give recordings of data with truth");
+  MeasuredDrive drive;
+  while (const auto frame = dataset->next_frame()) {
+    const auto pose = frame->cloud.empty() ? std::nullopt : pose_at(*truth, frame->time, seconds(2.0));
+    if (!pose) continue;
+    drive.truth.times.push_back(frame->time);
+    drive.truth.poses.push_back(*pose);
+    drive.odometry.times.push_back(frame->time);
+    drive.odometry.poses.push_back(frame->T_odom_body);
+  }
+  if (drive.truth.size() < 3)
+    throw_input_error(set.string(), "", std::to_string(drive.truth.size()) + " keyframes with truth", "give longer ones");
+  return drive;
+}
+
+/// Root mean square over all steps of a few of their components.
+double root_mean_square(const std::vector<std::vector<Vector6d>>& errors, int first, int count) {
+  double sum = 0, steps = 0;
+  for (const auto& session : errors)
+    for (const Vector6d& error : session) sum += error.segment(first, count).squaredNorm(), ++steps;
+  return std::sqrt(sum / steps);
+}
+
+/// Correlation of an error with that of the next step, over all components of translation or rotation.
+double next_step_correlation(const std::vector<std::vector<Vector6d>>& errors, int first) {
+  double product = 0, square = 0;
+  for (const auto& session : errors)
+    for (std::size_t i = 1; i < session.size(); ++i) {
+      product += session[i].segment(first, 3).dot(session[i - 1].segment(first, 3));
+      square += session[i].segment(first, 3).squaredNorm();
+    }
+  return product / square;
+}
+
+json statistics_of(const std::vector<Attempt>& attempts) {
+  Index converged = 0, wrong = 0;
+  double translation = 0, rotation = 0;
+  for (const Attempt& attempt : attempts) {
+    if (!attempt.converged) continue;
+    ++converged;
+    if (is_false(attempt.error)) {
+      ++wrong;
+      continue;
+    }
+    translation += attempt.error.head<3>().squaredNorm();
+    rotation += attempt.error.tail<3>().squaredNorm();
+  }
+  const double right = converged - wrong;
+  constexpr double degrees = 180 / std::numbers::pi;
+  return {{"tried", attempts.size()},
+          {"converged", converged},
+          {"false", wrong},
+          {"rms_m", right > 0 ? json(std::sqrt(translation / right)) : json()},
+          {"rms_deg", right > 0 ? json(degrees * std::sqrt(rotation / right)) : json()}};
+}
+
+json figures_of(const GraphBackEnd& back_end, const SampledScans& scans) {
+  const SlamMap& map = back_end.map();
+  const GraphErrors errors = graph_errors(map, scans.truth);
+  constexpr double degrees = 180 / std::numbers::pi;
+  const auto or_null = [](const ErrorStatistics& statistics, double factor) {
+    return statistics.count > 0 ? json(factor * statistics.rmse) : json();
+  };
+  Index direct = 0, chained = 0, merges = 0, wrong = 0;
+  for (const LoopClosure& closure : map.closures) {
+    (closure.kind == ClosureKind::chained ? chained : closure.kind == ClosureKind::merge ? merges : direct)++;
+    if (is_false((scans.T_true(closure.from, closure.to).inverse() * closure.T_from_to).log())) ++wrong;
+  }
+  return {{"ape_3d_m", or_null(errors.ape, 1)},
+          {"ape_3d_deg", or_null(errors.ape_rotation, degrees)},
+          {"ape_2d_m", or_null(errors.ape_2d, 1)},
+          {"between_m", or_null(errors.between, 1)},
+          {"between_deg", or_null(errors.between_rotation, degrees)},
+          {"pairs", errors.pairs},
+          {"frames", errors.frames},
+          {"direct", direct},
+          {"chained", chained},
+          {"merges", merges},
+          {"false", wrong},
+          {"failed_optimisations", back_end.counts().failed_optimisations}};
+}
+
+/// One world: odometry is drawn, and the back end that the settings describe maps it.
+json run_seed(std::uint64_t seed, const std::vector<MeasuredDrive>& drives,
+              const std::vector<std::vector<Vector6d>>& errors, const Attempts& attempts,
+              const mapper::BackEndParts& parts) {
+  const Rng rng(seed);
+  auto scans = std::make_shared<SampledScans>();
+  scans->attempts = attempts;
+  scans->rng = rng.fork(1);
+  for (const MeasuredDrive& drive : drives)
+    scans->truth.insert(scans->truth.end(), drive.truth.poses.begin(), drive.truth.poses.end());
+  GraphBackEnd back_end(parts.back_end, SampledCloser(scans, parts.closures, parts.candidates),
+                        ChainedCloser(parts.chain), SampledMerger(scans, parts.merge, parts.gnss.radius), parts.kernel);
+  for (std::size_t session = 0; session < drives.size(); ++session) {
+    const Trajectory odometry = drawn_odometry(drives[session].truth, errors, rng.fork(2).fork(session));
+    back_end.begin_session("session " + std::to_string(session + 1));
+    for (std::size_t i = 0; i < odometry.size(); ++i) {
+      Keyframe keyframe;
+      keyframe.time = odometry.times[i];
+      keyframe.T_odom_body = odometry.poses[i];
+      back_end.add(std::move(keyframe));
+    }
+  }
+  static_cast<void>(back_end.finish());
+  json figures = figures_of(back_end, *scans);
+  figures["seed"] = seed;
+  return figures;
+}
+
+json run(const Arguments& arguments) {
+  mapper::MapperOptions options;
+  mapper::configure(options, arguments.map / "config.toml", arguments.overrides);
+  mapper::MapperOptions of_run;
+  mapper::configure(of_run, arguments.map / "config.toml", {});
+  std::vector<MeasuredDrive> drives;
+  std::vector<Trajectory> truths;
+  std::vector<std::vector<Vector6d>> errors;
+  for (const fs::path& set : arguments.sets) {
+    drives.push_back(read_drive(set));
+    truths.push_back(read_tum(set / "truth.tum"));
+    errors.push_back(drives.back().step_errors());
+  }
+  const LoadedMap loaded = load_map(arguments.map / "map.cslam", {.scans = false});
+  if (loaded.map.sessions.size() != arguments.sets.size())
+    throw_input_error(arguments.map.string(), "", std::to_string(loaded.map.sessions.size()) + " sessions",
+                      "give the recordings that the map was made from, in their order");
+  const Attempts attempts = attempts_of(loaded.map, truths, of_run.back_end.chain.correlation);
+  constexpr double degrees = 180 / std::numbers::pi;
+  json result{{"statistics",
+               {{"step_rms_m", root_mean_square(errors, 0, 3)},
+                {"step_rms_deg", degrees * root_mean_square(errors, 3, 3)},
+                {"next_step_correlation", next_step_correlation(errors, 0)},
+                {"next_step_correlation_rotation", next_step_correlation(errors, 3)},
+                {"closures", statistics_of(attempts.closures)},
+                {"merges", statistics_of(attempts.merges)}}},
+              {"seeds", json::array()}};
+  for (int seed = 1; seed <= arguments.seeds; ++seed)
+    result["seeds"].push_back(
+        run_seed(static_cast<std::uint64_t>(seed), drives, errors, attempts, options.back_end));
+  return result;
+}
+
+}  // namespace
+}  // namespace chainslam::experiments
+
+int main(int count, char** words) {
+  using namespace chainslam;
+  experiments::Arguments arguments;
+  CLI::App app("The back end on odometry and closures drawn from what a run with scans has measured");
+  app.add_option("MAP", arguments.map, "folder of `chainslam map`, with map.cslam and config.toml")->required();
+  app.add_option("SET", arguments.sets, "the recordings that it was made from")->required();
+  app.add_option("--out", arguments.out, "JSON file to write")->required();
+  app.add_option("--set", arguments.overrides, "override a setting of the map's")->allow_extra_args(false);
+  app.add_option("--seeds", arguments.seeds, "drawn worlds")->check(CLI::Range(1, 100000))->capture_default_str();
+  CLI11_PARSE(app, count, words);
+  try {
+    const std::string text = experiments::run(arguments).dump(1) + "\n";
+    AtomicFile file(arguments.out);
+    file.write(text);
+    file.commit();
+    return 0;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "graph_seeds: %s\n", error.what());
+    return 3;
+  }
+}
