@@ -128,7 +128,7 @@ all_modules() {
 }
 
 # What is put together of parts that have modules of their own; test/README.md has the reason for each.
-assembled="architecture factor_graph lie odometry program registration simulator slam"
+assembled="architecture experiments factor_graph lie odometry program registration simulator slam"
 
 # parts_of MODULE...: those that are not put together of others, a line each.
 parts_of() {
@@ -141,7 +141,8 @@ mkdir -p "$build/logs" || fail "cannot write to $build; set CHAINSLAM_BUILD_DIR 
 if [ "$mode" = quick ]; then
   install_packages $packages_build $packages_program $packages_test
 else
-  install_packages $packages_build $packages_program $packages_test $packages_sanitizers $packages_bench
+  install_packages $packages_build $packages_program $packages_test $packages_sanitizers $packages_bench \
+    $packages_experiments
 fi
 unpack_data
 if [ ${#modules[@]} -eq 0 ]; then mapfile -t modules < <(all_modules); selected=all; else selected=some; fi
@@ -212,6 +213,10 @@ if [ "$mode" != quick ]; then
     run_step "every header compiles alone" "${header_check[@]}" "$root/include"
   fi
 fi
+if [ "$mode" != quick ] && [[ " ${modules[*]} " == *" experiments "* ]]; then
+  run_step "scripts of the experiments" env PYTHONPATH="$root/bench" PYTHONDONTWRITEBYTECODE=1 \
+    "$(debian_python)" -m unittest discover -s "$root/test/experiments" -p '*_test.py'
+fi
 if [ "$mode" = full ]; then
   unset CHAINSLAM_QUICK
   configure_and_build clang "clang, -O2" "${modules[*]/#/test_}" "${common[@]}" -DCMAKE_CXX_FLAGS_RELEASE=-O2 \
@@ -227,6 +232,7 @@ if [ "$mode" = full ]; then
   run_step "every bench runs" "$root/bench/run.sh" --smoke
   run_step "the table of odometries is written" "$root/bench/odometry_table.sh" --only nuscenes_scene
   run_step "the example runs from end to end" "$root/examples/run.sh"
+  run_step "the paper's tables are made of small worlds" "$root/bench/experiments/run.sh" --size small
   run_step "no value of a preset changes unnoticed" "$root/test/presets_survivors.sh" \
     "$build/gcc/test/test_program" "$build/gcc/examples/chainslam"
 fi

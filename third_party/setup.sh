@@ -21,6 +21,9 @@ packages_peers="libpcl-dev libopen3d-dev libceres-dev libfmt-dev liblz4-dev"
 packages_experiments="python3 python3-numpy python3-scipy python3-matplotlib"
 packages_kiss_matcher="libflann-dev liblz4-dev libtbb-dev"  # which is built from sources
 
+# The Python that Debian's packages are for, whatever comes first in PATH.
+debian_python() { if [ -x /usr/bin/python3 ]; then echo /usr/bin/python3; else echo python3; fi; }
+
 # Installs the Debian packages that are missing; says which.
 install_packages() {
   local missing=() name

@@ -9,17 +9,24 @@ from pathlib import Path
 
 from .rows import RowError
 from .tasks import TaskFailed, say
-from .worlds import PLATFORMS, SIZES, WorldError
+from .worlds import PLATFORMS, SIZES, WorldError, is_data
 
-TABLES = {"1": "pose errors", "4": "efficiency", "5": "growth with sessions"}
+TABLES = {
+    "1": "pose errors",
+    "graph": "many worlds drawn from what runs have measured",
+    "4": "efficiency",
+    "5": "growth with sessions",
+}
 DEFAULT_WORLDS = ["nclt-hard", "mars-hard"]
 DEFAULT_SEEDS = {"small": 1, "medium": 3, "large": 1}
+DEFAULT_SESSIONS = {"small": 3, "medium": 5, "large": 5}
 
 
 def parser() -> argparse.ArgumentParser:
     tables = ", ".join(f"{name} ({what})" for name, what in TABLES.items())
     command = argparse.ArgumentParser(
         prog="bench/experiments/run.sh",
+        allow_abbrev=False,
         description="Makes the paper's tables: records odometry once, runs every row on it, writes TABLE.json, TABLE.md "
         "and figures. Interrupted or run again, it goes on with what is missing.",
         epilog="environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_JOBS (tasks at a time; default: all cores)",
@@ -29,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
                          help=f"{', '.join(PLATFORMS)}; or the sessions of one data set as folders, in their order")
     command.add_argument("--size", choices=SIZES, default="small", help="of simulated worlds (default: small)")
     command.add_argument("--seeds", type=int, metavar="N", help="worlds of each kind (default: medium 3, else 1)")
-    command.add_argument("--sessions", type=int, metavar="N", default=5, help="of simulated worlds (default: 5)")
+    command.add_argument("--sessions", type=int, metavar="N", help="of simulated worlds (default: small 3, else 5)")
     command.add_argument("--rows", nargs="+", metavar="ROW", default=[],
                          help="names, main (default) or ablations: best with what the paper does, one subject at a time")
     build = Path(os.environ.get("CHAINSLAM_BUILD_DIR") or Path(__file__).parents[2] / "build")
@@ -37,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
                          help="default: build/experiments")
     command.add_argument("--readme", action="store_true",
                          help="also put the tables into README.md, between its markers")
-    for hidden in ("--program", "--lamm"):
+    for hidden in ("--program", "--lamm", "--graph-seeds"):
         command.add_argument(hidden, type=Path, help=argparse.SUPPRESS)
     command.add_argument("--check", action="store_true", help=argparse.SUPPRESS)
     return command
@@ -53,12 +60,14 @@ def checked(words: list[str]) -> argparse.Namespace:
     arguments.tables = arguments.tables or list(TABLES)
     if arguments.seeds is None:
         arguments.seeds = DEFAULT_SEEDS[arguments.size]
+    if arguments.sessions is None:
+        arguments.sessions = DEFAULT_SESSIONS[arguments.size]
     if arguments.seeds < 1:
         command.error("--seeds: at least 1")
     if not 2 <= arguments.sessions <= 5:
         command.error("--sessions: from 2 to 5")
     for name in arguments.worlds:
-        if name not in PLATFORMS and not Path(name).exists():
+        if name not in PLATFORMS and not is_data(Path(name)):
             command.error(f"--world {name}: no world and no folder of that name; worlds: {', '.join(PLATFORMS)}")
     return arguments
 

@@ -10,10 +10,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from . import figures, readme, table1, table4
-from .plan import TIMED_SCANS, Plan, Programs, Run
+from . import figures, graph_table, readme, table1, table4
+from .plan import GRAPH_SOURCES, TIMED_SCANS, Plan, Programs, Run
 from .results import Result, back_end, errors, load, number, options_hash, recording_figures, resources, stage
-from .rows import Row, ablations, chosen
+from .rows import MAIN_ROWS, Row, ablations, chosen
 from .table import Column, WorldNote, document, write_json, write_text
 from .tasks import Runner, Task, TaskFailed, content_digest, locked, say
 from .worlds import World, worlds
@@ -39,7 +39,7 @@ class Maker:
     def __init__(self, arguments: argparse.Namespace, jobs: int) -> None:
         self.arguments = arguments
         self.out: Path = arguments.out.resolve()
-        self.programs = Programs(arguments.program, arguments.lamm)
+        self.programs = Programs(arguments.program, arguments.lamm, arguments.graph_seeds)
         self.plan = Plan(self.programs)
         self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED))
         self.worlds = worlds(arguments.worlds, arguments.size, arguments.seeds, arguments.sessions)
@@ -48,12 +48,12 @@ class Maker:
         self.rows = [row for row in rows if row.program != "lamm" or self.programs.lamm]
         for row in rows:
             if row not in self.rows:
-                say("skipped", f"row {row.name}: bench_lamm is not built (bench/experiments/lamm)")
+                say("skipped", f"row {row.name}: the program lamm is not built")
         self.failed: dict[str, str] = {}
 
     def make(self) -> int:
         with locked(self.out):
-            made = {"1": self.table1, "4": self.table4, "5": self.table5}
+            made = {"1": self.table1, "graph": self.graph, "4": self.table4, "5": self.table5}
             for name in self.arguments.tables:
                 made[name]()
         if self.failed:
@@ -112,6 +112,22 @@ class Maker:
             maps = {run.row.name: self.runner.path(run.task) / "map" for run in shown}
             figures.paths(maps, sets, world.name, pictures)
             figures.errors_over_distance(maps, sets, world.name, pictures)
+
+    def graph(self) -> None:
+        say("graph", "worlds drawn from what the runs of chained and best have measured")
+        known = {row.name: row for row in MAIN_ROWS}
+        rows = [row for row in self.rows if row.name in GRAPH_SOURCES]
+        runs = [self.plan.graph_seeds(w, row, known[GRAPH_SOURCES[row.name]]) for w in self.worlds for row in rows]
+        self.run([run.task for run in runs])
+        results: list[Result] = []
+        statistics: dict[str, dict[str, Any]] = {}
+        for run in self.done(runs):
+            drawn = load(self.runner.path(run.task) / "graph.json")
+            results += graph_table.results_of(drawn, run.world.name, run.row.name)
+            statistics.setdefault(run.world.name, {})[GRAPH_SOURCES[run.row.name]] = drawn["statistics"]
+        notes = [self.note(world) for world in self.worlds]
+        compared = graph_table.compare(results, notes)
+        self.write("graph", graph_table.markdown(results, notes, compared, statistics), notes, results, compared)
 
     def table4(self) -> None:
         say("table 4", "times: one task at a time at the end of each row")
@@ -177,8 +193,9 @@ class Maker:
         results: Sequence[Result],
         compared: table1.Compared,
     ) -> None:
-        write_json(self.out / f"table{name}.json", document(name, self.about(), notes, results, compared))
-        write_text(self.out / f"table{name}.md", text)
-        say("written", str(self.out / f"table{name}.md"))
+        file = f"table{name}" if name.isdigit() else name
+        write_json(self.out / f"{file}.json", document(name, self.about(), notes, results, compared))
+        write_text(self.out / f"{file}.md", text)
+        say("written", str(self.out / f"{file}.md"))
         if self.arguments.readme:
-            readme.insert(Path(__file__).with_name("README.md"), f"table{name}", self.arguments.size, text)
+            readme.insert(Path(__file__).with_name("README.md"), file, self.arguments.size, text)

@@ -8,12 +8,18 @@ from pathlib import Path
 
 from . import evaluate
 from .rows import OWN, Row
-from .tasks import OUT, THREADS, Task, content_digest
+from .tasks import OUT, THREADS, Task, TaskFailed, content_digest
 from .worlds import World
 
 # A table shows what was lost; it is no reason to stop.
 ACCEPT_LOSSES = ("goals.max_lost_share=1", "goals.max_map_restarts=-1")
 TIMED_SCANS = 3000  # of the front end: 5 min of driving
+GRAPH_SEEDS = 20
+UNUSED = ("map/*.ply", "map/report.html", "map/map.png")  # of a map's files
+
+
+# Rows on drawn graphs, and the row with scans whose attempts they are drawn from.
+GRAPH_SOURCES = {"unchained": "chained", "chained": "chained", "best-unchained": "best", "best": "best"}
 
 
 @dataclass(frozen=True)
@@ -22,11 +28,16 @@ class Programs:
 
     chainslam: Path
     lamm: Path | None = None
+    graph_seeds: Path | None = None
+
+    def path(self, program: str) -> Path:
+        path: Path | None = getattr(self, program)
+        if path is None:
+            raise TaskFailed(f"{program} is not built; run bench/experiments/run.sh, which builds it")
+        return path
 
     def identity(self, program: str) -> str:
-        path = self.lamm if program == "lamm" else self.chainslam
-        assert path is not None
-        return content_digest(path)
+        return content_digest(self.path(program))
 
 
 @dataclass(frozen=True)
@@ -86,9 +97,20 @@ class Plan:
             (self._map_command(world, row, folders, ()), self._evaluate(folders)),
             after=sets,
             depends=(self.programs.identity(row.program), self.programs.identity("chainslam"), _recipe()),
-            drop=("map/*.ply", "map/map.cslam", "map/report.html", "map/graph.g2o", "map/map.png"),
+            drop=UNUSED if row.name in GRAPH_SOURCES.values() else (*UNUSED, "map/map.cslam"),
         )
         return Run(world, seed, row, task)
+
+    def graph_seeds(self, world: World, row: Row, source: Row) -> Run:
+        """Worlds that are drawn from what the first run of `source` has measured, mapped as `row` does."""
+        measured = self.map(world, 1, source).task
+        sets = self.sets(world, 1, source)
+        command = (str(self.programs.path("graph_seeds")), "{0}/map")
+        command += tuple(f"{{{i + 1}}}/set" for i in range(len(sets)))
+        extra = row.settings[len(source.settings) :]
+        command += ("--out", f"{OUT}/graph.json", "--seeds", str(GRAPH_SEEDS), *settings(extra))
+        name = f"{world.name}/graph-{row.name}"
+        return Run(world, 1, row, Task(name, (command,), (measured, *sets), (self.programs.identity("graph_seeds"),)))
 
     def sequence(self, world: World, seed: int, row: Row) -> list[Run]:
         """One run for each session, which loads the map of those before: each by itself, for its times."""
@@ -103,7 +125,7 @@ class Plan:
                 after=(recording, *before),
                 depends=(self.programs.identity(row.program),),
                 alone=True,
-                drop=("map/*.ply", "map/report.html", "map/graph.g2o", "map/map.png"),
+                drop=UNUSED,
             )
             runs.append(Run(world, seed, row, task))
         return runs
@@ -118,12 +140,14 @@ class Plan:
             after=sets,
             depends=(self.programs.identity(row.program),),
             alone=True,
+            drop=UNUSED,
         )
         return Run(world, seed, row, task)
 
     def _map_command(self, world: World, row: Row, sets: list[str], load: tuple[str, ...]) -> tuple[str, ...]:
         if row.program == "lamm":
-            return (str(self.programs.lamm), *sets, "--out", f"{OUT}/map", *row.settings)
+            lamm = str(self.programs.path("lamm"))
+            return (lamm, *sets, "--out", f"{OUT}/map", "--threads", THREADS, *row.settings)
         chosen = row.settings[:1] if row.settings[:1] and row.settings[0].startswith("preset=") else ()
         rest = row.settings[len(chosen) :]
         return (

@@ -114,11 +114,16 @@ def stage(summary: dict[str, Any], name: str, prefix: str) -> Figures:
     }
 
 
+LAMM_STAGES = ("describe", "search", "optimise")  # which take the place of "back end"
+
+
 def back_end(summary: dict[str, Any], scans: float) -> Figures:
     """Milliseconds of the back end for each keyframe and for each scan of odometry."""
     total = number(summary, "stages", "back end", "total_s")
+    if math.isnan(total):
+        total = sum(number(summary, "stages", name, "total_s") for name in LAMM_STAGES)
     per_keyframe = summary.get("back_end", {}).get("per_keyframe", {})
-    keyframes = number(summary, "back_end", "keyframes")
+    keyframes = number(summary, "back_end", "keyframes") or number(summary, "keyframes")
     return {
         "keyframe_mean_ms": 1e3 * total / keyframes if keyframes > 0 else math.nan,
         "keyframe_p50_ms": number(per_keyframe, "p50_ms"),

@@ -4,17 +4,22 @@ set -euo pipefail
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)"
 . "$root/third_party/setup.sh"
 
-# Debian's Python is the one that Debian's packages are for, whatever comes first in PATH.
-python=python3
-[ ! -x /usr/bin/python3 ] || python=/usr/bin/python3
+python="$(debian_python)"
 export PYTHONPATH="$root/bench" PYTHONDONTWRITEBYTECODE=1
 command -v "$python" >/dev/null || install_packages python3
 "$python" -m experiments --check "$@"  # before anything is installed or built
 for word in "$@"; do case "$word" in -h | --help) exit 0 ;; esac; done
 
 # shellcheck disable=SC2086
-install_packages $packages_build $packages_program $packages_experiments
+install_packages $packages_build $packages_program $packages_bench $packages_experiments
 # As examples/run.sh builds it, and in the same folder.
 configure_and_build release "the program" chainslam_program -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
   -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=12 -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF
-exec "$python" -m experiments "$@" --program "$build/release/examples/chainslam"
+others="graph_seeds" arguments=(--program "$build/release/examples/chainslam")
+if [ -d "$root/bench/experiments/lamm" ]; then
+  others="$others lamm"
+  arguments+=(--lamm "$build/bench/bench/lamm")
+fi
+configure_and_build bench "LAMM and drawn graphs" "$others" -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
+  -DCHAINSLAM_BUILD_TESTS=OFF
+exec "$python" -m experiments "$@" "${arguments[@]}" --graph-seeds "$build/bench/bench/graph_seeds"

@@ -37,13 +37,22 @@ def simulated(name: str, size: str, seeds: int, sessions: int = SESSIONS) -> Wor
     return World(f"{name}/{size}", PLATFORMS[name], data, seeds)
 
 
+NCLT_FILES = ("velodyne_hits.bin", "velodyne_sync", "velodyne_data")  # also within the release's own folders
+
+
 def platform_of(folder: Path) -> str:
     """NCLT's files are from a slow robot, all others that are read for the tables from cars."""
-    return "nclt" if any((folder / name).exists() for name in ("velodyne_hits.bin", "velodyne_sync")) else "mars"
+    return "nclt" if any((folder / name).exists() for name in NCLT_FILES) else "mars"
 
 
-def _listing(folder: Path) -> str:
+def is_data(path: Path) -> bool:
+    """A file or folder, or DIR/SCENE of nuScenes' layout, in which MARS comes."""
+    return path.exists() or any(path.parent.glob("v1.0*"))
+
+
+def _listing(path: Path) -> str:
     """What changes if the files of a data set are others: names, sizes and times of those right below it."""
+    folder = path if path.is_dir() else path.parent
     rows = sorted((file.name, file.stat().st_size, int(file.stat().st_mtime)) for file in folder.iterdir())
     return hashlib.sha256(repr(rows).encode()).hexdigest()[:16]
 
@@ -51,13 +60,13 @@ def _listing(folder: Path) -> str:
 def recorded(paths: list[Path]) -> World:
     """One world of data sets in folders, in the order in which they are given."""
     for path in paths:
-        if not path.exists():
+        if not is_data(path):
             raise WorldError(f"{path}: no such folder, and no world of that name; worlds: {', '.join(PLATFORMS)}")
     platforms = {platform_of(path) for path in paths}
     if len(platforms) > 1:
         raise WorldError("sessions of a slow robot (NCLT) and of a car cannot be one world; run them by themselves")
     folders = [path.resolve() for path in paths]
-    listings = " ".join(_listing(folder) if folder.is_dir() else str(folder.stat().st_mtime) for folder in folders)
+    listings = " ".join(map(_listing, folders))
     return World(folders[0].parent.name + "/" + folders[0].name, platforms.pop(), tuple(map(str, folders)), 1, listings)
 
 

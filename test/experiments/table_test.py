@@ -1,0 +1,245 @@
+"""A table from files whose figures are known, rows, worlds, and the README's markers."""
+
+import contextlib
+import io
+import json
+import math
+import tempfile
+import unittest
+from pathlib import Path
+
+from experiments import graph_table, table1
+from experiments.__main__ import TABLES, checked
+from experiments.evaluate import file_tags, frames, trajectories
+from experiments.markdown import figure, interval, spread
+from experiments.plan import Plan, Programs
+from experiments.readme import MarkerError, with_result
+from experiments.results import Result, back_end, errors, options_hash, stage
+from experiments.rows import MAIN_ROWS, RowError, ablations, chosen, subject_of
+from experiments.table import WorldNote, document, plain
+from experiments.tasks import TaskFailed
+from experiments.worlds import WorldError, simulated, worlds
+
+
+def write(path: Path, value: object) -> None:
+    path.write_text(json.dumps(value))
+
+
+def ape(count: int, metres: float, degrees: float) -> dict[str, object]:
+    return {"ape": {"count": count, "translation": {"rmse": metres}, "rotation_deg": {"rmse": degrees}}}
+
+
+def session(name: str, frame: int, metres: float) -> dict[str, object]:
+    rmse = {"translation": {"rmse": metres}, "rotation_deg": {"rmse": 2 * metres}}
+    return {"name": name, "frame": frame, "loaded": False, "errors": {"optimised": {"ape": rmse}}}
+
+
+class Scratch(unittest.TestCase):
+    def setUp(self) -> None:
+        scratch = tempfile.TemporaryDirectory()
+        self.addCleanup(scratch.cleanup)
+        self.root = Path(scratch.name)
+
+
+class FiguresOfARun(Scratch):
+    def two_frames(self) -> Path:
+        sessions = [session("a", 0, 1.0), session("b", 1, 3.0), session("c", 0, 2.0)]
+        whole = {"optimised": {"ape": {"translation": {"rmse": 2.5}, "rotation_deg": {"rmse": 5.0}}}}
+        whole["inter_session"] = {"rpe": {"translation": {"rmse": 0.5, "median": 0.4}, "rotation_deg": {"rmse": 1.0}}}
+        write(self.root / "summary.json", {"sessions": sessions, "errors": whole,
+                                           "closures": {"direct": 7, "chained": 2, "merge": 1}})
+        write(self.root / "errors.0.xy.json", ape(300, 1.0, 2.0))
+        write(self.root / "errors.1.xy.json", ape(100, 3.0, 6.0))
+        return self.root
+
+    def test_errors_are_those_that_the_program_wrote(self) -> None:
+        found = errors(self.two_frames())
+        self.assertEqual((found["ape_3d_m"], found["ape_3d_deg"], found["between_m"]), (2.5, 5.0, 0.5))
+        self.assertEqual((found["direct"], found["chained"], found["merges"], found["frames"]), (7, 2, 1, 2))
+        self.assertEqual((found["session_3d_m"], found["session_3d_deg"]), (2.0, 4.0))
+
+    def test_frames_are_pooled_by_their_poses(self) -> None:
+        self.assertAlmostEqual(errors(self.two_frames())["ape_2d_m"], math.sqrt((300 * 1 + 100 * 9) / 400))
+
+    def test_a_run_without_truth_has_no_errors(self) -> None:
+        write(self.root / "summary.json", {"sessions": [{"name": "a", "frame": 0}], "errors": {}})
+        found = errors(self.root)
+        self.assertTrue(all(math.isnan(found[key]) for key in ("ape_2d_m", "ape_3d_m", "between_m", "session_3d_m")))
+
+    def test_sessions_are_told_apart_as_the_program_names_their_files(self) -> None:
+        self.assertEqual(file_tags(["only"]), [""])
+        self.assertEqual(file_tags(["a b", "a_b", "", "a_b"]), [".a_b", ".a_b-2", ".session", ".a_b-3"])
+        loaded = {"name": "old", "frame": 0, "loaded": True}
+        summary = {"sessions": [loaded, session("x", 0, 1), session("y", 2, 1)]}
+        self.assertEqual([p.name for p in trajectories(self.root, summary)], ["trajectory.x.tum", "trajectory.y.tum"])
+        self.assertEqual(frames(summary), [[0], [1]])
+
+    def test_times_are_of_each_keyframe_and_each_scan(self) -> None:
+        stages = {"back end": {"total_s": 6.0, "count": 30}, "odometry": {"total_s": 2.0, "count": 100, "p50_ms": 19}}
+        summary = {"stages": stages, "back_end": {"keyframes": 30, "alignments": 5, "per_keyframe": {"p99_ms": 900}}}
+        found = back_end(summary, 400)
+        self.assertEqual((found["keyframe_mean_ms"], found["scan_back_ms"], found["keyframe_p99_ms"]), (200, 15, 900))
+        self.assertEqual(stage(summary, "odometry", "front")["front_mean_ms"], 20)
+        lamm = {"stages": {"describe": {"total_s": 1.0}, "search": {"total_s": 2.0}, "optimise": {"total_s": 3.0}},
+                "keyframes": 60, "back_end": {"keyframes": 0}}
+        self.assertEqual(back_end(lamm, 600)["keyframe_mean_ms"], 100)
+
+    def test_the_worlds_hash_is_read_from_the_recording(self) -> None:
+        write(self.root / "summary.json", {"notes": ["simulated", "options of the simulation: 0123abcd"]})
+        self.assertEqual(options_hash(self.root), "0123abcd")
+
+
+class WholeTable(unittest.TestCase):
+    def results(self) -> list[Result]:
+        values = {"unchained": [2.0, 4.0, 3.0], "chained": [1.0, 3.0, math.nan]}
+        return [Result("w", row, seed + 1, {"ape_3d_m": value, "direct": 12})
+                for row, of_row in values.items() for seed, value in enumerate(of_row)]
+
+    def test_a_tiny_table(self) -> None:
+        worlds_ = [WorldNote("w", "f00d", 5, 3, 1234.0, 2000, 0.001)]
+        compared = table1.compare(self.results(), worlds_)
+        text = table1.markdown(self.results(), worlds_, compared)
+        self.assertIn("simulated, options `f00d`; 5 sessions, 3 seeds", text)
+        self.assertRegex(text, r"\| unchained +\|.*\| 3 \(2\.\.4\) ")
+        self.assertRegex(text, r"\| chained +\|.*\| 2 \(1\.\.3; 2 of 3\) ")
+        line = next(line for line in text.splitlines() if line.startswith("| chained - unchained") and "3-D m" in line)
+        self.assertEqual([cell.strip() for cell in line.split("|")][3:7], ["2", "2 / 0", "0.500", "-1"])
+
+    def test_the_document_has_every_figure_and_no_nan(self) -> None:
+        worlds_ = [WorldNote("w", "f00d", 5, 3)]
+        text = json.dumps(plain(document("1", {"size": "small"}, worlds_, self.results(), {})), allow_nan=False)
+        read = json.loads(text)
+        self.assertEqual(len(read["results"]), 6)
+        self.assertIsNone(read["results"][5]["figures"]["ape_3d_m"])
+        self.assertEqual(read["worlds"][0]["options"], "f00d")
+
+    def test_drawn_graphs_are_compared_seed_by_seed(self) -> None:
+        def drawn(metres: float) -> dict[str, object]:
+            return {"seeds": [{"seed": s, "ape_3d_m": metres + s, "between_m": None} for s in range(1, 21)]}
+
+        results = graph_table.results_of(drawn(1.0), "w", "chained") + graph_table.results_of(drawn(1.5), "w", "unchained")
+        worlds_ = [WorldNote("w", "", 3, 1)]
+        counts = {"tried": 200, "converged": 100, "false": 3, "rms_m": 0.1, "rms_deg": None}
+        measured = {"w": {"chained": {"closures": counts, "merges": counts, "step_rms_m": 0.02}}}
+        text = graph_table.markdown(results, worlds_, graph_table.compare(results, worlds_), measured)
+        self.assertRegex(text, r"chained - unchained +\| 3-D m +\| 20 +\| 20 / 0 +\| 0\.00000191 ")
+        self.assertRegex(text, r"chained +\| closures +\| 200 +\| 50 +\| 3 +\| 0\.100 +\| - ")
+
+    def test_numbers_have_so_many_digits(self) -> None:
+        self.assertEqual([figure(v) for v in (0.012345, 1.0, 12.34, 12345.6, math.nan, -0.5)],
+                         ["0.0123", "1", "12.3", "12346", "-", "-0.500"])
+        self.assertEqual(spread([math.nan, math.nan]), "-")
+        self.assertEqual(interval((math.nan, 1.0)), "-")
+
+
+class RowsAndWorlds(Scratch):
+    best = {"closures.method": "point_to_plane", "chain.reach": "4", "merge.min_fitness": "0.3", "graph.anchor": "1",
+            "keyframes.distance": "1", "merge.min_travel": "4"}
+    paper = {"closures.method": "point_to_point", "chain.reach": "0", "merge.min_fitness": "0.3", "graph.anchor": "1",
+             "keyframes.distance": "3", "merge.min_travel": "0"}
+
+    def test_an_ablation_puts_back_what_the_paper_does_in_one_subject(self) -> None:
+        found = {row.name: row.settings for row in ablations(self.best, self.paper)}
+        self.assertEqual(found, {"ablation-registration": ("closures.method=point_to_point",),
+                                 "ablation-chain-reach": ("chain.reach=0",),
+                                 "ablation-merge-candidates": ("merge.min_travel=0",)})
+
+    def test_a_setting_that_no_subject_has_is_an_error(self) -> None:
+        with self.assertRaisesRegex(RowError, "chain.new_bound"):
+            subject_of("chain.new_bound")
+
+    def test_rows_by_name(self) -> None:
+        extra = ablations(self.best, self.paper)
+        self.assertEqual(chosen([], extra), list(MAIN_ROWS))
+        self.assertEqual([r.name for r in chosen(["best", "ablations"], extra)][:2], ["best", "ablation-registration"])
+        with self.assertRaisesRegex(RowError, "there is no row beste"):
+            chosen(["beste"], extra)
+
+    def test_worlds_by_name_and_by_folder(self) -> None:
+        drive = self.root / "2012-01-08"
+        drive.mkdir()
+        (drive / "velodyne_hits.bin").touch()
+        found = worlds(["mars-hard", str(drive)], "small", 2, 3)
+        self.assertEqual(found[0].data(2)[2], "simulate:mars-hard/small/3/2")
+        self.assertEqual((found[1].platform, found[1].seeds, found[1].sessions), ("nclt", 1, (str(drive),)))
+        with self.assertRaisesRegex(WorldError, "no such folder"):
+            worlds([str(self.root / "none")], "small", 1)
+        car = self.root / "07"
+        car.mkdir()
+        with self.assertRaisesRegex(WorldError, "cannot be one world"):
+            worlds([str(drive), str(car)], "small", 1)
+
+    def test_a_scene_of_mars_is_named_below_its_tables(self) -> None:
+        (self.root / "v1.0").mkdir()
+        self.assertEqual(worlds([str(self.root / "scene-1")], "small", 1)[0].platform, "mars")
+
+    def test_other_files_make_another_world(self) -> None:
+        names = [str(self.root)]
+        before = worlds(names, "small", 1)[0].identity
+        self.assertEqual(worlds(names, "small", 1)[0].identity, before)
+        (self.root / "imu.csv").write_text("1")
+        self.assertNotEqual(worlds(names, "small", 1)[0].identity, before)
+
+    def test_rows_share_recordings_and_nothing_that_differs(self) -> None:
+        program = self.root / "chainslam"
+        program.write_text("1")
+        plan, world = Plan(Programs(program)), simulated("nclt-hard", "small", 2, 2)
+        rows = {row.name: row for row in MAIN_ROWS}
+        tasks = {name: plan.map(world, 1, rows[name]).task for name in ("chained", "best", "best-own")}
+        self.assertEqual(tasks["chained"].after, tasks["best"].after)
+        self.assertNotEqual(tasks["best"].after, tasks["best-own"].after)
+        self.assertIn("preset=paper", tasks["chained"].after[0].commands[0])
+        self.assertNotEqual(tasks["chained"].digest, plan.map(world, 2, rows["chained"]).task.digest)
+        before = tasks["chained"].digest
+        program.write_text("2")  # another program: nothing of the old one counts
+        self.assertNotEqual(plan.map(world, 1, rows["chained"]).task.digest, before)
+        with self.assertRaisesRegex(TaskFailed, "lamm is not built"):
+            plan.map(world, 1, rows["lamm"])
+
+    def test_each_session_of_a_sequence_loads_the_map_before(self) -> None:
+        program = self.root / "chainslam"
+        program.touch()
+        runs = Plan(Programs(program)).sequence(simulated("nclt-hard", "small", 1, 3), 1, MAIN_ROWS[-2])
+        self.assertEqual(len(runs), 3)
+        self.assertNotIn("--load", runs[0].task.commands[0])
+        self.assertIn("{1}/map/map.cslam", runs[2].task.commands[0])
+        self.assertEqual(runs[2].task.after[1], runs[1].task)
+        self.assertTrue(all(run.task.alone for run in runs))
+
+
+class CommandLine(unittest.TestCase):
+    def refused(self, *words: str) -> str:
+        stream = io.StringIO()
+        with contextlib.redirect_stderr(stream), self.assertRaises(SystemExit) as end:
+            checked(list(words))
+        self.assertEqual(end.exception.code, 2)
+        return stream.getvalue()
+
+    def test_defaults(self) -> None:
+        arguments = checked([])
+        self.assertEqual((arguments.tables, arguments.size, arguments.seeds, arguments.sessions),
+                         (list(TABLES), "small", 1, 3))
+        self.assertEqual(checked(["1", "--size", "medium"]).seeds, 3)
+
+    def test_what_is_not_there_is_said(self) -> None:
+        self.assertIn("there is no table 9; tables: 1, graph", self.refused("9"))
+        self.assertIn("no world and no folder", self.refused("--world", "nowhere"))
+        self.assertIn("at least 1", self.refused("--seeds", "0"))
+
+
+class Readme(unittest.TestCase):
+    text = "a\n<!-- begin table1 small -->\nold\n<!-- end table1 small -->\nb\n"
+
+    def test_a_result_replaces_the_one_before_and_nothing_else(self) -> None:
+        once = with_result(self.text, "table1", "small", "# T\n\nnew\n")
+        self.assertEqual(once, "a\n<!-- begin table1 small -->\n## T\n\nnew\n<!-- end table1 small -->\nb\n")
+        self.assertEqual(with_result(once, "table1", "small", "# T\n\nnew\n"), once)
+
+    def test_without_markers_nothing_is_written(self) -> None:
+        for text in ("a", self.text + self.text):
+            with self.assertRaises(MarkerError):
+                with_result(text, "table1", "small", "new")
+
+
+if __name__ == "__main__":
+    unittest.main()
