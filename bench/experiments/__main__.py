@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .rows import RowError
 from .tasks import TaskFailed, say
-from .worlds import PLATFORMS, SIZES, WorldError, is_data
+from .worlds import NAMES, SIZES, WorldError, is_data
 
 TABLES = {
     "1": "pose errors",
@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument("tables", nargs="*", metavar="TABLE", help=f"{tables}; default: all")
     command.add_argument("--world", nargs="+", metavar="WORLD|PATH", default=DEFAULT_WORLDS, dest="worlds",
-                         help=f"{', '.join(PLATFORMS)}; or the sessions of one data set as folders, in their order")
+                         help=f"{', '.join(NAMES)}; or the sessions of one data set as folders, in their order")
     command.add_argument("--size", choices=SIZES, default="small", help="of simulated worlds (default: small)")
     command.add_argument("--seeds", type=int, metavar="N", help="worlds of each kind (default: medium 3, else 1)")
     command.add_argument("--sessions", type=int, metavar="N", help="of simulated worlds (default: small 3, else 5)")
@@ -67,8 +67,8 @@ def checked(words: list[str]) -> argparse.Namespace:
     if not 2 <= arguments.sessions <= 5:
         command.error("--sessions: from 2 to 5")
     for name in arguments.worlds:
-        if name not in PLATFORMS and not is_data(Path(name)):
-            command.error(f"--world {name}: no world and no folder of that name; worlds: {', '.join(PLATFORMS)}")
+        if name not in NAMES and not is_data(Path(name)):
+            command.error(f"--world {name}: no world and no folder of that name; worlds: {', '.join(NAMES)}")
     return arguments
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
+import os
 import subprocess
 import tomllib
 from collections.abc import Sequence
@@ -42,7 +44,9 @@ class Maker:
         self.programs = Programs(arguments.program, arguments.lamm, arguments.graph_seeds)
         self.plan = Plan(self.programs)
         self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED))
-        self.worlds = worlds(arguments.worlds, arguments.size, arguments.seeds, arguments.sessions)
+        data = os.environ.get("CHAINSLAM_UNPACKED_DATA")
+        self.worlds = worlds(arguments.worlds, arguments.size, arguments.seeds, arguments.sessions,
+                             Path(data) if data else None)
         best, paper = (preset_settings(arguments.program, preset) for preset in ("best", "paper"))
         rows = chosen(arguments.rows, ablations(best, paper))
         self.rows = [row for row in rows if row.program != "lamm" or self.programs.lamm]
@@ -82,7 +86,17 @@ class Maker:
             return WorldNote(world.name, "", len(world.sessions), world.seeds)
         found = [recording_figures(folders) for folders in complete]
         mean = {key: sum(one[key] for one in found) / len(found) for key in found[0]}
-        return WorldNote(world.name, options_hash(complete[0][0]), len(world.sessions), world.seeds, **mean)
+        options = self.identity(world) if world.recipes else options_hash(complete[0][0])
+        return WorldNote(world.name, options, len(world.sessions), world.seeds, **mean)
+
+    def identity(self, world: World) -> str:
+        """Of drives that are simulated on recorded ones, by all that is kept of them."""
+        digest = hashlib.sha256()
+        for session in range(len(world.sessions)):
+            folder = self.runner.path(self.plan.drive(world, 1, session)) / "drive"
+            for file in sorted((folder / "simulation").iterdir()):
+                digest.update(file.read_bytes())
+        return digest.hexdigest()[:16]
 
     def about(self) -> dict[str, Any]:
         return {

@@ -74,16 +74,25 @@ class Plan:
     def _odometry(
         self, world: World, seed: int, session: int, preset: tuple[str, ...], label: str, alone: bool
     ) -> Task:
+        after = (self.drive(world, seed, session),) if world.recipes else ()
+        data = "simulate:{0}/drive" if after else world.data(seed)[session]
         command = (
-            (str(self.programs.chainslam), "odometry", world.data(seed)[session], "--out", f"{OUT}/set")
-            + ("--threads", THREADS)
+            (str(self.programs.chainslam), "odometry", data, "--out", f"{OUT}/set", "--threads", THREADS)
             + settings(preset + (f"platform={world.platform}",) + ACCEPT_LOSSES)
         )
-        if alone:
-            command += ("--max-scans", str(TIMED_SCANS))
+        most = min(filter(None, (world.max_scans, TIMED_SCANS if alone else 0)), default=0)
+        if most:
+            command += ("--max-scans", str(most))
         name = f"{world.name}/seed{seed}/odometry-{label}-{session + 1}"
         depends = (self.programs.identity("chainslam"), world.identity)
-        return Task(name, (command,), depends=depends, alone=alone, drop=("set/Scans/*",) if alone else ())
+        return Task(name, (command,), after, depends, alone, ("set/Scans/*",) if alone else ())
+
+    def drive(self, world: World, seed: int, session: int) -> Task:
+        """What scans are simulated from, on a recorded drive."""
+        words = (*world.recipes[session], "--no-scans", "--seed", str(seed), "--out", f"{OUT}/drive")
+        depends = (self.programs.identity("chainslam"), world.identity)
+        name = f"{world.name}/seed{seed}/drive-{session + 1}"
+        return Task(name, ((str(self.programs.chainslam), "simulate", *words),), depends=depends)
 
     def sets(self, world: World, seed: int, row: Row) -> tuple[Task, ...]:
         return tuple(self.odometry(world, seed, i, row.odometry) for i in range(len(world.sessions)))

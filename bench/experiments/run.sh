@@ -22,4 +22,5 @@ if [ -d "$root/bench/experiments/lamm" ]; then
 fi
 configure_and_build bench "LAMM and drawn graphs" "$others" -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
   -DCHAINSLAM_BUILD_TESTS=OFF
+unpack_data
 exec "$python" -m experiments "$@" "${arguments[@]}" --graph-seeds "$build/bench/bench/graph_seeds"

@@ -1,5 +1,8 @@
 #include "recorded_simulation.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdio>
 #include <stdexcept>
 #include <string>
@@ -83,8 +86,10 @@ std::string ground_warning(const simulator::RecordedDrive& drive) {
 
 class RecordedDataset final : public datasets::Dataset {
  public:
-  RecordedDataset(const fs::path& folder, std::unique_ptr<simulator::RecordedDrive> drive, std::string source)
+  RecordedDataset(const fs::path& folder, std::unique_ptr<simulator::RecordedDrive> drive, std::string source,
+                  std::string truth_frame)
       : drive_(std::move(drive)) {
+    info_.truth_frame = std::move(truth_frame);
     info_.path = folder;
     info_.name = datasets::folder_name(folder);
     info_.start = drive_->epoch();
@@ -107,6 +112,19 @@ class RecordedDataset final : public datasets::Dataset {
  private:
   std::unique_ptr<simulator::RecordedDrive> drive_;
 };
+
+/// Drives through one world have their truths in one frame, that of the first of them; empty for a drive by itself.
+std::string truth_frame_of(const RecordedInput& input, const DriveChoice& choice) {
+  if (input.others.empty()) return "";
+  Timestamp first = input.trajectory.times.front();
+  std::size_t poses = input.trajectory.size();
+  for (const Trajectory& other : input.others) {
+    first = std::min(first, other.times.front());
+    poses += other.size();
+  }
+  return "world along " + std::to_string(1 + input.others.size()) + " drives of " + std::to_string(poses) +
+         " poses from " + std::to_string(first.nanoseconds()) + " on, seed " + std::to_string(choice.seed);
+}
 
 /// @throws ConfigError where trajectory, IMU and what is said of them do not go together.
 std::unique_ptr<simulator::RecordedDrive> make_drive(const RecordedInput& input, const DriveChoice& choice) {
@@ -160,7 +178,8 @@ std::unique_ptr<datasets::Dataset> open_recorded_simulation(const fs::path& fold
   InputFile source(folder / "simulation/source.txt");
   auto drive = make_drive(input, choice);
   return std::make_unique<RecordedDataset>(folder, std::move(drive),
-                                           std::string(source.read_line().value_or("simulated")));
+                                           std::string(source.read_line().value_or("simulated")),
+                                           truth_frame_of(input, choice));
 }
 
 }  // namespace chainslam::mapper

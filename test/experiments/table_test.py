@@ -173,6 +173,24 @@ class RowsAndWorlds(Scratch):
         (self.root / "v1.0").mkdir()
         self.assertEqual(worlds([str(self.root / "scene-1")], "small", 1)[0].platform, "mars")
 
+    def test_routes_are_simulated_on_each_drive_in_the_world_of_all(self) -> None:
+        with self.assertRaisesRegex(WorldError, "CHAINSLAM_DATA"):
+            worlds(["nclt-routes"], "small", 1)
+        with self.assertRaisesRegex(WorldError, "needs trajectories/nclt/2012-01-08/groundtruth.csv"):
+            worlds(["nclt-routes"], "small", 1, data=self.root)
+        for day in ("2012-01-08", "2012-04-29", "2012-08-04"):
+            (self.root / "trajectories/nclt" / day).mkdir(parents=True)
+            (self.root / "trajectories/nclt" / day / "groundtruth.csv").write_text(day)
+        world = worlds(["nclt-routes"], "small", 2, data=self.root)[0]
+        self.assertEqual([recipe.count("--also") for recipe in world.recipes], [2, 2, 2])
+        program = self.root / "chainslam"
+        program.touch()
+        task = Plan(Programs(program)).odometry(world, 2, 1, "fast_lio2")
+        self.assertIn("simulate:{0}/drive", task.commands[0])
+        self.assertEqual(task.commands[0][-2:], ("--max-scans", "900"))
+        self.assertIn("2012-04-29", task.after[0].commands[0][3])
+        self.assertEqual(task.after[0].commands[0][-4:-2], ("--seed", "2"))
+
     def test_other_files_make_another_world(self) -> None:
         names = [str(self.root)]
         before = worlds(names, "small", 1)[0].identity

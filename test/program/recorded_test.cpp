@@ -144,6 +144,29 @@ TEST_SUITE("program/recorded") {
     CHECK(read_tum(drive / "truth.tum").times.front() >= Timestamp(seconds(1002.0)));
   }
 
+  TEST_CASE("drives through one world have their truths in one frame, which their recordings say") {
+    const ScratchFolder scratch("recorded_world");
+    write_text(scratch.path() / "a.tum", arc());
+    write_text(scratch.path() / "b.tum", arc([](int, auto& row) { row[0] += 500; }));
+    const auto truth_frame = [&](const std::string& drive, const std::string& also) {
+      const fs::path out = scratch.path() / (drive + also), set = scratch.path() / ("set" + drive + also);
+      const std::string others = also.empty() ? "" : " --also " + quoted(scratch.path() / (also + ".tum"));
+      const ProgramResult made = run_program(
+          scratch.path(), "simulate --no-scans --lidar vlp-16 --columns 200 --trajectory " +
+                              quoted(scratch.path() / (drive + ".tum")) + others + " --out " + quoted(out));
+      CAPTURE(made.errors);
+      REQUIRE(made.exit_code == 0);
+      REQUIRE(run_program(scratch.path(), "odometry simulate:" + out.string() +
+                                              " --max-scans 5 --set odometry.source=lidar --out " + quoted(set))
+                  .exit_code == 0);
+      return nlohmann::json::parse(read_text(set / "odometry.json"))["truth_frame"].get<std::string>();
+    };
+    const std::string shared = truth_frame("a", "b");
+    CHECK_FALSE(shared.empty());
+    CHECK(truth_frame("b", "a") == shared);
+    CHECK(truth_frame("a", "").empty());
+  }
+
   TEST_CASE("what cannot be used is refused with what to do") {
     const ScratchFolder scratch("recorded_errors");
     const fs::path file = scratch.path() / "bad.tum";
