@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
@@ -18,25 +17,25 @@
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/io/tum.hpp"
-#include "chainslam/slam/back_end.hpp"
 #include "datasets/dataset.hpp"
+#include "graph/drawn_world.hpp"
 #include "graph/graph_errors.hpp"
-#include "graph/sampled_closer.hpp"
-#include "graph/sampled_drives.hpp"
 #include "mapper/options.hpp"
+#include "support/progress.hpp"
+#include "support/statistics.hpp"
 
 namespace chainslam::experiments {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-using GraphBackEnd = BackEnd<SampledCloser, ChainedCloser, SampledMerger, Cauchy>;
 
 struct Arguments {
   fs::path map, out;
   std::vector<fs::path> sets;
   std::vector<std::string> overrides;
   int seeds = 20;
+  int growth = 0;  ///< sessions of one world, timed
 };
 
 /// The keyframes of a recording, and its truth at their times.
@@ -54,7 +53,8 @@ MeasuredDrive read_drive(const fs::path& set) {
     drive.odometry.poses.push_back(frame->T_odom_body);
   }
   if (drive.truth.size() < 3)
-    throw_input_error(set.string(), "", std::to_string(drive.truth.size()) + " keyframes with truth", "give longer ones");
+    throw_input_error(set.string(), "", std::to_string(drive.truth.size()) + " keyframes with truth",
+                      "give longer ones");
   return drive;
 }
 
@@ -125,64 +125,71 @@ json figures_of(const GraphBackEnd& back_end, const SampledScans& scans) {
           {"failed_optimisations", back_end.counts().failed_optimisations}};
 }
 
-/// One world: odometry is drawn, and the back end that the settings describe maps it.
-json run_seed(std::uint64_t seed, const std::vector<MeasuredDrive>& drives,
-              const std::vector<std::vector<Vector6d>>& errors, const Attempts& attempts,
-              const mapper::BackEndParts& parts) {
-  const Rng rng(seed);
-  auto scans = std::make_shared<SampledScans>();
-  scans->attempts = attempts;
-  scans->rng = rng.fork(1);
-  for (const MeasuredDrive& drive : drives)
-    scans->truth.insert(scans->truth.end(), drive.truth.poses.begin(), drive.truth.poses.end());
-  GraphBackEnd back_end(parts.back_end, SampledCloser(scans, parts.closures, parts.candidates),
-                        ChainedCloser(parts.chain), SampledMerger(scans, parts.merge, parts.gnss.radius), parts.kernel);
-  for (std::size_t session = 0; session < drives.size(); ++session) {
-    const Trajectory odometry = drawn_odometry(drives[session].truth, errors, rng.fork(2).fork(session));
-    back_end.begin_session("session " + std::to_string(session + 1));
-    for (std::size_t i = 0; i < odometry.size(); ++i) {
-      Keyframe keyframe;
-      keyframe.time = odometry.times[i];
-      keyframe.T_odom_body = odometry.poses[i];
-      back_end.add(std::move(keyframe));
-    }
-  }
-  static_cast<void>(back_end.finish());
-  json figures = figures_of(back_end, *scans);
+json run_seed(std::uint64_t seed, const Measured& measured, const mapper::BackEndParts& parts) {
+  DrawnWorld world(seed, measured, parts, measured.drives.size());
+  for (std::size_t i = 0; i < measured.drives.size(); ++i) world.drive();
+  static_cast<void>(world.back_end().finish());
+  json figures = figures_of(world.back_end(), world.scans());
   figures["seed"] = seed;
   return figures;
 }
 
-json run(const Arguments& arguments) {
-  mapper::MapperOptions options;
-  mapper::configure(options, arguments.map / "config.toml", arguments.overrides);
+/// What each of many sessions costs that drive the same streets again.
+json run_growth(int sessions, const Measured& measured, const mapper::BackEndParts& parts) {
+  DrawnWorld world(1, measured, parts, static_cast<std::size_t>(sessions));
+  json rows = json::array();
+  for (int session = 1; session <= sessions; ++session) {
+    std::vector<double> milliseconds = world.drive();
+    double total = 0;
+    for (const double one : milliseconds) total += one;
+    const support::Spread spread = support::spread_of(milliseconds);
+    const SlamMap& map = world.back_end().map();
+    rows.push_back({{"session", session},
+                    {"keyframes", map.keyframes.size()},
+                    {"closures", map.closures.size()},
+                    {"keyframe_mean_ms", total / static_cast<double>(milliseconds.size())},
+                    {"keyframe_p99_ms", spread.p99},
+                    {"keyframe_max_ms", spread.max},
+                    {"peak_memory_bytes", support::peak_memory()}});
+  }
+  return rows;
+}
+
+Measured measure(const Arguments& arguments) {
   mapper::MapperOptions of_run;
   mapper::configure(of_run, arguments.map / "config.toml", {});
-  std::vector<MeasuredDrive> drives;
+  Measured measured;
   std::vector<Trajectory> truths;
-  std::vector<std::vector<Vector6d>> errors;
   for (const fs::path& set : arguments.sets) {
-    drives.push_back(read_drive(set));
+    measured.drives.push_back(read_drive(set));
     truths.push_back(read_tum(set / "truth.tum"));
-    errors.push_back(drives.back().step_errors());
+    measured.errors.push_back(measured.drives.back().step_errors());
   }
   const LoadedMap loaded = load_map(arguments.map / "map.cslam", {.scans = false});
   if (loaded.map.sessions.size() != arguments.sets.size())
     throw_input_error(arguments.map.string(), "", std::to_string(loaded.map.sessions.size()) + " sessions",
                       "give the recordings that the map was made from, in their order");
-  const Attempts attempts = attempts_of(loaded.map, truths, of_run.back_end.chain.correlation);
+  measured.attempts = attempts_of(loaded.map, truths, of_run.back_end.chain.correlation);
+  return measured;
+}
+
+json run(const Arguments& arguments) {
+  mapper::MapperOptions options;
+  mapper::configure(options, arguments.map / "config.toml", arguments.overrides);
+  const Measured measured = measure(arguments);
   constexpr double degrees = 180 / std::numbers::pi;
   json result{{"statistics",
-               {{"step_rms_m", root_mean_square(errors, 0, 3)},
-                {"step_rms_deg", degrees * root_mean_square(errors, 3, 3)},
-                {"next_step_correlation", next_step_correlation(errors, 0)},
-                {"next_step_correlation_rotation", next_step_correlation(errors, 3)},
-                {"closures", statistics_of(attempts.closures)},
-                {"merges", statistics_of(attempts.merges)}}},
-              {"seeds", json::array()}};
+               {{"step_rms_m", root_mean_square(measured.errors, 0, 3)},
+                {"step_rms_deg", degrees * root_mean_square(measured.errors, 3, 3)},
+                {"next_step_correlation", next_step_correlation(measured.errors, 0)},
+                {"next_step_correlation_rotation", next_step_correlation(measured.errors, 3)},
+                {"closures", statistics_of(measured.attempts.closures)},
+                {"merges", statistics_of(measured.attempts.merges)}}},
+              {"seeds", json::array()},
+              {"growth", json::array()}};
   for (int seed = 1; seed <= arguments.seeds; ++seed)
-    result["seeds"].push_back(
-        run_seed(static_cast<std::uint64_t>(seed), drives, errors, attempts, options.back_end));
+    result["seeds"].push_back(run_seed(static_cast<std::uint64_t>(seed), measured, options.back_end));
+  if (arguments.growth > 0) result["growth"] = run_growth(arguments.growth, measured, options.back_end);
   return result;
 }
 
@@ -197,7 +204,9 @@ int main(int count, char** words) {
   app.add_option("SET", arguments.sets, "the recordings that it was made from")->required();
   app.add_option("--out", arguments.out, "JSON file to write")->required();
   app.add_option("--set", arguments.overrides, "override a setting of the map's")->allow_extra_args(false);
-  app.add_option("--seeds", arguments.seeds, "drawn worlds")->check(CLI::Range(1, 100000))->capture_default_str();
+  app.add_option("--seeds", arguments.seeds, "drawn worlds")->check(CLI::Range(0, 100000))->capture_default_str();
+  app.add_option("--growth", arguments.growth, "also time so many sessions of one drawn world")
+      ->check(CLI::Range(0, 10000));
   CLI11_PARSE(app, count, words);
   try {
     const std::string text = experiments::run(arguments).dump(1) + "\n";

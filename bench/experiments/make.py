@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from . import figures, graph_table, readme, table1, table4
-from .plan import GRAPH_SOURCES, TIMED_SCANS, Plan, Programs, Run
+from .plan import GRAPH_SOURCES, GROWTH_SESSIONS, TIMED_SCANS, Plan, Programs, Run
 from .results import Result, back_end, errors, load, number, options_hash, recording_figures, resources, stage
 from .rows import MAIN_ROWS, Row, ablations, chosen
 from .table import Column, WorldNote, document, write_json, write_text
@@ -174,13 +174,30 @@ class Maker:
             for row in self.rows
             if row.name in GROWTH_ROWS
         ]
-        self.run([run.task for runs in chains for run in runs])
-        results = []
+        known = {row.name: row for row in MAIN_ROWS}
+        drawn = [
+            self.plan.graph_growth(world, row, known[GRAPH_SOURCES[row.name]])
+            for world in self.worlds
+            for row in self.rows
+            if row.name in GROWTH_ROWS
+        ]
+        self.run([*(run.task for runs in chains for run in runs), *(run.task for run in drawn)])
+        results: list[Result] = []
         for runs in chains:
             for i, run in enumerate(self.done(runs)):
                 found = self.efficiency(run, [self.runner.path(run.task.after[0]) / "set"])
                 results.append(Result(run.world.name, f"{run.row.name}, session {i + 1}", 1, found))
-        self.write_plain("5", table4.GROWTH_TITLE, table4.GROWTH_INTRODUCTION, table4.GROWTH_COLUMNS, results)
+        on_graphs: list[Result] = []
+        for run in self.done(drawn):
+            written = load(self.runner.path(run.task) / "graph.json")
+            on_graphs += table4.drawn_results(written, run.world.name, run.row.name)
+        notes = [self.note(world) for world in self.worlds]
+        text = table4.markdown(table4.GROWTH_TITLE, table4.GROWTH_INTRODUCTION, table4.GROWTH_COLUMNS, results, notes)
+        introduction = table4.DRAWN_INTRODUCTION.format(sessions=GROWTH_SESSIONS)
+        text += "\n" + table4.markdown(table4.DRAWN_TITLE, introduction, table4.DRAWN_COLUMNS, on_graphs, notes)
+        for result in on_graphs:
+            results.append(Result(result.world, f"drawn: {result.row}", result.seed, result.figures))
+        self.write("5", text, notes, results, {})
 
     def efficiency(self, run: Run, recordings: Sequence[Path]) -> dict[str, float]:
         folder = self.runner.path(run.task)

@@ -15,6 +15,7 @@ from .worlds import World
 ACCEPT_LOSSES = ("goals.max_lost_share=1", "goals.max_map_restarts=-1")
 TIMED_SCANS = 3000  # of the front end: 5 min of driving
 GRAPH_SEEDS = 20
+GROWTH_SESSIONS = 27
 UNUSED = ("map/*.ply", "map/report.html", "map/map.png")  # of a map's files
 
 
@@ -112,14 +113,24 @@ class Plan:
 
     def graph_seeds(self, world: World, row: Row, source: Row) -> Run:
         """Worlds that are drawn from what the first run of `source` has measured, mapped as `row` does."""
+        return self._drawn(world, row, source, f"graph-{row.name}", ("--seeds", str(GRAPH_SEEDS)), alone=False)
+
+    def graph_growth(self, world: World, row: Row, source: Row) -> Run:
+        """Many sessions of one such world, timed."""
+        words = ("--seeds", "0", "--growth", str(GROWTH_SESSIONS))
+        return self._drawn(world, row, source, f"growth-{row.name}", words, alone=True)
+
+    def _drawn(
+        self, world: World, row: Row, source: Row, label: str, words: tuple[str, ...], alone: bool
+    ) -> Run:
         measured = self.map(world, 1, source).task
         sets = self.sets(world, 1, source)
         command = (str(self.programs.path("graph_seeds")), "{0}/map")
         command += tuple(f"{{{i + 1}}}/set" for i in range(len(sets)))
-        extra = row.settings[len(source.settings) :]
-        command += ("--out", f"{OUT}/graph.json", "--seeds", str(GRAPH_SEEDS), *settings(extra))
-        name = f"{world.name}/graph-{row.name}"
-        return Run(world, 1, row, Task(name, (command,), (measured, *sets), (self.programs.identity("graph_seeds"),)))
+        extra = row.settings[len(source.settings) :]  # of a row that does what the source does, and something else
+        command += ("--out", f"{OUT}/graph.json", *words, *settings(extra))
+        depends = (self.programs.identity("graph_seeds"),)
+        return Run(world, 1, row, Task(f"{world.name}/{label}", (command,), (measured, *sets), depends, alone))
 
     def sequence(self, world: World, seed: int, row: Row) -> list[Run]:
         """One run for each session, which loads the map of those before: each by itself, for its times."""

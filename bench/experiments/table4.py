@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from .results import Result
+from .results import Result, number
 from .table import Column, WorldNote, markdown_rows
 
 TITLE = "Table 4: efficiency"
@@ -32,6 +33,20 @@ GROWTH_TITLE = "Table 5: growth"
 GROWTH_INTRODUCTION = """\
 The same for each session in turn, each in a process of its own that loads the map of those before.
 """
+DRAWN_TITLE = "Growth on drawn graphs"
+DRAWN_INTRODUCTION = """\
+{sessions} sessions that drive the same paths in turn, on graphs that are drawn as for the table of drawn graphs: what the
+back end costs without its alignments. Memory is that of the whole process so far.
+"""
+DRAWN_COLUMNS = (
+    Column("keyframes", "keyframes in all", 5),
+    Column("closures", "closures", 5),
+    Column("keyframe_mean_ms", "ms/keyframe"),
+    Column("keyframe_p99_ms", "p99"),
+    Column("keyframe_max_ms", "max"),
+    Column("peak_memory_bytes", "memory MB", 3, 1e-6),
+)
+SHOWN_SESSIONS = (1, 2, 3, 5, 9, 18, 27)
 GROWTH_COLUMNS = (
     Column("keyframes", "keyframes in all", 4),
     Column("keyframe_mean_ms", "ms/keyframe"),
@@ -42,6 +57,15 @@ GROWTH_COLUMNS = (
     Column("map_bytes", "map MB", 3, 1e-6),
     Column("wall_s", "whole run s"),
 )
+
+
+def drawn_results(document: Mapping[str, Any], world: str, row: str) -> list[Result]:
+    """One result for each of the sessions that are shown."""
+    return [
+        Result(world, f"{row}, session {one['session']}", 1, {c.key: number(one, c.key) for c in DRAWN_COLUMNS})
+        for one in document["growth"]
+        if one["session"] in SHOWN_SESSIONS
+    ]
 
 
 def markdown(

@@ -177,9 +177,8 @@ std::unique_ptr<datasets::Dataset> open_recorded_simulation(const fs::path& fold
   }
   InputFile source(folder / "simulation/source.txt");
   auto drive = make_drive(input, choice);
-  return std::make_unique<RecordedDataset>(folder, std::move(drive),
-                                           std::string(source.read_line().value_or("simulated")),
-                                           truth_frame_of(input, choice));
+  return std::make_unique<RecordedDataset>(
+      folder, std::move(drive), std::string(source.read_line().value_or("simulated")), truth_frame_of(input, choice));
 }
 
 }  // namespace chainslam::mapper

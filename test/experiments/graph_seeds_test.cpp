@@ -114,7 +114,7 @@ TEST_SUITE("experiments/graph_seeds") {
 
   TEST_CASE("alignments are drawn from attempts over like distances, at the rate at which they converged") {
     std::vector<Attempt> attempts;
-    for (int i = 0; i < 100; ++i) attempts.push_back(attempt_at(0.1 * i, true));          // all of the near ones
+    for (int i = 0; i < 100; ++i) attempts.push_back(attempt_at(0.1 * i, true));             // all of the near ones
     for (int i = 0; i < 100; ++i) attempts.push_back(attempt_at(20 + 0.1 * i, i % 4 == 0));  // a quarter of the far
     Rng rng(5);
     const auto rate = [&](double distance) {
@@ -201,8 +201,9 @@ TEST_SUITE("experiments/graph_seeds") {
     const SE3d guess = world.scans->T_true(KeyframeId{3}, KeyframeId{203});
     const LoopClosure first = closer.align({}, KeyframeId{3}, KeyframeId{203}, guess);
     static_cast<void>(closer.align({}, KeyframeId{4}, KeyframeId{203}, guess));
-    CHECK((first.T_from_to.inverse() * closer.align({}, KeyframeId{3}, KeyframeId{203}, guess).T_from_to).log().norm() ==
-          0);
+    CHECK(
+        (first.T_from_to.inverse() * closer.align({}, KeyframeId{3}, KeyframeId{203}, guess).T_from_to).log().norm() ==
+        0);
     CHECK(DrawnWorld(attempts, {}).errors().ape.rmse == world.errors().ape.rmse);
     CHECK(DrawnWorld(attempts, {}, 2).errors().ape.rmse != world.errors().ape.rmse);
   }

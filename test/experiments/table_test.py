@@ -12,7 +12,7 @@ from experiments import graph_table, table1
 from experiments.__main__ import TABLES, checked
 from experiments.evaluate import file_tags, frames, trajectories
 from experiments.markdown import figure, interval, spread
-from experiments.plan import Plan, Programs
+from experiments.plan import GRAPH_SOURCES, Plan, Programs
 from experiments.readme import MarkerError, with_result
 from experiments.results import Result, back_end, errors, options_hash, stage
 from experiments.rows import MAIN_ROWS, RowError, ablations, chosen, subject_of
@@ -223,6 +223,19 @@ class RowsAndWorlds(Scratch):
         self.assertIn("{1}/map/map.cslam", runs[2].task.commands[0])
         self.assertEqual(runs[2].task.after[1], runs[1].task)
         self.assertTrue(all(run.task.alone for run in runs))
+
+
+    def test_drawn_graphs_have_the_settings_in_which_a_row_differs_from_its_source(self) -> None:
+        program = self.root / "program"
+        program.touch()
+        plan, world = Plan(Programs(program, graph_seeds=program)), simulated("nclt-hard", "small", 1, 3)
+        rows = {row.name: row for row in MAIN_ROWS}
+        for name, source in GRAPH_SOURCES.items():
+            command = plan.graph_seeds(world, rows[name], rows[source]).task.commands[0]
+            overrides = [command[i + 1] for i, word in enumerate(command) if word == "--set"]
+            self.assertEqual(overrides, ["chain.enabled=false"] if "unchained" in name else [])
+            self.assertNotIn("map/map.cslam", plan.map(world, 1, rows[source]).task.drop)
+        self.assertIn("map/map.cslam", plan.map(world, 1, rows["released"]).task.drop)
 
 
 class CommandLine(unittest.TestCase):

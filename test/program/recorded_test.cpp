@@ -151,9 +151,9 @@ TEST_SUITE("program/recorded") {
     const auto truth_frame = [&](const std::string& drive, const std::string& also) {
       const fs::path out = scratch.path() / (drive + also), set = scratch.path() / ("set" + drive + also);
       const std::string others = also.empty() ? "" : " --also " + quoted(scratch.path() / (also + ".tum"));
-      const ProgramResult made = run_program(
-          scratch.path(), "simulate --no-scans --lidar vlp-16 --columns 200 --trajectory " +
-                              quoted(scratch.path() / (drive + ".tum")) + others + " --out " + quoted(out));
+      const ProgramResult made =
+          run_program(scratch.path(), "simulate --no-scans --lidar vlp-16 --columns 200 --trajectory " +
+                                          quoted(scratch.path() / (drive + ".tum")) + others + " --out " + quoted(out));
       CAPTURE(made.errors);
       REQUIRE(made.exit_code == 0);
       REQUIRE(run_program(scratch.path(), "odometry simulate:" + out.string() +

@@ -15,7 +15,7 @@ namespace chainslam::experiments {
 
 /// An alignment that a run of the mapper made, and what the truth says of it.
 struct Attempt {
-  double distance = 0;    ///< true one between the two keyframes, metres
+  double distance = 0;     ///< true one between the two keyframes, metres
   bool converged = false;  ///< to something that passed for a closure, before it was compared with graph and chain
   Vector6d error = Vector6d::Zero();  ///< log(T_true^-1 T_measured), tangent [translation; rotation]
   SqrtInformation<6> sqrt_information = SqrtInformation<6>::Zero();  ///< that of the closure by itself
@@ -42,9 +42,8 @@ inline std::vector<double> shares(const SlamMap& map, double correlation) {
   std::vector<double> shares;
   for (std::size_t i = 0; i < map.closures.size(); ++i) {
     const LoopClosure& closure = map.closures[i];
-    const auto cause = closure.kind == ClosureKind::chained && closure.cause >= 0
-                           ? static_cast<std::size_t>(closure.cause)
-                           : i;
+    const auto cause =
+        closure.kind == ClosureKind::chained && closure.cause >= 0 ? static_cast<std::size_t>(closure.cause) : i;
     shares.push_back(1 / std::sqrt(1 + others[cause] * correlation));
   }
   return shares;
@@ -92,7 +91,8 @@ inline const Attempt& drawn(const std::vector<Attempt>& attempts, double distanc
 }
 
 /// The information of one that was accepted, for one that was refused later and so has none.
-inline const SqrtInformation<6>& information_of(const Attempt& attempt, const std::vector<Attempt>& attempts, Rng& rng) {
+inline const SqrtInformation<6>& information_of(const Attempt& attempt, const std::vector<Attempt>& attempts,
+                                                Rng& rng) {
   if (!attempt.sqrt_information.isZero(0)) return attempt.sqrt_information;
   const auto count = static_cast<Index>(attempts.size());
   const Index start = rng.uniform_index(count);

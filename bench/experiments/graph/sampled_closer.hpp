@@ -7,10 +7,10 @@
 #include <utility>
 #include <vector>
 
-#include "attempts.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/slam/back_end.hpp"
+#include "graph/attempts.hpp"
 
 namespace chainslam::experiments {
 
