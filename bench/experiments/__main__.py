@@ -13,6 +13,7 @@ from .worlds import NAMES, SIZES, WorldError, is_data
 
 TABLES = {
     "1": "pose errors",
+    "2": "registration of streets",
     "graph": "many worlds drawn from what runs have measured",
     "4": "efficiency",
     "5": "growth with sessions",
@@ -44,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
                          help="default: build/experiments")
     command.add_argument("--readme", action="store_true",
                          help="also put the tables into README.md, between its markers")
-    for hidden in ("--program", "--lamm", "--graph-seeds"):
+    for hidden in ("--program", "--lamm", "--graph-seeds", "--street-registration"):
         command.add_argument(hidden, type=Path, help=argparse.SUPPRESS)
     command.add_argument("--check", action="store_true", help=argparse.SUPPRESS)
     return command

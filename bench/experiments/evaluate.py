@@ -47,6 +47,14 @@ def frames(summary: dict[str, Any]) -> list[list[int]]:
     return list(groups.values())
 
 
+def sessions_of(folder: Path, sets: list[Path]) -> list[tuple[Path, Path, int]]:
+    """Recording, trajectory and number of the frame of each session that was mapped."""
+    summary = json.loads((folder / "summary.json").read_text())
+    mapped = [session for session in summary["sessions"] if not session.get("loaded", False)]
+    frames_ = [int(session["frame"]) for session in mapped]
+    return list(zip(sets, trajectories(folder, summary), frames_, strict=True))
+
+
 def evaluate(program: Path, folder: Path, sets: list[Path]) -> None:
     """Writes `errors.FRAME.none.json` and `errors.FRAME.xy.json` beside the map for each frame that has truth."""
     summary = json.loads((folder / "summary.json").read_text())

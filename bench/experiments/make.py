@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from . import figures, graph_table, readme, table1, table4
+from . import figures, graph_table, readme, table1, table2, table4
 from .plan import GRAPH_SOURCES, GROWTH_SESSIONS, TIMED_SCANS, Plan, Programs, Run
 from .results import Result, back_end, errors, load, number, options_hash, recording_figures, resources, stage
 from .rows import MAIN_ROWS, Row, ablations, chosen
@@ -41,7 +41,9 @@ class Maker:
     def __init__(self, arguments: argparse.Namespace, jobs: int) -> None:
         self.arguments = arguments
         self.out: Path = arguments.out.resolve()
-        self.programs = Programs(arguments.program, arguments.lamm, arguments.graph_seeds)
+        self.programs = Programs(
+            arguments.program, arguments.lamm, arguments.graph_seeds, arguments.street_registration
+        )
         self.plan = Plan(self.programs)
         self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED))
         data = os.environ.get("CHAINSLAM_UNPACKED_DATA")
@@ -57,7 +59,7 @@ class Maker:
 
     def make(self) -> int:
         with locked(self.out):
-            made = {"1": self.table1, "graph": self.graph, "4": self.table4, "5": self.table5}
+            made = {"1": self.table1, "graph": self.graph, "2": self.table2, "4": self.table4, "5": self.table5}
             for name in self.arguments.tables:
                 made[name]()
         if self.failed:
@@ -126,6 +128,19 @@ class Maker:
             maps = {run.row.name: self.runner.path(run.task) / "map" for run in shown}
             figures.paths(maps, sets, world.name, pictures)
             figures.errors_over_distance(maps, sets, world.name, pictures)
+
+    def table2(self) -> None:
+        say("table 2", "streets, from the maps of table 1")
+        runs = [self.plan.streets(w, seed, row) for w in self.worlds for seed in self.seeds(w) for row in self.rows]
+        self.run([run.task for run in runs])
+        results: list[Result] = []
+        floors: dict[str, tuple[int, float]] = {}
+        for run in self.done(runs):
+            written = load(self.runner.path(run.task) / "streets.json")
+            results.append(Result(run.world.name, run.row.name, run.seed, table2.figures(written)))
+            floors.setdefault(run.world.name, (len(written["streets"]), table2.true_thickness(written)))
+        notes = [self.note(world) for world in self.worlds]
+        self.write("2", table2.markdown(results, notes, floors), notes, results, {})
 
     def graph(self) -> None:
         say("graph", "worlds drawn from what the runs of chained and best have measured")

@@ -30,6 +30,7 @@ class Programs:
     chainslam: Path
     lamm: Path | None = None
     graph_seeds: Path | None = None
+    street_registration: Path | None = None
 
     def path(self, program: str) -> Path:
         path: Path | None = getattr(self, program)
@@ -110,6 +111,17 @@ class Plan:
             drop=UNUSED if row.name in GRAPH_SOURCES.values() else (*UNUSED, "map/map.cslam"),
         )
         return Run(world, seed, row, task)
+
+    def streets(self, world: World, seed: int, row: Row) -> Run:
+        """Clouds of streets by the poses of a map, against those by true ones."""
+        mapped = self.map(world, seed, row).task
+        sets = self.sets(world, seed, row)
+        program = str(self.programs.path("street_registration"))
+        command = (sys.executable, "-m", f"{__package__}.streets", program, "{0}/map", f"{OUT}/streets.json", THREADS)
+        command += tuple(f"{{{i + 1}}}/set" for i in range(len(sets)))
+        depends = (self.programs.identity("street_registration"),)
+        name = f"{world.name}/seed{seed}/streets-{row.name}"
+        return Run(world, seed, row, Task(name, (command,), (mapped, *sets), depends))
 
     def graph_seeds(self, world: World, row: Row, source: Row) -> Run:
         """Worlds that are drawn from what the first run of `source` has measured, mapped as `row` does."""

@@ -140,9 +140,9 @@ TEST_SUITE("experiments/graph_seeds") {
       map.keyframes.push_back(keyframe);
     }
     const auto closure = [&](Index from, Index to, ClosureKind kind, const Vector6d& error) {
-      LoopClosure one{.from = {from}, .to = {to}};
-      one.T_from_to = truth.poses[static_cast<std::size_t>(from)].inverse() *
-                      truth.poses[static_cast<std::size_t>(to)] * SE3d::exp(error);
+      const SE3d T_true =
+          truth.poses[static_cast<std::size_t>(from)].inverse() * truth.poses[static_cast<std::size_t>(to)];
+      LoopClosure one{.from = {from}, .to = {to}, .T_from_to = T_true * SE3d::exp(error)};
       one.kind = kind;
       one.sqrt_information = (20 / std::sqrt(1.5)) * SqrtInformation<6>::Identity();  // shared by two, half of it
       return one;

@@ -8,7 +8,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-from experiments import graph_table, table1
+from experiments import graph_table, table1, table2
 from experiments.__main__ import TABLES, checked
 from experiments.evaluate import file_tags, frames, trajectories
 from experiments.markdown import figure, interval, spread
@@ -124,6 +124,21 @@ class WholeTable(unittest.TestCase):
         text = graph_table.markdown(results, worlds_, graph_table.compare(results, worlds_), measured)
         self.assertRegex(text, r"chained - unchained +\| 3-D m +\| 20 +\| 20 / 0 +\| 0\.00000191 ")
         self.assertRegex(text, r"chained +\| closures +\| 200 +\| 50 +\| 3 +\| 0\.100 +\| - ")
+
+    def test_streets_are_averaged_over_clouds_and_then_over_streets(self) -> None:
+        def cloud(ransac: float | None, icp: float | None) -> dict[str, object]:
+            return {"aligned_m": 1.0, "ransac_m": ransac, "icp_m": icp, "thickness_m": 0.1}
+
+        written = {"streets": [{"true_thickness_m": 0.04, "clouds": [cloud(1.0, 0.5), cloud(3.0, 1.5)]},
+                               {"true_thickness_m": 0.06, "clouds": [cloud(4.0, 2.0), cloud(None, None)]}]}
+        found = table2.figures(written)
+        self.assertEqual((found["ransac_m_1"], found["ransac_m_2"], found["ransac_m"]), (2.0, 4.0, 3.0))
+        self.assertEqual((found["icp_m"], found["clouds"], found["not_found"]), (1.5, 4, 1))
+        text = table2.markdown([Result("w", "best", 1, found)], [WorldNote("w", "f00d", 3, 1)],
+                               {"w": (2, table2.true_thickness(written))})
+        self.assertIn("2 streets; thickness by true poses 0.0500 m", text)
+        self.assertIn("2: ICP", text)
+        self.assertNotIn("3: ICP", text)
 
     def test_numbers_have_so_many_digits(self) -> None:
         self.assertEqual([figure(v) for v in (0.012345, 1.0, 12.34, 12345.6, math.nan, -0.5)],
@@ -253,7 +268,7 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(checked(["1", "--size", "medium"]).seeds, 3)
 
     def test_what_is_not_there_is_said(self) -> None:
-        self.assertIn("there is no table 9; tables: 1, graph", self.refused("9"))
+        self.assertIn("there is no table 9; tables: 1, 2, graph", self.refused("9"))
         self.assertIn("no world and no folder", self.refused("--world", "nowhere"))
         self.assertIn("at least 1", self.refused("--seeds", "0"))
 

@@ -1,0 +1,21 @@
+"""Runs `street_registration` on a map. Usage: python3 -m experiments.streets PROGRAM MAP OUT THREADS SET..."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from .evaluate import sessions_of
+
+
+def register(program: Path, folder: Path, out: Path, threads: str, sets: list[Path]) -> None:
+    """Writes what the program finds to `out`."""
+    words: list[str] = []
+    for recording, trajectory, frame in sessions_of(folder, sets):
+        words += ["--session", str(recording), str(trajectory), str(frame)]
+    subprocess.run([program, *words, "--out", out, "--threads", threads], check=True)
+
+
+if __name__ == "__main__":
+    register(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4], [Path(word) for word in sys.argv[5:]])
