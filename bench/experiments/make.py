@@ -45,7 +45,7 @@ class Maker:
             arguments.program, arguments.lamm, arguments.graph_seeds, arguments.street_registration
         )
         self.plan = Plan(self.programs)
-        self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED))
+        self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED), self.programs.names())
         data = os.environ.get("CHAINSLAM_UNPACKED_DATA")
         self.worlds = worlds(arguments.worlds, arguments.size, arguments.seeds, arguments.sessions,
                              Path(data) if data else None)

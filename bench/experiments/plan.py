@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from . import evaluate
@@ -40,6 +40,14 @@ class Programs:
 
     def identity(self, program: str) -> str:
         return content_digest(self.path(program))
+
+    def names(self) -> dict[str, str]:
+        """What stands for the programs in the commands of tasks."""
+        found = {"python": sys.executable}
+        for field in fields(self):
+            if path := getattr(self, field.name):
+                found[field.name] = str(path)
+        return found
 
 
 @dataclass(frozen=True)
@@ -79,7 +87,7 @@ class Plan:
         after = (self.drive(world, seed, session),) if world.recipes else ()
         data = "simulate:{0}/drive" if after else world.data(seed)[session]
         command = (
-            (str(self.programs.chainslam), "odometry", data, "--out", f"{OUT}/set", "--threads", THREADS)
+            ("{chainslam}", "odometry", data, "--out", f"{OUT}/set", "--threads", THREADS)
             + settings(preset + (f"platform={world.platform}",) + ACCEPT_LOSSES)
         )
         most = min(filter(None, (world.max_scans, TIMED_SCANS if alone else 0)), default=0)
@@ -94,7 +102,7 @@ class Plan:
         words = (*world.recipes[session], "--no-scans", "--seed", str(seed), "--out", f"{OUT}/drive")
         depends = (self.programs.identity("chainslam"), world.identity)
         name = f"{world.name}/seed{seed}/drive-{session + 1}"
-        return Task(name, ((str(self.programs.chainslam), "simulate", *words),), depends=depends)
+        return Task(name, (("{chainslam}", "simulate", *words),), depends=depends)
 
     def sets(self, world: World, seed: int, row: Row) -> tuple[Task, ...]:
         return tuple(self.odometry(world, seed, i, row.odometry) for i in range(len(world.sessions)))
@@ -116,8 +124,8 @@ class Plan:
         """Clouds of streets by the poses of a map, against those by true ones."""
         mapped = self.map(world, seed, row).task
         sets = self.sets(world, seed, row)
-        program = str(self.programs.path("street_registration"))
-        command = (sys.executable, "-m", f"{__package__}.streets", program, "{0}/map", f"{OUT}/streets.json", THREADS)
+        command = ("{python}", "-m", f"{__package__}.streets", "{street_registration}")
+        command += ("{0}/map", f"{OUT}/streets.json", THREADS)
         command += tuple(f"{{{i + 1}}}/set" for i in range(len(sets)))
         depends = (self.programs.identity("street_registration"),)
         name = f"{world.name}/seed{seed}/streets-{row.name}"
@@ -137,7 +145,7 @@ class Plan:
     ) -> Run:
         measured = self.map(world, 1, source).task
         sets = self.sets(world, 1, source)
-        command = (str(self.programs.path("graph_seeds")), "{0}/map")
+        command: tuple[str, ...] = ("{graph_seeds}", "{0}/map")
         command += tuple(f"{{{i + 1}}}/set" for i in range(len(sets)))
         extra = row.settings[len(source.settings) :]  # of a row that does what the source does, and something else
         command += ("--out", f"{OUT}/graph.json", *words, *settings(extra))
@@ -178,18 +186,17 @@ class Plan:
 
     def _map_command(self, world: World, row: Row, sets: list[str], load: tuple[str, ...]) -> tuple[str, ...]:
         if row.program == "lamm":
-            lamm = str(self.programs.path("lamm"))
-            return (lamm, *sets, "--out", f"{OUT}/map", "--threads", THREADS, *row.settings)
+            return ("{lamm}", *sets, "--out", f"{OUT}/map", "--threads", THREADS, *row.settings)
         chosen = row.settings[:1] if row.settings[:1] and row.settings[0].startswith("preset=") else ()
         rest = row.settings[len(chosen) :]
         return (
-            (str(self.programs.chainslam), "map", *sets, *load, "--out", f"{OUT}/map", "--threads", THREADS)
+            ("{chainslam}", "map", *sets, *load, "--out", f"{OUT}/map", "--threads", THREADS)
             + settings(chosen + (f"platform={world.platform}",) + rest + ACCEPT_LOSSES)
         )
 
     def _evaluate(self, sets: list[str]) -> tuple[str, ...]:
         module = f"{__package__}.evaluate"
-        return (sys.executable, "-m", module, str(self.programs.chainslam), f"{OUT}/map", *sets)
+        return ("{python}", "-m", module, "{chainslam}", f"{OUT}/map", *sets)
 
 
 def _recipe() -> str:

@@ -11,10 +11,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +25,8 @@ THREADS = "{threads}"  # in a command: how many threads it may use, which change
 class Task:
     """Commands that fill one folder.
 
-    A command's words may contain `{out}`, `{threads}`, and `{0}`, `{1}` ... for the folders of `after`.
+    A command's words may contain `{out}`, `{threads}`, `{0}`, `{1}` ... for the folders of `after`, and names that the
+    runner knows, such as those of programs: where they lie is nothing that a result depends on.
     """
 
     name: str
@@ -87,8 +87,17 @@ def locked(root: Path) -> Iterator[None]:
 class Runner:
     """Runs tasks, several at a time, and keeps what they made below one folder."""
 
-    def __init__(self, root: Path, jobs: int, say: Callable[[str, str], None], accepted: Sequence[int] = (0,)) -> None:
+    def __init__(
+        self,
+        root: Path,
+        jobs: int,
+        say: Callable[[str, str], None],
+        accepted: Sequence[int] = (0,),
+        names: Mapping[str, str] | None = None,
+    ) -> None:
+        """@param names  what `{name}` stands for in a command."""
         self.root = root
+        self.names = {f"{{{name}}}": word for name, word in (names or {}).items()}
         self.jobs = max(1, jobs)
         self.say = say
         self.accepted = tuple(accepted)
@@ -164,13 +173,13 @@ class Runner:
         part = self.root / f"{task.folder}.part"
         part.mkdir(parents=True)
         shutil.rmtree(self.root / f"{task.folder}.failed", ignore_errors=True)
-        folders = [str(self.path(before)) for before in task.after]
-        threads = str(os.cpu_count() or 1) if task.alone else "1"
+        words = dict(self.names)
+        words |= {f"{{{i}}}": str(self.path(before)) for i, before in enumerate(task.after)}
+        words |= {OUT: str(part), THREADS: str(os.cpu_count() or 1) if task.alone else "1"}
         records = []
         for command in task.commands:
-            words = [_filled(word, str(part), threads, folders) for word in command]
             try:
-                records.append(self._execute(words, part / "log.txt"))
+                records.append(self._execute([_filled(word, words) for word in command], part / "log.txt"))
             except TaskFailed:
                 part.rename(self.root / f"{task.folder}.failed")
                 raise
@@ -219,10 +228,9 @@ class Runner:
             shutil.rmtree(part)
 
 
-def _filled(word: str, out: str, threads: str, folders: list[str]) -> str:
-    word = word.replace(OUT, out).replace(THREADS, threads)
-    for i, folder in enumerate(folders):
-        word = word.replace(f"{{{i}}}", folder)
+def _filled(word: str, values: Mapping[str, str]) -> str:
+    for name, value in values.items():
+        word = word.replace(name, value)
     return word
 
 

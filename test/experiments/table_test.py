@@ -224,6 +224,9 @@ class RowsAndWorlds(Scratch):
         self.assertIn("preset=paper", tasks["chained"].after[0].commands[0])
         self.assertNotEqual(tasks["chained"].digest, plan.map(world, 2, rows["chained"]).task.digest)
         before = tasks["chained"].digest
+        elsewhere = self.root / "elsewhere"
+        elsewhere.write_text("1")
+        self.assertEqual(Plan(Programs(elsewhere)).map(world, 1, rows["chained"]).task.digest, before)
         program.write_text("2")  # another program: nothing of the old one counts
         self.assertNotEqual(plan.map(world, 1, rows["chained"]).task.digest, before)
         with self.assertRaisesRegex(TaskFailed, "lamm is not built"):

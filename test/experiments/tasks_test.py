@@ -100,6 +100,12 @@ class Tasks(unittest.TestCase):
         with locked(self.root), self.assertRaises(TaskFailed), locked(self.root):
             pass
 
+    def test_a_name_stands_for_a_program_wherever_it_lies(self) -> None:
+        task = Task("t", (("{shell}", "-c", "echo $0 >{out}/said", "{threads}"),))
+        runner = Runner(self.root, 1, lambda label, text: None, names={"shell": "/bin/sh"})
+        self.assertEqual(runner.run([task]), {})
+        self.assertEqual((self.root / task.folder / "said").read_text(), "1\n")
+
     def test_what_a_command_costs_is_recorded(self) -> None:
         task = shell("t", "true")
         self.runner().run([task])
