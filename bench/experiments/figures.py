@@ -11,12 +11,13 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
+import numpy.typing as npt  # noqa: E402
 
 from .evaluate import frames, trajectories  # noqa: E402
 from .results import Result, load  # noqa: E402
 from .table import rows_of, values  # noqa: E402
 
-Array = np.ndarray
+Array = npt.NDArray[np.float64]
 
 
 def positions(path: Path) -> tuple[Array, Array]:

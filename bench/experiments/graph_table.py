@@ -9,8 +9,7 @@ from typing import Any
 from .markdown import figure
 from .markdown import table as markdown_table
 from .results import Result, number
-from .table import Column, WorldNote, comparisons, markdown_comparisons, markdown_rows
-from .table1 import Compared
+from .table import Column, Compared, WorldNote, comparisons, markdown_comparisons, markdown_rows
 
 TITLE = "Drawn graphs: statistics over paired seeds"
 INTRODUCTION = """\
@@ -59,7 +58,7 @@ def measured(statistics: Mapping[str, Mapping[str, Any]]) -> str:
             rows.append([row, kind, figure(tried), figure(100 * converged / tried if tried else math.nan),
                          figure(100 * wrong), figure(number(counts, "rms_m")), figure(number(counts, "rms_deg"))])
     head = ["run", "alignments", "tried", "accepted %", "of these false %", "rms of right ones m", "deg"]
-    steps = next(iter(statistics.values()), {})
+    steps: Mapping[str, Any] = next(iter(statistics.values()), {})
     text = markdown_table(head, rows)
     text += f"\nOdometry from keyframe to keyframe: {figure(number(steps, 'step_rms_m'))} m and "
     text += f"{figure(number(steps, 'step_rms_deg'))} deg rms, correlation with the next step "

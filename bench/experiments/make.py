@@ -16,7 +16,7 @@ from . import figures, graph_table, readme, table1, table2, table4
 from .plan import GRAPH_SOURCES, GROWTH_SESSIONS, TIMED_SCANS, Plan, Programs, Run
 from .results import Result, back_end, errors, load, number, options_hash, recording_figures, resources, stage
 from .rows import MAIN_ROWS, Row, ablations, chosen
-from .table import Column, WorldNote, document, write_json, write_text
+from .table import Column, Compared, WorldNote, document, write_json, write_text
 from .tasks import Runner, Task, TaskFailed, content_digest, locked, say
 from .worlds import World, worlds
 
@@ -237,7 +237,7 @@ class Maker:
         text: str,
         notes: Sequence[WorldNote],
         results: Sequence[Result],
-        compared: table1.Compared,
+        compared: Compared,
     ) -> None:
         file = f"table{name}" if name.isdigit() else name
         write_json(self.out / f"{file}.json", document(name, self.about(), notes, results, compared))

@@ -6,7 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy import stats
+
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ def sign_test(smaller: int, larger: int) -> float:
     return float(stats.binomtest(smaller, smaller + larger, 0.5).pvalue)
 
 
-def mean_interval(differences: np.ndarray, confidence: float) -> tuple[float, float]:
+def mean_interval(differences: Array, confidence: float) -> tuple[float, float]:
     count = len(differences)
     if count < 2:
         return math.nan, math.nan
@@ -38,7 +41,7 @@ def mean_interval(differences: np.ndarray, confidence: float) -> tuple[float, fl
     return float(differences.mean() - half), float(differences.mean() + half)
 
 
-def median_interval(differences: np.ndarray, confidence: float) -> tuple[float, float]:
+def median_interval(differences: Array, confidence: float) -> tuple[float, float]:
     """The narrowest symmetric pair of order statistics that covers the median so often (Conover 1999, section 3.2)."""
     ordered, count = np.sort(differences), len(differences)
     rank = int(stats.binom.ppf((1 - confidence) / 2, count, 0.5))  # of the first that may be cut off

@@ -124,7 +124,7 @@ class Plan:
         """Clouds of streets by the poses of a map, against those by true ones."""
         mapped = self.map(world, seed, row).task
         sets = self.sets(world, seed, row)
-        command = ("{python}", "-m", f"{__package__}.streets", "{street_registration}")
+        command: tuple[str, ...] = ("{python}", "-m", f"{__package__}.streets", "{street_registration}")
         command += ("{0}/map", f"{OUT}/streets.json", THREADS)
         command += tuple(f"{{{i + 1}}}/set" for i in range(len(sets)))
         depends = (self.programs.identity("street_registration"),)

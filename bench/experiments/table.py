@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,10 @@ from typing import Any
 from .markdown import figure, interval, spread, table
 from .paired import Paired, paired
 from .results import Result
+
+
+# By world: a, b, figure, and what the seeds say of a - b.
+Compared = dict[str, Sequence[tuple[str, str, str, Paired]]]
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,7 @@ def document(
     about: dict[str, Any],
     worlds: Sequence[WorldNote],
     results: Sequence[Result],
-    compared: dict[str, Sequence[tuple[str, str, str, Paired]]],
+    compared: Compared,
 ) -> dict[str, Any]:
     """A table for programs to read."""
     return {
@@ -135,4 +139,3 @@ def document(
     }
 
 
-Say = Callable[[str, str], None]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .results import Result
-from .table import Column, WorldNote, comparisons, markdown_comparisons, markdown_rows
-from .paired import Paired
+from .table import Column, Compared, WorldNote, comparisons, markdown_comparisons, markdown_rows
 
 TITLE = "Table 1: pose errors"
 INTRODUCTION = """\
@@ -42,9 +41,6 @@ NEIGHBOURS = (
     ("best", "chained"),
     ("best-own", "best"),
 )
-
-Compared = dict[str, Sequence[tuple[str, str, str, Paired]]]
-
 
 def neighbours(rows: Sequence[str]) -> list[tuple[str, str]]:
     """The pairs of rows that are compared: neighbours, and `best` with its ablations."""
