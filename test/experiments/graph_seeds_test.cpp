@@ -102,6 +102,29 @@ TEST_SUITE("experiments/graph_seeds") {
     CHECK(found[3] == doctest::Approx(0.02));
   }
 
+  TEST_CASE("errors of a pose that the next step takes back make no random walk, and drift does") {
+    Rng rng(4);
+    std::vector<Vector6d> jitter, drift;
+    double before = 0;
+    for (int i = 0; i < 300; ++i) {
+      const double now = rng.normal();
+      jitter.push_back(vector6(now - before, 0, 0));
+      drift.push_back(vector6(now, 0, 0));
+      before = now;
+    }
+    const auto spread_of_ends = [&](const std::vector<Vector6d>& measured) {
+      double square = 0;
+      for (int draw = 0; draw < 50; ++draw) {
+        double end = 0;
+        for (const Vector6d& error : drawn_errors(measured, 2000, rng)) end += error[0];
+        square += end * end / 50;
+      }
+      return std::sqrt(square);
+    };
+    CHECK(spread_of_ends(jitter) < 6);  // cut blocks would end sqrt(2 * 80) = 13 off
+    CHECK(spread_of_ends(drift) > 30);  // sqrt(2000) = 45
+  }
+
   TEST_CASE("drawn odometry errs in each step as was drawn, and starts at the identity") {
     const Trajectory truth = rounds(60);
     const std::vector<std::vector<Vector6d>> errors{std::vector<Vector6d>(10, vector6(0.1, -0.02, 0.003))};

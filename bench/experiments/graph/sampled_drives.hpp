@@ -1,7 +1,7 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
+#include <cstddef>
 #include <vector>
 
 #include "chainslam/core/random.hpp"
@@ -30,15 +30,45 @@ struct MeasuredDrive {
 /// Keyframes over which errors stay together when they are drawn: what is correlated over shorter ways stays so.
 inline constexpr Index block_length = 25;
 
+/// Errors of steps in two parts: those of a pose that the next step takes back, and the drift that stays. Cut blocks
+/// would make a random walk of the first.
+struct SplitErrors {
+  std::vector<Vector6d> drift;   ///< of each step
+  std::vector<Vector6d> jitter;  ///< of each pose, one more
+};
+
+/// Jitter is how far the sum of the errors lies from its mean over the nearest poses.
+inline SplitErrors split(const std::vector<Vector6d>& steps) {
+  constexpr std::ptrdiff_t reach = 5;  // poses on each side
+  std::vector<Vector6d> sums{Vector6d(Vector6d::Zero())};
+  for (const Vector6d& step : steps) sums.push_back(sums.back() + step);
+  SplitErrors errors;
+  for (std::ptrdiff_t i = 0; i < std::ssize(sums); ++i) {
+    const std::ptrdiff_t side = std::min({reach, i, std::ssize(sums) - 1 - i});
+    Vector6d mean = Vector6d::Zero();
+    for (std::ptrdiff_t k = i - side; k <= i + side; ++k) mean += sums[static_cast<std::size_t>(k)];
+    errors.jitter.emplace_back(sums[static_cast<std::size_t>(i)] - mean / static_cast<double>(2 * side + 1));
+  }
+  for (std::size_t i = 0; i < steps.size(); ++i)
+    errors.drift.emplace_back(steps[i] - (errors.jitter[i + 1] - errors.jitter[i]));
+  return errors;
+}
+
 /// Errors of as many steps, drawn in blocks from those of one session, which begin anywhere and go on at its start
 /// (circular block bootstrap, Politis and Romano 1992): their mean, spread and correlation are that session's.
 inline std::vector<Vector6d> drawn_errors(const std::vector<Vector6d>& measured, std::size_t steps, Rng& rng) {
   std::vector<Vector6d> errors;
   if (measured.empty()) return std::vector<Vector6d>(steps, Vector6d(Vector6d::Zero()));
+  const SplitErrors parts = split(measured);
+  Vector6d before = Vector6d::Zero();  // jitter of the pose that the next step begins at
   while (errors.size() < steps) {
     const auto start = static_cast<std::size_t>(rng.uniform_index(static_cast<Index>(measured.size())));
-    for (Index k = 0; k < block_length && errors.size() < steps; ++k)
-      errors.push_back(measured[(start + static_cast<std::size_t>(k)) % measured.size()]);
+    if (errors.empty()) before = parts.jitter[start];
+    for (Index k = 0; k < block_length && errors.size() < steps; ++k) {
+      const std::size_t i = (start + static_cast<std::size_t>(k)) % measured.size();
+      errors.emplace_back(parts.drift[i] + parts.jitter[i + 1] - before);
+      before = parts.jitter[i + 1];
+    }
   }
   return errors;
 }
