@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -73,10 +74,15 @@ def checked(words: list[str]) -> argparse.Namespace:
     return arguments
 
 
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 def main() -> int:
     arguments = checked(sys.argv[1:])
     if arguments.check:
         return 0
+    signal.signal(signal.SIGTERM, _interrupt)
     from .make import Maker  # which needs numpy and matplotlib
 
     jobs = int(os.environ.get("CHAINSLAM_JOBS") or os.cpu_count() or 1)

@@ -58,7 +58,7 @@ class Maker:
         self.failed: dict[str, str] = {}
 
     def make(self) -> int:
-        with locked(self.out):
+        with locked(self.out) as self.runner.lock:
             made = {"1": self.table1, "graph": self.graph, "2": self.table2, "4": self.table4, "5": self.table5}
             for name in self.arguments.tables:
                 made[name]()

@@ -73,15 +73,18 @@ def in_order(tasks: Iterable[Task]) -> list[Task]:
 
 
 @contextmanager
-def locked(root: Path) -> Iterator[None]:
-    """Keeps a second run away from the same folder."""
+def locked(root: Path) -> Iterator[int]:
+    """Keeps a second run away from the same folder.
+
+    @returns the lock's descriptor: commands that inherit it hold the lock if they outlive the run.
+    """
     root.mkdir(parents=True, exist_ok=True)
     with open(root / ".lock", "w", encoding="utf-8") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             raise TaskFailed(f"{root} is in use by another run; wait for it, or give another --out") from error
-        yield
+        yield lock.fileno()
 
 
 class Runner:
@@ -97,6 +100,7 @@ class Runner:
     ) -> None:
         """@param names  what `{name}` stands for in a command."""
         self.root = root
+        self.lock: int | None = None  # descriptor that commands inherit
         self.names = {f"{{{name}}}": word for name, word in (names or {}).items()}
         self.jobs = max(1, jobs)
         self.say = say
@@ -181,7 +185,8 @@ class Runner:
             try:
                 records.append(self._execute([_filled(word, words) for word in command], part / "log.txt"))
             except TaskFailed:
-                part.rename(self.root / f"{task.folder}.failed")
+                if not self._stopped:
+                    part.rename(self.root / f"{task.folder}.failed")
                 raise
         for pattern in task.drop:
             for file in part.glob(pattern):
@@ -198,7 +203,13 @@ class Runner:
             with self._lock:
                 if self._stopped:
                     raise TaskFailed("interrupted")
-                process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT)
+                process = subprocess.Popen(
+                    words,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    pass_fds=() if self.lock is None else (self.lock,),
+                )
                 self._processes.add(process)
             _, status, usage = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)

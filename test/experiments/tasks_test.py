@@ -1,5 +1,8 @@
 """Tasks are run once, whole or not at all, and in the order that they need."""
 
+import signal
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -105,6 +108,36 @@ class Tasks(unittest.TestCase):
         runner = Runner(self.root, 1, lambda label, text: None, names={"shell": "/bin/sh"})
         self.assertEqual(runner.run([task]), {})
         self.assertEqual((self.root / task.folder / "said").read_text(), "1\n")
+
+    def test_a_command_that_outlives_its_run_keeps_the_folder(self) -> None:
+        with locked(self.root) as lock:
+            left = subprocess.Popen(["sleep", "60"], pass_fds=(lock,))
+        with self.assertRaisesRegex(TaskFailed, "in use by another run"), locked(self.root):
+            pass
+        left.kill()
+        left.wait()
+        with locked(self.root):
+            pass
+
+    def test_an_interrupt_ends_commands_and_the_next_run_goes_on(self) -> None:
+        script = f"""
+import sys
+from pathlib import Path
+from experiments.tasks import Runner, Task
+tasks = [Task("quick", (("true",),)), Task("long", (("sleep", "60"),))]
+Runner(Path({str(self.root)!r}), 2, print).run(tasks)
+"""
+        run = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        assert run.stdout is not None
+        run.stdout.readline()  # quick is done
+        begin = time.monotonic()
+        run.send_signal(signal.SIGINT)
+        self.assertNotEqual(run.wait(), 0)
+        run.stdout.close()
+        self.assertLess(time.monotonic() - begin, 30)
+        self.assertEqual(len(list(self.root.glob("quick-*"))), 1)
+        self.assertEqual(list(self.root.glob("*.failed")), [])
+        self.assertEqual(self.runner().run([Task("quick", (("true",),)), shell("long", "true")]), {})
 
     def test_what_a_command_costs_is_recorded(self) -> None:
         task = shell("t", "true")
