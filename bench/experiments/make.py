@@ -24,9 +24,9 @@ GOAL_MISSED = 5  # exit code of a run that has saved its map and missed a goal
 GROWTH_ROWS = ("unchained", "chained", "best")
 
 
-def preset_settings(program: Path, preset: str) -> dict[str, str]:
+def preset_settings(program: Path, preset: str, platform: str) -> dict[str, str]:
     """All settings of a preset, as the program prints them."""
-    words = [str(program), "config", "--print", "--set", f"preset={preset}"]
+    words = [str(program), "config", "--print", "--set", f"preset={preset}", "--set", f"platform={platform}"]
     printed = subprocess.run(words, check=True, capture_output=True, text=True).stdout
     flat: dict[str, str] = {}
     for section, keys in tomllib.loads(printed).items():
@@ -49,8 +49,14 @@ class Maker:
         data = os.environ.get("CHAINSLAM_UNPACKED_DATA")
         self.worlds = worlds(arguments.worlds, arguments.size, arguments.seeds, arguments.sessions,
                              Path(data) if data else None)
-        best, paper = (preset_settings(arguments.program, preset) for preset in ("best", "paper"))
-        rows = chosen(arguments.rows, ablations(best, paper))
+        presets = {
+            platform: (
+                preset_settings(arguments.program, "best", platform),
+                preset_settings(arguments.program, "paper", platform),
+            )
+            for platform in ("nclt", "mars")
+        }
+        rows = chosen(arguments.rows, ablations(presets))
         self.rows = [row for row in rows if row.program != "lamm" or self.programs.lamm]
         for row in rows:
             if row not in self.rows:

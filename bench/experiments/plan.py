@@ -187,8 +187,9 @@ class Plan:
     def _map_command(self, world: World, row: Row, sets: list[str], load: tuple[str, ...]) -> tuple[str, ...]:
         if row.program == "lamm":
             return ("{lamm}", *sets, "--out", f"{OUT}/map", "--threads", THREADS, *row.settings)
-        chosen = row.settings[:1] if row.settings[:1] and row.settings[0].startswith("preset=") else ()
-        rest = row.settings[len(chosen) :]
+        words = row.settings_on(world.platform)
+        chosen = words[:1] if words and words[0].startswith("preset=") else ()
+        rest = words[len(chosen) :]
         return (
             ("{chainslam}", "map", *sets, *load, "--out", f"{OUT}/map", "--threads", THREADS)
             + settings(chosen + (f"platform={world.platform}",) + rest + ACCEPT_LOSSES)

@@ -18,6 +18,10 @@ class Row:
     settings: tuple[str, ...] = ()  # of `chainslam map`; of LAMM its options
     odometry: str = SHARED
     program: str = "chainslam"
+    of_platform: tuple[tuple[str, tuple[str, ...]], ...] = ()  # more settings, by platform
+
+    def settings_on(self, platform: str) -> tuple[str, ...]:
+        return self.settings + dict(self.of_platform).get(platform, ())
 
     @property
     def is_front_end(self) -> bool:
@@ -46,6 +50,7 @@ MAIN_ROWS = (
 # What `best` does otherwise than `paper`, by subject: prefixes of settings. Together they must cover every setting of
 # the back end in which the two differ; see `ablations`.
 SUBJECTS: dict[str, tuple[str, ...]] = {
+    "keyframes": ("keyframes.",),
     "registration": (
         "closures.method",
         "closures.max_distance",
@@ -101,7 +106,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "odometry-noise": ("graph.odometry_",),
     "anchors": ("graph.anchor", "graph.remeasure_loaded"),
 }
-BACK_END = ("closures.", "chain.", "merge.", "graph.")
+BACK_END = ("keyframes.", "closures.", "chain.", "merge.", "graph.")
 
 
 class RowError(Exception):
@@ -116,21 +121,32 @@ def subject_of(key: str) -> str:
     return max(found)[1]
 
 
-def ablations(best: dict[str, str], paper: dict[str, str]) -> list[Row]:
-    """One row for each subject: `best` with what `paper` does there.
-
-    @param best, paper  all settings of the presets, as `chainslam config --print` writes them.
-    """
-    differing: dict[str, list[str]] = {}
+def differing(best: dict[str, str], paper: dict[str, str]) -> dict[str, tuple[str, ...]]:
+    """By subject the paper's values of the settings in which the two presets differ."""
+    found: dict[str, tuple[str, ...]] = {}
     for key, value in best.items():
         if key.startswith(BACK_END) and paper[key] != value:
-            differing.setdefault(subject_of(key), []).append(f"{key}={paper[key]}")
-    return [
-        Row(f"ablation-{subject}", f"best with the paper's {subject}: {', '.join(differing[subject])}",
-            tuple(differing[subject]))
-        for subject in SUBJECTS
-        if subject in differing
-    ]
+            subject = subject_of(key)
+            found[subject] = (*found.get(subject, ()), f"{key}={paper[key]}")
+    return found
+
+
+def ablations(presets: dict[str, tuple[dict[str, str], dict[str, str]]]) -> list[Row]:
+    """One row for each subject: `best` with what `paper` does there.
+
+    @param presets  by platform all settings of best and of paper, as `chainslam config --print` writes them.
+    """
+    by_platform = {platform: differing(*pair) for platform, pair in presets.items()}
+    rows = []
+    for subject in SUBJECTS:
+        values = {platform: found[subject] for platform, found in by_platform.items() if subject in found}
+        if not values:
+            continue
+        text = "; ".join(f"{platform}: {', '.join(words)}" for platform, words in values.items())
+        if len(set(values.values())) == 1 and len(values) == len(presets):
+            text = ", ".join(next(iter(values.values())))
+        rows.append(Row(f"ablation-{subject}", f"best with the paper's {subject}: {text}", of_platform=tuple(values.items())))
+    return rows
 
 
 def chosen(names: list[str], ablation_rows: list[Row]) -> list[Row]:

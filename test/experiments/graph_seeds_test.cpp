@@ -35,7 +35,16 @@ Attempt attempt_at(double distance, bool converged, const Vector6d& error = Vect
   return attempt;
 }
 
-/// Two sessions of two rounds each, mapped with alignments drawn from `attempts`; odometry errs by 1e-3 rad a step.
+/// Odometry's errors of a hundred steps: 2 cm and 2 mrad.
+std::vector<Vector6d> step_errors() {
+  Rng rng(21);
+  std::vector<Vector6d> errors;
+  for (int i = 0; i < 100; ++i)
+    errors.push_back(vector6(0.02 * rng.normal(), 0.02 * rng.normal(), 2e-3 * rng.normal()));
+  return errors;
+}
+
+/// Two sessions of two rounds each, mapped with alignments drawn from `attempts`.
 struct DrawnWorld {
   std::shared_ptr<SampledScans> scans = std::make_shared<SampledScans>();
   BackEnd<SampledCloser, ChainedCloser, SampledMerger, Cauchy> back_end;
@@ -43,7 +52,7 @@ struct DrawnWorld {
   DrawnWorld(const Attempts& attempts, const MergeOptions& merge, std::uint64_t seed = 1)
       : back_end({}, closer(attempts, seed), ChainedCloser(), SampledMerger(scans, merge, 10.0)) {
     const Trajectory truth = rounds(400);
-    const std::vector<std::vector<Vector6d>> errors{std::vector<Vector6d>(50, vector6(0.01, 0, 1e-3))};
+    const std::vector<std::vector<Vector6d>> errors{step_errors()};
     for (std::uint64_t session = 0; session < 2; ++session) {
       const Trajectory odometry = drawn_odometry(truth, errors, Rng(seed).fork(session));
       back_end.begin_session({});

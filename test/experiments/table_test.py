@@ -154,19 +154,25 @@ class RowsAndWorlds(Scratch):
              "keyframes.distance": "3", "merge.min_travel": "0"}
 
     def test_an_ablation_puts_back_what_the_paper_does_in_one_subject(self) -> None:
-        found = {row.name: row.settings for row in ablations(self.best, self.paper)}
-        self.assertEqual(found, {"ablation-registration": ("closures.method=point_to_point",),
-                                 "ablation-chain-reach": ("chain.reach=0",),
-                                 "ablation-merge-candidates": ("merge.min_travel=0",)})
+        slower = self.paper | {"chain.reach": "4", "merge.min_travel": "9"}
+        found = {row.name: row for row in ablations({"nclt": (self.best, self.paper), "mars": (self.best, slower)})}
+        self.assertEqual({name: row.settings_on("nclt") for name, row in found.items()},
+                         {"ablation-keyframes": ("keyframes.distance=3",),
+                          "ablation-registration": ("closures.method=point_to_point",),
+                          "ablation-chain-reach": ("chain.reach=0",),
+                          "ablation-merge-candidates": ("merge.min_travel=0",)})
+        self.assertEqual(found["ablation-merge-candidates"].settings_on("mars"), ("merge.min_travel=9",))
+        self.assertEqual(found["ablation-chain-reach"].settings_on("mars"), ())
+        self.assertIn("nclt: merge.min_travel=0; mars: merge.min_travel=9", found["ablation-merge-candidates"].definition)
 
     def test_a_setting_that_no_subject_has_is_an_error(self) -> None:
         with self.assertRaisesRegex(RowError, "chain.new_bound"):
             subject_of("chain.new_bound")
 
     def test_rows_by_name(self) -> None:
-        extra = ablations(self.best, self.paper)
+        extra = ablations({"nclt": (self.best, self.paper)})
         self.assertEqual(chosen([], extra), list(MAIN_ROWS))
-        self.assertEqual([r.name for r in chosen(["best", "ablations"], extra)][:2], ["best", "ablation-registration"])
+        self.assertEqual([r.name for r in chosen(["best", "ablations"], extra)][:2], ["best", "ablation-keyframes"])
         with self.assertRaisesRegex(RowError, "there is no row beste"):
             chosen(["beste"], extra)
 

@@ -123,9 +123,9 @@ class Tasks(unittest.TestCase):
         script = f"""
 import sys
 from pathlib import Path
-from experiments.tasks import Runner, Task
+from experiments.tasks import Runner, Task, say
 tasks = [Task("quick", (("true",),)), Task("long", (("sleep", "60"),))]
-Runner(Path({str(self.root)!r}), 2, print).run(tasks)
+Runner(Path({str(self.root)!r}), 2, say).run(tasks)
 """
         run = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         assert run.stdout is not None

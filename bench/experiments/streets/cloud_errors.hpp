@@ -36,7 +36,7 @@ inline double rms_distance(const PointCloud<float>& cloud, const SE3d& T, const 
 }
 
 /// Root mean square of how thick surfaces are, metres: of the least standard deviation of the points within 0.5 m of
-/// one, over points that lie on a surface. Walls that are drawn twice are thick.
+/// each. Walls that are drawn twice are thick, and so are leaves and corners, in any map.
 /// @param step  every so manyth point is looked at.
 inline double thickness_of(const PointCloud<float>& cloud, const KdTree<float>& tree, std::size_t step) {
   constexpr float radius = 0.5F;
@@ -49,9 +49,7 @@ inline double thickness_of(const PointCloud<float>& cloud, const KdTree<float>& 
     if (near.size() < least) continue;
     points.clear();
     for (const Neighbor<float>& one : near) points.push_back(cloud.positions[static_cast<std::size_t>(one.index)]);
-    const PlaneFit fit = fit_plane(points);
-    if (!fit.good() || fit.planarity() < 0.3) continue;  // poles, leaves
-    sum += fit.eigenvalues[0];
+    sum += fit_plane(points).eigenvalues[0];
     ++count;
   }
   return count > 0 ? std::sqrt(sum / count) : std::numeric_limits<double>::quiet_NaN();

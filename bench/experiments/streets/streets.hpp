@@ -15,6 +15,7 @@ namespace chainslam::experiments {
 struct Street {
   Eigen::Vector3d begin, end;  ///< in the truth's frame, metres
   std::size_t sessions = 0;    ///< that drive most of it
+  double driven = 0;           ///< shares of it that sessions drive, added up
 };
 
 struct StreetOptions {
@@ -45,8 +46,8 @@ inline bool is_on(const Street& street, const Eigen::Vector3d& position, double 
 
 namespace detail {
 
-/// Whether a session's keyframes lie in so large a share of the line's pieces of 5 m.
-inline bool covers(const Trajectory& drive, const Street& street, const StreetOptions& options) {
+/// The share of the line's pieces of 5 m that a session's keyframes lie in.
+inline double driven_share(const Trajectory& drive, const Street& street, const StreetOptions& options) {
   constexpr double piece = 5.0;
   const auto pieces = static_cast<std::size_t>(std::ceil(length_of(street) / piece));
   std::vector<bool> seen(pieces, false);
@@ -56,7 +57,7 @@ inline bool covers(const Trajectory& drive, const Street& street, const StreetOp
       // A keyframe stands for the way to its neighbours, which may be 10 m.
       for (std::size_t k = at > 0 ? at - 1 : 0; k < std::min(pieces, at + 2); ++k) seen[k] = true;
     }
-  return static_cast<double>(std::ranges::count(seen, true)) >= options.covered * static_cast<double>(pieces);
+  return static_cast<double>(std::ranges::count(seen, true)) / static_cast<double>(pieces);
 }
 
 /// The straight piece that a drive begins at a keyframe, if it is straight.
@@ -74,8 +75,8 @@ inline bool piece_at(const Trajectory& drive, std::size_t first, const StreetOpt
 
 }  // namespace detail
 
-/// The streets that most sessions drive, apart from each other; from true paths alone, so that they are the same for
-/// every map.
+/// The streets that are driven most, by many sessions, apart from each other; from true paths alone, so that they are
+/// the same for every map.
 /// @param drives  T_truth_body at the keyframes of each session.
 inline std::vector<Street> chosen_streets(std::span<const Trajectory> drives, const StreetOptions& options) {
   std::vector<Street> found;
@@ -83,11 +84,14 @@ inline std::vector<Street> chosen_streets(std::span<const Trajectory> drives, co
     for (std::size_t i = 0; i < drive.poses.size(); ++i) {
       Street street;
       if (!detail::piece_at(drive, i, options, street)) continue;
-      street.sessions = static_cast<std::size_t>(
-          std::ranges::count_if(drives, [&](const Trajectory& one) { return detail::covers(one, street, options); }));
+      for (const Trajectory& one : drives) {
+        const double share = detail::driven_share(one, street, options);
+        street.driven += share;
+        street.sessions += share >= options.covered ? 1 : 0;
+      }
       found.push_back(street);
     }
-  std::ranges::stable_sort(found, std::ranges::greater{}, &Street::sessions);
+  std::ranges::stable_sort(found, std::ranges::greater{}, &Street::driven);
   std::vector<Street> chosen;
   for (const Street& street : found) {
     const Eigen::Vector3d middle = 0.5 * (street.begin + street.end);
