@@ -16,8 +16,8 @@ Up to four straight streets of 50 m, those that most sessions drive, chosen by t
 of the centre line, put together by the map's poses and by true ones, 0.3 m voxels. RMSE in metres of the distances
 from each point to the nearest one of the true cloud: as the whole map's alignment puts it, after RANSAC on FPFH features
 without a guess, and after ICP from there, all with fixed parameters and seeds. Sessions that do not lie in one frame make
-clouds of their own, over which the mean is taken. Thickness: root mean square over surfaces of their least standard
-deviation within 0.5 m; walls that are drawn twice are thick.
+clouds of their own, over which the mean is taken. Thickness: the mean over points of the least standard deviation of those
+within 1 m; walls that are drawn twice are thick.
 """
 QUANTITIES = {"aligned_m": "as aligned", "ransac_m": "RANSAC", "icp_m": "ICP", "thickness_m": "thickness"}
 STREETS = 4

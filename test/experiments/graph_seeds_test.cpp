@@ -220,7 +220,7 @@ TEST_SUITE("experiments/graph_seeds") {
     attempts = good_attempts();
     const double good = DrawnWorld(attempts, {}).errors().ape.rmse;
     for (std::size_t i = 0; i < attempts.closures.size(); i += 2) attempts.closures[i].error = vector6(4, 0, 0);
-    CHECK(DrawnWorld(attempts, {}).errors().ape.rmse > good + 0.1);
+    CHECK(DrawnWorld(attempts, {}).errors().ape.rmse > 1.2 * good);
   }
 
   TEST_CASE("equal pairs of keyframes get equal alignments, and equal seeds equal worlds") {

@@ -35,11 +35,11 @@ inline double rms_distance(const PointCloud<float>& cloud, const SE3d& T, const 
   return std::sqrt(sum / static_cast<double>(placed.size()));
 }
 
-/// Root mean square of how thick surfaces are, metres: of the least standard deviation of the points within 0.5 m of
-/// each. Walls that are drawn twice are thick, and so are leaves and corners, in any map.
+/// How thick surfaces are, metres: the mean over points of the least standard deviation of those within 1 m of one.
+/// Walls that are drawn twice are thick, and so are leaves and corners, in any map.
 /// @param step  every so manyth point is looked at.
 inline double thickness_of(const PointCloud<float>& cloud, const KdTree<float>& tree, std::size_t step) {
-  constexpr float radius = 0.5F;
+  constexpr float radius = 1.0F;
   constexpr std::size_t least = 10;
   double sum = 0, count = 0;
   std::vector<Neighbor<float>> near;
@@ -49,10 +49,10 @@ inline double thickness_of(const PointCloud<float>& cloud, const KdTree<float>& 
     if (near.size() < least) continue;
     points.clear();
     for (const Neighbor<float>& one : near) points.push_back(cloud.positions[static_cast<std::size_t>(one.index)]);
-    sum += fit_plane(points).eigenvalues[0];
+    sum += std::sqrt(fit_plane(points).eigenvalues[0]);
     ++count;
   }
-  return count > 0 ? std::sqrt(sum / count) : std::numeric_limits<double>::quiet_NaN();
+  return count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
 }
 
 /// Registers a cloud to its reference, without a guess by features and RANSAC, then by ICP: fixed seeds and parameters.
