@@ -1,0 +1,164 @@
+#include "scan_graph.hpp"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "lamm/keypoint_places.hpp"
+#include "support/property.hpp"
+
+namespace chainslam::lamm {
+namespace {
+
+/// A drive around a circle of 50 m, a frame every 0.3 m, a scan every ten; odometry as good as `noise` a frame.
+Drive round_trip(Rng& rng, double noise, double from_angle, const SE3d& T_odom_map, std::vector<SE3d>& truth) {
+  Drive drive;
+  SE3d last, pose = T_odom_map;
+  for (int i = 0; i < 1000; ++i) {
+    const double angle = from_angle + 0.3 * i / 50;
+    const SE3d T(SO3d::exp({0, 0, angle + std::numbers::pi / 2}), {50 * std::cos(angle), 50 * std::sin(angle), 0});
+    Vector6d error;
+    for (double& entry : error) entry = rng.normal(0, noise);
+    pose = i == 0 ? T_odom_map * T : pose * (last.inverse() * T) * SE3d::exp(error);
+    last = T;
+    drive.odometry.poses.push_back(pose);
+    drive.odometry.times.push_back(Timestamp(seconds(0.1 * i)));
+    truth.push_back(T);
+    if (i % 10 == 0) drive.scans.push_back({.frame = i});
+  }
+  return drive;
+}
+
+Loop true_loop(Index source, Index source_frame, Index target, Index target_frame,
+               const std::vector<std::vector<SE3d>>& truths) {
+  const auto pose = [&](Index drive, Index frame) {
+    return truths[static_cast<std::size_t>(drive)][static_cast<std::size_t>(frame)];
+  };
+  return {.source = source,
+          .target = target,
+          .source_frame = source_frame,
+          .target_frame = target_frame,
+          .T_target_source = pose(target, target_frame).inverse() * pose(source, source_frame),
+          .overlap = 0.8,
+          .kept = true};
+}
+
+struct TwoDrives {
+  std::vector<Drive> drives;
+  std::vector<std::vector<SE3d>> truths{2};
+};
+
+/// Two drives around one circle, each in a frame of its own.
+TwoDrives two_drives(Rng& rng, double noise) {
+  TwoDrives two;
+  two.drives.push_back(round_trip(rng, noise, 0, SE3d(), two.truths[0]));
+  const SE3d T_odom_map(SO3d::exp({0, 0, rng.uniform(-3, 3)}), {rng.uniform(-80, 80), rng.uniform(-80, 80), 3});
+  two.drives.push_back(round_trip(rng, noise, rng.uniform(0, 1), T_odom_map, two.truths[1]));
+  return two;
+}
+
+/// The largest distance of a scan from where it was, once the first drive's first is where it was.
+double worst_error(const TwoDrives& two, const OptimizedDrives& optimized) {
+  const SE3d T_truth_map = two.truths[0][0] * optimized.poses[0][0].inverse();
+  double worst = 0;
+  for (std::size_t drive = 0; drive < 2; ++drive)
+    for (std::size_t i = 0; i < optimized.poses[drive].size(); ++i) {
+      const auto frame = static_cast<std::size_t>(two.drives[drive].scans[i].frame);
+      const SE3d placed = T_truth_map * optimized.poses[drive][i];
+      worst = std::max(worst, (placed.translation() - two.truths[drive][frame].translation()).norm());
+    }
+  return worst;
+}
+
+std::vector<Loop> loops_between(const TwoDrives& two, int count) {
+  std::vector<Loop> loops;
+  for (int i = 0; i < count; ++i) loops.push_back(true_loop(1, 900 * i / count, 0, 900 * i / count, two.truths));
+  return loops;
+}
+
+}  // namespace
+
+TEST_SUITE("lamm/scan_graph") {
+  TEST_CASE("two drives are put together by their loops, from any frames of their own") {
+    test::for_all(5, [](Rng& rng, int /*size*/) {
+      const TwoDrives two = two_drives(rng, 1e-3);
+      const auto optimized = optimize_drives(two.drives, loops_between(two, 30), {});
+      CHECK(optimized.report.ok());
+      CHECK(optimized.frame_of == std::vector<Index>{0, 0});
+      CHECK(worst_error(two, optimized) < 1.5);  // a random walk of 1e-3 a frame goes 0.5 to 1.5 m astray here
+    });
+  }
+
+  TEST_CASE("a false loop is outvoted, one that was dropped is not looked at") {
+    test::for_all(5, [](Rng& rng, int /*size*/) {
+      const TwoDrives two = two_drives(rng, 1e-4);
+      std::vector<Loop> loops = loops_between(two, 30);
+      Loop wrong = loops[7];
+      wrong.T_target_source = wrong.T_target_source * SE3d(SO3d::exp({0, 0, 1}), {25, 10, 0});
+      wrong.overlap = 0.4;
+      loops.push_back(wrong);
+      CHECK(worst_error(two, optimize_drives(two.drives, loops, {})) < 0.5);
+      loops.back().kept = false;
+      const double without = worst_error(two, optimize_drives(two.drives, loops, {}));
+      loops.pop_back();
+      CHECK(without == worst_error(two, optimize_drives(two.drives, loops, {})));
+    });
+  }
+
+  TEST_CASE("drives without a loop between them stay in their own frames, as odometry left them") {
+    Rng rng(1);
+    const TwoDrives two = two_drives(rng, 1e-3);
+    const std::vector<Loop> loops{true_loop(0, 950, 0, 0, two.truths)};
+    const auto optimized = optimize_drives(two.drives, loops, {});
+    CHECK(optimized.frame_of == std::vector<Index>{0, 1});
+    for (std::size_t i = 0; i < optimized.poses[1].size(); ++i) {
+      const SE3d& odometry = two.drives[1].pose(two.drives[1].scans[i].frame);
+      CHECK((optimized.poses[1][i].translation() - odometry.translation()).norm() < 1e-6);
+    }
+  }
+
+  TEST_CASE("as released a loop is ten factors after its ends, which is wrong unless both went the same way") {
+    Rng rng(2);
+    const TwoDrives two = two_drives(rng, 1e-5);
+    const std::vector<Loop> loops = loops_between(two, 30);
+    const ScanGraphOptions released{.frames_a_loop = 10};
+    const auto designed = optimize_drives(two.drives, loops, {}), wrong = optimize_drives(two.drives, loops, released);
+    CHECK(wrong.factors - wrong.variables == designed.factors - designed.variables + 9 * 30);
+    CHECK(worst_error(two, wrong) < 1.0);  // both went the same way at the same speed
+    TwoDrives against = two;               // the second drive backwards
+    std::ranges::reverse(against.drives[1].odometry.poses);
+    std::ranges::reverse(against.truths[1]);
+    std::vector<Loop> meeting;
+    for (const Loop& loop : loops)
+      meeting.push_back(true_loop(1, std::max<Index>(990 - loop.source_frame, 0), 0, loop.target_frame, against.truths));
+    CHECK(worst_error(against, optimize_drives(against.drives, meeting, {})) < 0.5);
+    CHECK(worst_error(against, optimize_drives(against.drives, meeting, released)) > 1.0);
+  }
+
+  TEST_CASE("the covariance of many steps is that of what they add up to") {
+    Rng rng(3);
+    std::vector<SE3d> truth;
+    const Drive drive = round_trip(rng, 0, 0, SE3d(), truth);
+    constexpr double variance = 1e-6;
+    const Matrix6d covariance = compounded_covariance(drive, 5, 65, variance);
+    Matrix6d sampled = Matrix6d::Zero();
+    constexpr int samples = 4000;
+    for (int k = 0; k < samples; ++k) {
+      SE3d pose;
+      for (Index i = 5; i < 65; ++i) {
+        Vector6d error;
+        for (double& entry : error) entry = rng.normal(0, std::sqrt(variance));
+        pose = pose * (drive.pose(i).inverse() * drive.pose(i + 1)) * SE3d::exp(error);
+      }
+      const Vector6d off = ((drive.pose(5).inverse() * drive.pose(65)).inverse() * pose).log();
+      sampled += off * off.transpose() / samples;
+    }
+    for (int i = 0; i < 6; ++i) CHECK(sampled(i, i) == doctest::Approx(covariance(i, i)).epsilon(0.1));
+    CHECK(sampled(1, 5) == doctest::Approx(covariance(1, 5)).epsilon(0.15));
+    CHECK(compounded_covariance(drive, 5, 6, variance).isApprox(variance * Matrix6d::Identity()));
+  }
+}
+
+}  // namespace chainslam::lamm
