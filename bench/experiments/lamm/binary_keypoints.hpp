@@ -33,7 +33,7 @@ struct BinaryKeypointOptions {
 
 /// A place in the plane above which more heights are occupied than around it: a pole, a corner, a trunk.
 struct BinaryKeypoint {
-  Eigen::Vector3f position;      ///< in the plane, in the cloud's frame
+  Eigen::Vector3f position{0, 0, 0};  ///< in the plane, in the cloud's frame
   std::uint64_t occupancy = 0;   ///< bit i: there are points between i and i + 1 bin heights from the plane
 
   [[nodiscard]] Index occupied() const { return std::popcount(occupancy); }

@@ -36,7 +36,7 @@ struct TriangleMatch {
 /// A place that shares triangles with a query.
 struct PlaceCandidate {
   Index place = 0;
-  std::vector<TriangleMatch> matches;
+  std::vector<TriangleMatch> matches{};
 };
 
 /// Places by the sides of their triangles: finds those that share most with a query (Yuan et al. 2023, section III-C).

@@ -28,7 +28,7 @@ struct LoopSearchOptions {
 struct Loop {
   Index source = 0, target = 0;              ///< drives; the target's is the earlier, or the same
   Index source_frame = 0, target_frame = 0;  ///< of these drives
-  SE3d T_target_source;                      ///< between the bodies at these frames
+  SE3d T_target_source{};                    ///< between the bodies at these frames
   double overlap = 0;                        ///< of planes
   Index agreeing = 0;                        ///< triangles
   double mean_squared_residual = 0;          ///< m^2

@@ -35,7 +35,7 @@ struct VerificationOptions {
 /// A place that was recognised.
 struct RecognizedPlace {
   Index place = 0;
-  SE3d T_place_query;
+  SE3d T_place_query{};
   double overlap = 0;        ///< share of the query's pieces of planes, before refinement
   Index agreeing = 0;        ///< matches
   double mean_squared_residual = 0;  ///< of the refinement, point to plane, m^2

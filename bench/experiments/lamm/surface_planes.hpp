@@ -43,7 +43,7 @@ namespace detail {
 
 /// Sums over the points of a voxel about its centre, so that no digits are lost far from the origin.
 struct VoxelMoments {
-  Eigen::Vector3d middle;
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
   Index points = 0;

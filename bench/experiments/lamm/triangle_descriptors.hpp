@@ -27,7 +27,7 @@ struct TriangleOptions {
 
 /// A triangle of keypoints. Its sides are the same wherever the place is seen from.
 struct Triangle {
-  Eigen::Vector3f sides;  ///< a <= b <= c, metres
+  Eigen::Vector3f sides{0, 0, 0};  ///< a <= b <= c, metres
   /// Places of its corners among the keypoints: between a and b, between a and c, between b and c.
   std::array<std::uint16_t, 3> corners{};
 };
