@@ -64,6 +64,7 @@ Options as_released() {
   Options options;
   options.search.skip_newest = 100;
   options.search.turned_start = false;
+  options.verification.min_overlap = 0.3;
   options.filter.few_radius = 0;
   options.graph.frames_a_loop = 10;
   options.graph.placed = false;

@@ -32,6 +32,7 @@ struct Options {
 /// - each loop is a factor for each of the ten scans after its ends, with the relative pose of the ends;
 /// - two to four loops between two sessions are all dropped, since their radius is zero;
 /// - the start of a session is computed with a translation that is not turned;
+/// - a place is recognised by half the overlap, as its launch file has it;
 /// - no candidate, of whatever session, is less than 101 key clouds before the query;
 /// - every session starts the optimisation in its own frame, which takes eleven steps;
 /// - groups after the first are held at a pose of the first session.

@@ -38,8 +38,7 @@ struct Arguments {
   bool overwrite = false;
   bool as_released = false;
   int threads = ThreadPool::hardware_threads();
-  int cloud_scans = lamm::KeyCloudOptions{}.scans;
-  int cloud_step = lamm::KeyCloudOptions{}.step;
+  lamm::KeyCloudOptions clouds;
 };
 
 void add_options(CLI::App& app, Arguments& arguments) {
@@ -55,11 +54,14 @@ void add_options(CLI::App& app, Arguments& arguments) {
   app.add_flag("--overwrite", arguments.overwrite, "if DIR holds something, keep that as DIR~1");
   app.add_flag("--as-released", arguments.as_released,
                "do what the released program does, faults included; default: the method as it was designed");
-  app.add_option("--cloud-scans", arguments.cloud_scans, "keyframes that are put together to a key cloud")
+  app.add_option("--cloud-scans", arguments.clouds.max_scans, "keyframes of a key cloud, at most")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  app.add_option("--cloud-step", arguments.cloud_step, "keyframes from one key cloud to the next")
-      ->check(CLI::Range(1, 1000))
+  app.add_option("--cloud-length", arguments.clouds.max_length, "metres from its first keyframe to its last, at most")
+      ->check(CLI::Range(0.0, 1e4))
+      ->capture_default_str();
+  app.add_option("--cloud-spacing", arguments.clouds.spacing, "metres from one key cloud to the next, at least")
+      ->check(CLI::Range(0.0, 1e4))
       ->capture_default_str();
   app.add_option("--threads", arguments.threads, "default: all cores; changes the time, not the result")
       ->check(CLI::Range(1, 1024))
@@ -68,8 +70,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
 
 lamm::Options options_of(const Arguments& arguments) {
   lamm::Options options = arguments.as_released ? lamm::as_released() : lamm::Options{};
-  options.clouds.scans = arguments.cloud_scans;
-  options.clouds.step = arguments.cloud_step;
+  options.clouds = arguments.clouds;
   return options;
 }
 

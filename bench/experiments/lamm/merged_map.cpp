@@ -138,8 +138,9 @@ std::string lamm_json(const Result& result, const Options& options, bool as_rele
   const OptimizeReport& report = result.drives.report;
   const nlohmann::ordered_json json = {
       {"as_released", as_released},
-      {"scans_in_a_key_cloud", options.clouds.scans},
-      {"scans_between_key_clouds", options.clouds.step},
+      {"key_cloud_max_scans", options.clouds.max_scans},
+      {"key_cloud_max_length_m", options.clouds.max_length},
+      {"key_cloud_spacing_m", options.clouds.spacing},
       {"key_clouds", counts.key_clouds},
       {"keypoints", counts.keypoints},
       {"triangles", counts.triangles},
