@@ -133,15 +133,14 @@ TEST_SUITE("lamm/place_verification") {
     test::for_all(20, [](Rng& rng, int /*size*/) {
       const PlaceDescriptor place = test::random_place(rng);
       const SE3d T = test::random_motion(rng, 50);
-      PlaceDescriptor view = test::seen_again(place, T, 0.02, rng);
-      for (Eigen::Vector3f& normal : view.planes.normals)
+      PointCloud<float> view = test::seen_again(place, T, 0.02, rng).planes.cloud();
+      for (Eigen::Vector3f& normal : view.normals)
         if (rng.uniform() < 0.5) normal = -normal;
-      const IndexedCloud<> target(place.planes);
-      CHECK(plane_overlap(view.planes, target, T.inverse()) == 1.0);
+      CHECK(plane_overlap(view, place.planes, T.inverse()) == 1.0);
       const SE3d aside = T.inverse() * SE3d(SO3d::exp({0.5, 0.5, 0.5}), {5, 5, 5});
-      CHECK(plane_overlap(view.planes, target, aside) < 0.3);
-      CHECK(plane_overlap({}, target, T) == 0.0);
-      CHECK(plane_overlap(view.planes, IndexedCloud<>(), T) == 0.0);
+      CHECK(plane_overlap(view, place.planes, aside) < 0.3);
+      CHECK(plane_overlap({}, place.planes, T) == 0.0);
+      CHECK(plane_overlap(view, IndexedCloud<>(), T) == 0.0);
     });
   }
 
@@ -150,7 +149,7 @@ TEST_SUITE("lamm/place_verification") {
       const PlaceDescriptor place = test::random_place(rng);
       const SE3d off(SO3d::exp({rng.normal(0, 0.005), rng.normal(0, 0.005), rng.normal(0, 0.01)}),
                      {rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2)});
-      const RecognizedPlace found = refined({.T_place_query = off}, place.planes, IndexedCloud<>(place.planes));
+      const RecognizedPlace found = refined({.T_place_query = off}, place.planes.cloud(), place.planes);
       CHECK(found.T_place_query.translation().norm() < 0.02);
       CHECK(found.T_place_query.rotation().log().norm() < 0.002);
     });

@@ -49,14 +49,16 @@ inline PlaceDescriptor random_place(Rng& rng, int keypoints = 50) {
   PlaceDescriptor place;
   place.keypoints = random_keypoints(rng, keypoints);
   place.triangles = triangles_of(place.keypoints);
+  PointCloud<float> planes;
   for (int i = 0; i < 60; ++i) {
     const bool ground = i % 3 == 0;
     const double bearing = rng.uniform(0, 2 * std::numbers::pi);
     const Eigen::Vector3d normal = ground ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d(std::cos(bearing), std::sin(bearing), 0);
-    place.planes.positions.push_back(
+    planes.positions.push_back(
         Eigen::Vector3d(rng.uniform(-40, 40), rng.uniform(-40, 40), ground ? 0 : rng.uniform(0, 6)).cast<float>());
-    place.planes.normals.push_back(normal.cast<float>());
+    planes.normals.push_back(normal.cast<float>());
   }
+  place.planes = IndexedCloud<>(planes);
   return place;
 }
 
@@ -76,11 +78,10 @@ inline PlaceDescriptor seen_again(const PlaceDescriptor& place, const SE3d& T_vi
     view.keypoints.push_back(keypoint);
   }
   view.triangles = triangles_of(view.keypoints);
-  for (std::size_t i = 0; i < place.planes.size(); ++i) {
-    view.planes.positions.push_back((T_view_place * place.planes.positions[i].cast<double>().eval()).cast<float>());
-    view.planes.normals.push_back(
-        (T_view_place.rotation() * place.planes.normals[i].cast<double>().eval()).cast<float>());
-  }
+  PointCloud<float> planes = place.planes.cloud();
+  for (Eigen::Vector3f& p : planes.positions) p = (T_view_place * p.cast<double>().eval()).cast<float>();
+  for (Eigen::Vector3f& n : planes.normals) n = (T_view_place.rotation() * n.cast<double>().eval()).cast<float>();
+  view.planes = IndexedCloud<>(planes);
   return view;
 }
 

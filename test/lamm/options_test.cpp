@@ -44,7 +44,7 @@ TEST_SUITE("lamm/options") {
     const Options options;
     CHECK(options.frames_per_number == 10);
     CHECK(options.search.min_gap == 50);
-    CHECK(options.search.skip_newest == 0);
+    CHECK(options.search.min_gap_any == 0);
     CHECK(options.filter.max_path_difference == 1.5);
     CHECK(options.filter.subset == 0.5);
     CHECK(options.filter.max_draws == 100'000);
@@ -63,7 +63,7 @@ TEST_SUITE("lamm/options") {
 
   TEST_CASE("what the released program does otherwise") {
     const Options options = as_released();
-    CHECK(options.search.skip_newest == 100);
+    CHECK(options.search.min_gap_any == 101);
     CHECK(!options.search.turned_start);
     CHECK(options.verification.min_overlap == 0.3);
     CHECK(options.filter.few_radius == 0);

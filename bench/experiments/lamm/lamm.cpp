@@ -62,7 +62,7 @@ std::vector<Loop> search(std::span<const Drive> drives, const AllClouds& clouds,
 
 Options as_released() {
   Options options;
-  options.search.skip_newest = 100;
+  options.search.min_gap_any = 101;
   options.search.turned_start = false;
   options.verification.min_overlap = 0.3;
   options.filter.few_radius = 0;

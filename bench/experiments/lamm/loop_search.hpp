@@ -19,8 +19,8 @@ namespace chainslam::lamm {
 
 /// Which key clouds may be matched with one another, by LAMM's numbers.
 struct LoopSearchOptions {
-  Index min_gap = 50;      ///< within a drive, from the candidate to the query
-  Index skip_newest = 0;   ///< in any drive, candidates whose numbers are no more than this below the query's
+  Index min_gap = 50;        ///< from the candidate to the query, within a drive
+  Index min_gap_any = 0;     ///< ... in any drive
   bool turned_start = true;  ///< false: the start of a drive is put as the released code does, without the loop's turn
 };
 
@@ -47,7 +47,7 @@ template <Executor Exec>
       const KeyCloud& query = queries[static_cast<std::size_t>(i)];
       const auto eligible = [&](Index place) {
         const Index gap = query.number - places[static_cast<std::size_t>(place)].number;
-        return gap > search.skip_newest && (source != target || gap >= search.min_gap);
+        return gap >= search.min_gap_any && (source != target || gap >= search.min_gap);
       };
       const auto best = recognize(*query.place, table, table.candidates(*query.place, eligible), verification);
       if (!best) continue;

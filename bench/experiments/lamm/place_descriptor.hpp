@@ -1,10 +1,12 @@
 #pragma once
 
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "binary_keypoints.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/search/indexed_cloud.hpp"
 #include "surface_planes.hpp"
 #include "triangle_descriptors.hpp"
 
@@ -20,7 +22,7 @@ struct PlaceDescriptorOptions {
 struct PlaceDescriptor {
   std::vector<BinaryKeypoint> keypoints;
   std::vector<Triangle> triangles;
-  PointCloud<float> planes;  ///< centres of flat pieces of surface, and their normals, whose sign is not defined
+  IndexedCloud<> planes;  ///< centres of flat pieces of surface, and their normals, whose sign is not defined
 };
 
 /// Describes a cloud: its flat pieces, the keypoints above the largest plane, their triangles.
@@ -33,10 +35,12 @@ struct PlaceDescriptor {
   place.keypoints = binary_keypoints(cloud, largest_plane(pieces, options.planes).value_or(SurfacePlane{}),
                                      options.keypoints);
   place.triangles = triangles_of(place.keypoints, options.triangles);
+  PointCloud<float> planes;
   for (const SurfacePlane& piece : pieces) {
-    place.planes.positions.push_back(piece.center.cast<float>());
-    place.planes.normals.push_back(piece.normal.cast<float>());
+    planes.positions.push_back(piece.center.cast<float>());
+    planes.normals.push_back(piece.normal.cast<float>());
   }
+  place.planes = IndexedCloud<>(std::move(planes));
   return place;
 }
 

@@ -137,18 +137,14 @@ struct MatchedCorners {
                                                               std::span<const PlaceCandidate> candidates,
                                                               const VerificationOptions& options = {}) {
   std::optional<RecognizedPlace> best;
-  IndexedCloud<> best_planes;
   for (const PlaceCandidate& candidate : candidates) {
     const PlaceDescriptor& place = table.place(candidate.place);
     std::optional<RecognizedPlace> found = consensus_pose(query, place, candidate, options);
     if (!found) continue;
-    IndexedCloud<> planes(place.planes);
-    found->overlap = plane_overlap(query.planes, planes, found->T_place_query, options);
-    if (!(found->overlap > options.min_overlap) || (best && !(found->overlap > best->overlap))) continue;
-    best = found;
-    best_planes = std::move(planes);
+    found->overlap = plane_overlap(query.planes.cloud(), place.planes, found->T_place_query, options);
+    if (found->overlap > options.min_overlap && (!best || found->overlap > best->overlap)) best = found;
   }
-  if (best) best = refined(*best, query.planes, best_planes, options);
+  if (best) best = refined(*best, query.planes.cloud(), table.place(best->place).planes, options);
   return best;
 }
 
