@@ -50,10 +50,9 @@ class DescriptorTable {
     for (std::size_t i = 0; i < place->triangles.size(); ++i) {
       const auto cell = cell_at(place->triangles[i].sides);
       if (!cell) continue;
-      const Index entry = to_index(entries_.size());
-      const auto [before, is_new] = heads_.insert(*cell, entry);
-      entries_.push_back({place->triangles[i].sides, number, to_index(i), is_new ? -1 : before});
-      if (!is_new) heads_.assign(*cell, entry);
+      const auto [bucket, is_new] = cells_.insert(*cell, to_index(buckets_.size()));
+      if (is_new) buckets_.emplace_back();
+      buckets_[static_cast<std::size_t>(bucket)].push_back({place->triangles[i].sides, number, to_index(i)});
     }
     places_.push_back(std::move(place));
     return number;
@@ -61,7 +60,6 @@ class DescriptorTable {
 
   [[nodiscard]] Index size() const { return to_index(places_.size()); }
   [[nodiscard]] const PlaceDescriptor& place(Index number) const { return *places_[static_cast<std::size_t>(number)]; }
-  [[nodiscard]] Index triangle_count() const { return to_index(entries_.size()); }
 
   /// The places that share most triangles with a query, those with most first, of equals the one added first.
   /// @param eligible  `bool eligible(Index place)`: whether a place may be found at all.
@@ -84,7 +82,6 @@ class DescriptorTable {
     Eigen::Vector3f sides;
     Index place;
     Index triangle;
-    Index next;  ///< entry of the same cell, -1 at the end
   };
   struct Found {
     Index place;
@@ -126,11 +123,11 @@ class DescriptorTable {
           const Cell cell{home->x + dx, home->y + dy, home->z + dz};
           const Eigen::Vector3d middle = Eigen::Vector3d(cell.x, cell.y, cell.z).array() + 0.5;
           if ((middle - at).norm() >= reach) continue;
-          for (Index i = heads_.find(cell); i >= 0; i = entries_[static_cast<std::size_t>(i)].next) {
-            const Entry& entry = entries_[static_cast<std::size_t>(i)];
+          const Index bucket = cells_.find(cell);
+          if (bucket < 0) continue;
+          for (const Entry& entry : buckets_[static_cast<std::size_t>(bucket)])
             if (eligible(entry.place) && look_the_same(query, triangle, entry))
               found.push_back({entry.place, {number, entry.triangle}});
-          }
         }
   }
 
@@ -146,8 +143,8 @@ class DescriptorTable {
   }
 
   TableOptions options_;
-  CellTable heads_;  ///< of each cell the entry that was added last
-  std::vector<Entry> entries_;
+  CellTable cells_;  ///< of the triangles' sides: the numbers of buckets
+  std::vector<std::vector<Entry>> buckets_;
   std::vector<std::shared_ptr<const PlaceDescriptor>> places_;
 };
 

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
+#include <csignal>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
@@ -145,6 +146,8 @@ int report(const std::string& message, int code) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  std::signal(SIGXFSZ, SIG_IGN);  // a limit on file sizes then is an error like any other
+  std::signal(SIGPIPE, SIG_IGN);
   CLI::App app("LAMM: merges sessions off line, as a baseline for the tables");
   Arguments arguments;
   add_options(app, arguments);
