@@ -128,7 +128,7 @@ all_modules() {
 }
 
 # What is put together of parts that have modules of their own; test/README.md has the reason for each.
-assembled="architecture experiments factor_graph lie odometry program registration simulator slam"
+assembled="architecture experiments factor_graph lamm lie odometry program registration simulator slam"
 
 # parts_of MODULE...: those that are not put together of others, a line each.
 parts_of() {
