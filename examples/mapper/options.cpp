@@ -103,8 +103,12 @@ void add_imu(Configuration& configuration, ImuSettings& imu, datasets::DatasetOp
                "of the IMU's own. Negative if samples are stamped late."});
   configuration.add("imu.gyro_noise", imu.noise.gyro,
                     {.unit = "rad/s/sqrt(Hz)", .min = 1e-7, .max = 1, .help = "Noise density of the gyroscope."});
-  configuration.add("imu.accel_noise", imu.noise.accel,
-                    {.unit = "m/s^2/sqrt(Hz)", .min = 1e-6, .max = 100, .help = "Noise density of the accelerometer."});
+  configuration.add(
+      "imu.accel_noise", imu.noise.accel,
+      {.unit = "m/s^2/sqrt(Hz)",
+       .min = 1e-6,
+       .max = 100,
+       .help = "Noise density of the accelerometer. lidar_inertial estimates it from the scans; this is the least."});
   configuration.add("imu.gyro_random_walk", imu.noise.gyro_bias_walk,
                     {.unit = "rad/s/sqrt(s)", .min = 0, .max = 1, .help = "Random walk of the gyroscope's bias."});
   configuration.add("imu.accel_random_walk", imu.noise.accel_bias_walk,

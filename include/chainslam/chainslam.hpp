@@ -114,6 +114,7 @@
 #include "chainslam/map/session.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/map/submap.hpp"
+#include "chainslam/odometry/accel_noise.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/fast_lio2.hpp"
 #include "chainslam/odometry/imu_alignment.hpp"

@@ -32,6 +32,8 @@ struct ImuComparison {
   bool force_measured = true;                             ///< false: nothing is known of `up`
   double rate = 0;                                        ///< rad/s, by the scans
   Eigen::Vector3d rate_error = Eigen::Vector3d::Zero();   ///< rad/s, body frame: measured less scans
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();        ///< m/s^2: mean specific force, ...
+  Eigen::Vector3d force_way = Eigen::Vector3d::Zero();    ///< m: ... and how far it alone would have carried from rest
   Eigen::Vector3d up = Eigen::Vector3d::Zero();           ///< m/s^2: specific force less the scans' acceleration
   Eigen::Vector3d expected_up = Eigen::Vector3d::Zero();  ///< m/s^2: by the filter, what both should differ by
 };

@@ -9,6 +9,7 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/filter/ieskf.hpp"
+#include "chainslam/odometry/accel_noise.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/imu_comparison.hpp"
 #include "chainslam/odometry/detail/mounting.hpp"
@@ -30,7 +31,7 @@ class InertialMotion {
   using Filter = Ieskf<InertialState, ImuProcess>;
 
   explicit InertialMotion(const InertialMotionOptions& options = {}, const SE3d& T_body_lidar = {})
-      : options_(options), T_body_lidar_(T_body_lidar), imu_(options.imu) {}
+      : options_(options), T_body_lidar_(T_body_lidar), imu_(options.imu), accel_noise_(options.accel_noise) {}
 
   ImuRecord::Taken add(const ImuSample& sample) {
     const ImuRecord::Taken taken = imu_.add(sample);
@@ -108,6 +109,16 @@ class InertialMotion {
     if (!knows_velocity(before_) || !knows_velocity(filter_)) return {};
     return detail::compare_imu(imu_, begin_, before_.state(), time_, state(), options_.process.gravity);
   }
+  /// Learns the accelerometer's noise from how it differs from the scans. @param position  by the scan alone.
+  void learn_noise(const ImuComparison& comparison, const Eigen::Vector3d& position) {
+    accel_noise_.follow(comparison, position);
+  }
+  /// There was no scan to learn from.
+  void interrupt_noise() { accel_noise_.interrupt(); }
+  /// What was learnt of the noise was of another clock or other axes.
+  void restart_noise() { accel_noise_.restart(); }
+  /// m/s^2 per sqrt(Hz): density of the accelerometer's noise that predictions take.
+  [[nodiscard]] double accel_noise() const { return std::max(options_.process.noise.accel, accel_noise_.density()); }
   /// Forgets what was learnt from measurements that are no longer believed.
   void forget_biases(ImuUse use) {
     if (use == ImuUse::none) hold_mounting();
@@ -212,7 +223,11 @@ class InertialMotion {
       reading.gyro_noise = options_.free_gyro;
     }
     if (!reading.force_measured) reading.accel_noise = options_.free_accel;
-    if (use == ImuUse::all) return reading;
+    if (use == ImuUse::all) {
+      const double own = options_.process.noise.accel, all = accel_noise();
+      reading.accel_noise = std::sqrt(reading.accel_noise * reading.accel_noise + all * all - own * own);
+      return reading;
+    }
     if (use == ImuUse::rough_gyroscope) reading.gyro_noise = options_.free_gyro;
     reading.accel_noise = options_.free_accel;
     reading.force_measured = false;
@@ -227,6 +242,7 @@ class InertialMotion {
   InertialMotionOptions options_;
   SE3d T_body_lidar_;
   ImuRecord imu_;
+  AccelNoise accel_noise_;
   Filter filter_;
   bool started_ = false;
   Timestamp time_;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/odometry/accel_noise.hpp"
 #include "chainslam/odometry/imu_initializer.hpp"
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/imu_record.hpp"
@@ -11,6 +12,7 @@ namespace chainslam {
 struct InertialMotionOptions {
   ImuProcess process{.up_walk = 3.5e-4};  ///< twice that lets heights wander, a quarter loses bent maps
   ImuRecordOptions imu{};
+  AccelNoiseOptions accel_noise{};                    ///< above that of `process`, which is the least
   ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
   double start_speed = 20;   ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
   double rest_speed = 0.05;  ///< m/s, deviation where rest is assumed

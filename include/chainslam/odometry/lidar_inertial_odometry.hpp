@@ -116,7 +116,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   template <Executor E>
   std::optional<Frame> start(Sweep sweep, const E& executor);
   [[nodiscard]] Frame follow(Attempt& attempt);
-  void watch_imu();
+  void watch_imu(const Attempt& attempt);
   [[nodiscard]] Frame lose(Attempt& attempt, double since_last);
   [[nodiscard]] Frame answer(Attempt& attempt, FrameStatus status) const;
 
@@ -214,7 +214,7 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
   motion_.filter() = attempt.filter;
   leveller_.follow(state());
   motion_.follow();
-  watch_imu();
+  watch_imu(attempt);
   if (motion_.bound_mounting(options_.max_mounting_position, options_.max_mounting_rotation)) ++counts_.mounting_resets;
   map_.extend(attempt.clouds.map, T_odom_scan);
   doubt_.match();
@@ -233,16 +233,22 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
              .signal = attempt.match.signal,
              .measured_share = motion_.measured_share(),
              .pose_nis = attempt.pose_nis,
-             .imu_use = motion_.use()};
+             .imu_use = motion_.use(),
+             .accel_noise = motion_.accel_noise()};
   return answer(attempt, degenerate ? FrameStatus::degenerate : FrameStatus::good);
 }
 
 /// Decides what the next prediction may believe.
 template <class Map, class Kernel>
-void LidarInertialOdometry<Map, Kernel>::watch_imu() {
+void LidarInertialOdometry<Map, Kernel>::watch_imu(const Attempt& attempt) {
   const ImuUse before = monitor_.use();
   const bool measured = motion_.measured_share() > 0;
-  monitor_.follow(measured ? motion_.use() : before, motion_.comparison());
+  const ImuComparison comparison = motion_.comparison();
+  monitor_.follow(measured ? motion_.use() : before, comparison);
+  if (attempt.match.degenerate_directions == 0)
+    motion_.learn_noise(comparison, attempt.own_pose.translation());
+  else
+    motion_.interrupt_noise();
   if (monitor_.use() > before) motion_.forget_biases(monitor_.use());
   if (monitor_.back_to_all()) motion_.set_up(monitor_.up());
   if (before == ImuUse::none && monitor_.use() < before) motion_.doubt_mounting();
@@ -261,6 +267,7 @@ void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correc
   motion_.hold_mounting();  // what the filter has learnt of it is in the correction
   if (clear) {
     motion_.forget_biases(ImuUse::none);
+    motion_.restart_noise();
     if (up) motion_.set_up(S2d::from_vector(*up));
     monitor_ = ImuMonitor(options_.monitor);
   }
@@ -273,6 +280,7 @@ Frame LidarInertialOdometry<Map, Kernel>::lose(Attempt& attempt, double since_la
   ++counts_.lost_scans;
   health_ = {.update = attempt.report.status, .measured_share = motion_.measured_share()};
   doubt_.lose(since_last);
+  motion_.interrupt_noise();
   Frame frame = answer(attempt, FrameStatus::lost);
   if (++lost_in_a_row_ > options_.max_lost_scans) {
     ++counts_.map_restarts;

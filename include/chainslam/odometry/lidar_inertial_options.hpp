@@ -70,6 +70,7 @@ struct LidarInertialOdometryOptions {
   options.motion.start_speed = 5;
   options.motion.start_bend = 0;
   options.motion.rest_share = 1;
+  options.motion.accel_noise.start = 0;
   options.motion.imu.unseen_share = 0;
   options.motion.imu.max_step = std::numeric_limits<double>::infinity();
   options.scan_to_map = rules.scan_to_map;
@@ -89,6 +90,7 @@ struct InertialHealth {
   double measured_share = 0;            ///< of the way to this frame, by the inertial unit
   double pose_nis = 0;  ///< normalized innovation squared of the pose, per direction that the scan sees: about 1
   ImuUse imu_use = ImuUse::all;  ///< what of the IMU's measurements the frame believes
+  double accel_noise = 0;  ///< m/s^2 per sqrt(Hz): density of the accelerometer's, as the next prediction takes it
 };
 
 }  // namespace chainslam
