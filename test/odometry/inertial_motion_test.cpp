@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 
 #include "odometry/imu_samples.hpp"
@@ -37,8 +38,8 @@ void put(InertialMotion& motion, double t, double deviation = 0.01) {
 struct Errors {
   Eigen::Vector3d gyro = Eigen::Vector3d::Zero(), accel = Eigen::Vector3d::Zero();
 };
-InertialMotion moving(const Errors& errors = {}, double gap_from = 1e9) {
-  InertialMotion motion;
+InertialMotion moving(const Errors& errors = {}, double gap_from = 1e9, const InertialMotionOptions& options = {}) {
+  InertialMotion motion(options);
   motion.start(at(begin_time));
   put(motion, 0);
   for (int i = 0; i <= 70; ++i) {
@@ -82,6 +83,30 @@ TEST_SUITE("odometry/inertial_motion") {
     CHECK(comparison.rate_error.norm() < 1e-6);
     CHECK((comparison.up - 9.81 * Eigen::Vector3d::UnitZ()).norm() < 1e-3);
     CHECK((comparison.up - comparison.expected_up).norm() < 1e-3);
+    const Eigen::Vector3d force = acceleration + 9.81 * Eigen::Vector3d::UnitZ();
+    CHECK((comparison.force - force).norm() < 1e-3);
+    CHECK((comparison.force_way - 0.5 * interval * interval * force).norm() < 1e-4);
+  }
+
+  TEST_CASE("predictions take the accelerometer's noise for what has been learnt of it, and at least for its own") {
+    const auto velocity_variance = [](double start, double own, ImuUse use = ImuUse::all) {
+      InertialMotionOptions options;
+      options.accel_noise.start = start;
+      options.process.noise.accel = own;
+      options.start_accel_bias = 0;
+      InertialMotion motion = moving({}, 1e9, options);
+      InertialState::Jacobian known = zeros<InertialState::Jacobian>();  // all else is certain
+      motion.filter().reset(motion.state(), known);
+      CHECK(motion.accel_noise() == doctest::Approx(std::max(start, own)));
+      motion.predict(at(begin_time + interval), use);
+      return motion.filter().covariance()(inertial_offset<Inertial::velocity>, inertial_offset<Inertial::velocity>);
+    };
+    const double own = velocity_variance(0, 0.02);
+    CHECK(velocity_variance(0.01, 0.02) == doctest::Approx(own).epsilon(1e-9));
+    // The readings' change adds a little of its own to both.
+    CHECK(velocity_variance(0.3, 0.02) - own == doctest::Approx(interval * (0.3 * 0.3 - 0.02 * 0.02)).epsilon(0.01));
+    CHECK(velocity_variance(0.3, 0.02, ImuUse::gyroscope) ==
+          doctest::Approx(velocity_variance(0, 0.02, ImuUse::gyroscope)).epsilon(1e-9));
   }
 
   TEST_CASE("errors of the gyroscope and the accelerometer are found apart") {
