@@ -83,9 +83,11 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
                         "no pose and no edge to a known vertex", "add a VERTEX line, or the edge that is missing");
     return found->second;
   };
-  for (const auto& edge : records.edges)
-    graph.add_between(key_of(edge.from), key_of(edge.to), edge.measurement,
+  for (const auto& edge : records.edges) {
+    const Key from = key_of(edge.from);  // named first where neither is there
+    graph.add_between(from, key_of(edge.to), edge.measurement,
                       NoiseModel<Pose::dof>::from_information(edge.information));
+  }
   if (file.fixed.empty()) file.fixed.push_back(records.vertices.front().id);
   for (const std::int64_t id : file.fixed) graph.set_fixed(key_of(id));
 

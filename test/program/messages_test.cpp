@@ -324,7 +324,7 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
   optimize("VERTEX_SE2 0 0 0 0\n", "a.g2o", "no edges", "give a file with EDGE_SE2 or with EDGE_SE3:QUAT lines");
   optimize(edge + "EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1\n", "a.g2o",
            "edges in the plane and in space in one file", "give a file with EDGE_SE2");
-  optimize(edge + "EDGE_SE2 5 6 1 0 0 1 0 0 1 0 1\n", "a.g2o, vertex 6", "no pose and no edge to a known vertex",
+  optimize(edge + "EDGE_SE2 5 6 1 0 0 1 0 0 1 0 1\n", "a.g2o, vertex 5", "no pose and no edge to a known vertex",
            "add a VERTEX line, or the edge that is missing");
   optimize("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nVERTEX_SE2 2 1 0 0\n" + edge, "a.g2o",
            "parts of the graph are not connected with the first vertex", "check the edges of the vertices named above");
