@@ -148,6 +148,27 @@ TEST_SUITE("program/every fault") {
     CHECK(refused > failures / 4);
   }
 
+  TEST_CASE("a run ends whose map cannot be written any more when all data have been read") {
+    const ScratchFolder scratch("late_fault");
+    const fs::path root = scratch.path(), log = root / "log";
+    write_keyframes(root / "data", 24, true);
+    int ended = 0;
+    for (int number = 1; number < 40; number += full() ? 1 : 4) {
+      const ProgramResult result = run_program(
+          root, "map " + quoted(root / "data") + " --threads 1 --overwrite --out " + quoted(root / "out"),
+          with_fault("write:map.cslam:28:" + std::to_string(number) + ":stay", log) + " timeout -s KILL 120");
+      if (result.exit_code == 0) break;  // it has fewer writes
+      CAPTURE(number);
+      CAPTURE(result.errors);
+      REQUIRE(result.exit_code == 4);
+      CHECK(three_lines(result.errors));
+      CHECK(contains(result.errors, "`chainslam recover "));
+      ++ended;
+      fs::remove_all(root / "out.partial");
+    }
+    CHECK(ended >= 5);
+  }
+
   TEST_CASE("the folder that a run's journal is in is on the disk before anything is acknowledged") {
     const ScratchFolder scratch("entry");
     const fs::path root = scratch.path(), log = root / "log";

@@ -136,6 +136,20 @@ TEST_SUITE("slam/pipeline") {
     CHECK(back_end.diary.empty());
   }
 
+  THREADS_TEST_CASE("slam/pipeline", "once the back end has thrown nothing waits any more") {
+    DiaryBackEnd back_end;
+    back_end.throws_at = 0;
+    std::latch opens(1);
+    back_end.opens = &opens;
+    Pipeline pipeline(back_end, serial);
+    for (int i = 0; i < 20; ++i) pipeline.add(keyframe(i));
+    CHECK(pipeline.backlog() >= 19);
+    opens.count_down();
+    for (int i = 0; i < 2000 && pipeline.backlog() > 0; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    CHECK(pipeline.backlog() == 0);
+    CHECK_THROWS_WITH_AS(pipeline.finish(), "too much", std::runtime_error);
+  }
+
   THREADS_TEST_CASE("slam/pipeline", "what whoever looks on throws is heard of too") {
     struct Impatient {
       void operator()(const DiaryBackEnd&) const { throw std::runtime_error("disk full"); }

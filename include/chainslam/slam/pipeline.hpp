@@ -64,7 +64,7 @@ class Pipeline {
   }
   /// @}
 
-  /// Items that wait.
+  /// Items that wait; none once the back end has thrown.
   [[nodiscard]] std::size_t backlog() const { return items_.size(); }
 
   /// Waits until all is worked off. @throws what the back end has thrown.
@@ -92,6 +92,8 @@ class Pipeline {
     } catch (...) {
       failure_ = std::current_exception();
       items_.close();  // whoever adds more hears of it
+      // Nobody works off what waits, so whoever watches the backlog must not wait for it.
+      while (items_.pop(stop)) continue;
     }
   }
 
