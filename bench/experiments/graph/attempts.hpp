@@ -34,6 +34,12 @@ struct Attempts {
 
 namespace detail {
 
+/// Whether an alignment was good by itself; graph, chain or a second place may have contradicted it later.
+inline bool passed(ClosureVerdict verdict) {
+  return verdict == ClosureVerdict::accepted || verdict == ClosureVerdict::implausible ||
+         verdict == ClosureVerdict::inconsistent || verdict == ClosureVerdict::unconfirmed;
+}
+
 /// Closures of one scan share their information; this takes that back. @returns its share by position.
 inline std::vector<double> shares(const SlamMap& map, double correlation) {
   std::vector<double> others(map.closures.size(), 0.0);
@@ -65,9 +71,7 @@ inline Attempts attempts_of(const SlamMap& map, const std::vector<Trajectory>& t
     if (!j || !i) return;
     const SE3d T_true = j->inverse() * *i;
     Attempt attempt{.distance = T_true.translation().norm(),
-                    .converged = closure.verdict == ClosureVerdict::accepted ||
-                                 closure.verdict == ClosureVerdict::implausible ||
-                                 closure.verdict == ClosureVerdict::inconsistent,
+                    .converged = detail::passed(closure.verdict),
                     .error = (T_true.inverse() * closure.T_from_to).log(),
                     .sqrt_information = closure.sqrt_information,
                     .mean_squared_error = closure.mean_squared_error};
