@@ -56,9 +56,10 @@ def rows_of(results: Sequence[Result], world: str) -> list[str]:
 
 
 def values(results: Sequence[Result], world: str, row: str, key: str) -> list[float]:
-    """One figure, by seed."""
-    found = sorted((r for r in results if (r.world, r.row) == (world, row)), key=lambda r: r.seed)
-    return [result.figures.get(key, math.nan) for result in found]
+    """One figure for each seed that the world has, whichever of them the row has: NaN for those that failed."""
+    seeds = sorted({result.seed for result in results if result.world == world})
+    found = {r.seed: r.figures.get(key, math.nan) for r in results if (r.world, r.row) == (world, row)}
+    return [found.get(seed, math.nan) for seed in seeds]
 
 
 def markdown_rows(results: Sequence[Result], world: str, columns: Sequence[Column]) -> str:

@@ -16,7 +16,7 @@ from experiments.plan import GRAPH_SOURCES, Plan, Programs
 from experiments.readme import MarkerError, with_result
 from experiments.results import Result, back_end, errors, options_hash, stage
 from experiments.rows import MAIN_ROWS, RowError, ablations, chosen, subject_of
-from experiments.table import WorldNote, document, plain
+from experiments.table import WorldNote, document, plain, values
 from experiments.tasks import TaskFailed
 from experiments.worlds import WorldError, simulated, worlds
 
@@ -91,9 +91,9 @@ class FiguresOfARun(Scratch):
 
 class WholeTable(unittest.TestCase):
     def results(self) -> list[Result]:
-        values = {"unchained": [2.0, 4.0, 3.0], "chained": [1.0, 3.0, math.nan]}
+        of = {"unchained": [2.0, 4.0, 3.0], "chained": [1.0, 3.0, math.nan]}
         return [Result("w", row, seed + 1, {"ape_3d_m": value, "direct": 12})
-                for row, of_row in values.items() for seed, value in enumerate(of_row)]
+                for row, of_row in of.items() for seed, value in enumerate(of_row)]
 
     def test_a_tiny_table(self) -> None:
         worlds_ = [WorldNote("w", "f00d", 5, 3, 1234.0, 2000, 0.001)]
@@ -104,6 +104,14 @@ class WholeTable(unittest.TestCase):
         self.assertRegex(text, r"\| chained +\|.*\| 2 \(1\.\.3; 2 of 3\) ")
         line = next(line for line in text.splitlines() if line.startswith("| chained - unchained") and "3-D m" in line)
         self.assertEqual([cell.strip() for cell in line.split("|")][3:7], ["2", "2 / 0", "0.500", "-1"])
+
+    def test_a_seed_that_failed_in_one_row_leaves_the_others_paired(self) -> None:
+        results = [r for r in self.results() if (r.row, r.seed) != ("chained", 1)]
+        self.assertTrue(math.isnan(values(results, "w", "chained", "ape_3d_m")[0]))
+        worlds_ = [WorldNote("w", "f00d", 5, 3)]
+        found = {(a, b, key): p for a, b, key, p in table1.compare(results, worlds_)["w"]}
+        self.assertEqual(found["chained", "unchained", "ape_3d_m"].mean, 3.0 - 4.0)
+        self.assertIn("| 3 (3..3; 1 of 3) ", table1.markdown(results, worlds_, {}))
 
     def test_the_document_has_every_figure_and_no_nan(self) -> None:
         worlds_ = [WorldNote("w", "f00d", 5, 3)]
