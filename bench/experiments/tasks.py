@@ -227,12 +227,18 @@ class Runner:
             "peak_memory_bytes": 1024 * usage.ru_maxrss,
         }
 
-    def _stop(self) -> None:
-        """Ends the commands that run; what they have made is removed by the next run."""
+    def _stop(self, patience: float = 10.0) -> None:
+        """Ends the commands that run, first kindly; what they have made is removed by the next run."""
         with self._lock:
             self._stopped = True
             for process in self._processes:
                 process.terminate()
+        end = time.monotonic() + patience
+        while self._processes and time.monotonic() < end:
+            time.sleep(0.1)
+        with self._lock:
+            for process in self._processes:
+                process.kill()
 
     def _remove_unfinished(self) -> None:
         for part in self.root.glob("*.part"):

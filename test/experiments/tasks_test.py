@@ -124,12 +124,15 @@ class Tasks(unittest.TestCase):
 import sys
 from pathlib import Path
 from experiments.tasks import Runner, Task, say
-tasks = [Task("quick", (("true",),)), Task("long", (("sleep", "60"),))]
+stubborn = ("sh", "-c", "trap '' TERM; touch {{out}}/ready; exec sleep 100")
+tasks = [Task("quick", (("true",),)), Task("long", (stubborn,))]
 Runner(Path({str(self.root)!r}), 2, say).run(tasks)
 """
         run = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         assert run.stdout is not None
         run.stdout.readline()  # quick is done
+        while not list(self.root.glob("long-*.part/ready")):
+            time.sleep(0.05)
         begin = time.monotonic()
         run.send_signal(signal.SIGINT)
         self.assertNotEqual(run.wait(), 0)
