@@ -67,7 +67,8 @@ TEST_SUITE("lamm/binary_keypoints") {
     test::for_all(30, [](Rng& rng, int /*size*/) {
       const PointCloud<float> cloud = ground_with(scattered_poles(rng, 20));
       PointCloud<float> shuffled;
-      for (const std::size_t i : test::random_order(cloud.size(), rng)) shuffled.positions.push_back(cloud.positions[i]);
+      for (const std::size_t i : test::random_order(cloud.size(), rng))
+        shuffled.positions.push_back(cloud.positions[i]);
       const auto here = binary_keypoints(cloud, SurfacePlane{}), there = binary_keypoints(shuffled, SurfacePlane{});
       REQUIRE(here.size() == there.size());
       for (std::size_t i = 0; i < here.size(); ++i) {
@@ -95,7 +96,8 @@ TEST_SUITE("lamm/binary_keypoints") {
       for (const BinaryKeypoint& keypoint : found) {
         const Eigen::Vector3d p = T.inverse() * keypoint.position.cast<double>().eval();
         CHECK(std::abs(p.z()) < 1e-3);
-        near += std::ranges::any_of(poles, [&](const Pole& pole) { return std::hypot(p.x() - pole.x, p.y() - pole.y) < 0.3; });
+        near += std::ranges::any_of(poles,
+                                    [&](const Pole& pole) { return std::hypot(p.x() - pole.x, p.y() - pole.y) < 0.3; });
       }
       CHECK(near == to_index(found.size()));
       CHECK(near >= 7);
@@ -122,7 +124,7 @@ TEST_SUITE("lamm/binary_keypoints") {
   }
 
   TEST_CASE("low ones are left out, and of many the highest are kept") {
-    CHECK(binary_keypoints(ground_with({{0.25, 0.25, 0.3, 1.1}}), SurfacePlane{}).empty());   // 8 bins and the ground's
+    CHECK(binary_keypoints(ground_with({{0.25, 0.25, 0.3, 1.1}}), SurfacePlane{}).empty());  // 8 bins and the ground's
     CHECK(binary_keypoints(ground_with({{0.25, 0.25, 0.3, 1.4}}), SurfacePlane{}).size() == 1);
     Rng rng(3);
     const PointCloud<float> cloud = ground_with(scattered_poles(rng, 20));
@@ -133,7 +135,9 @@ TEST_SUITE("lamm/binary_keypoints") {
   }
 
   TEST_CASE("similarity is Dice's coefficient") {
-    const auto with = [](std::uint64_t bits) { return BinaryKeypoint{.position = Eigen::Vector3f::Zero(), .occupancy = bits}; };
+    const auto with = [](std::uint64_t bits) {
+      return BinaryKeypoint{.position = Eigen::Vector3f::Zero(), .occupancy = bits};
+    };
     CHECK(similarity(with(0b1111), with(0b1111)) == 1.0);
     CHECK(similarity(with(0b1100), with(0b0011)) == 0.0);
     CHECK(similarity(with(0b1110), with(0b0010)) == doctest::Approx(2.0 * 1 / 4));
@@ -141,7 +145,8 @@ TEST_SUITE("lamm/binary_keypoints") {
   }
 
   TEST_CASE("more bins than bits are refused, and points that are not finite are skipped") {
-    CHECK_THROWS_AS(static_cast<void>(binary_keypoints({}, SurfacePlane{}, {.bin_height = 0.05})), std::invalid_argument);
+    CHECK_THROWS_AS(static_cast<void>(binary_keypoints({}, SurfacePlane{}, {.bin_height = 0.05})),
+                    std::invalid_argument);
     PointCloud<float> cloud = ground_with({{0.25, 0.25, 0.3, 2.0}});
     cloud.positions.emplace_back(std::nanf(""), 0.F, 0.F);
     cloud.positions.emplace_back(0.F, INFINITY, 1.F);

@@ -36,7 +36,7 @@ inline Drive round_trip(Rng& rng, double noise, double from_angle, const SE3d& T
 }
 
 inline Loop true_loop(Index source, Index source_frame, Index target, Index target_frame,
-               const std::vector<std::vector<SE3d>>& truths) {
+                      const std::vector<std::vector<SE3d>>& truths) {
   const auto pose = [&](Index drive, Index frame) {
     return truths[static_cast<std::size_t>(drive)][static_cast<std::size_t>(frame)];
   };

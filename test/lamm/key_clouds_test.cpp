@@ -47,7 +47,8 @@ TEST_SUITE("lamm/key_clouds") {
         REQUIRE(first < end);
         CHECK(end - first <= 6);
         CHECK(way(drive, end - 1) - way(drive, first) <= 8 + 1e-9);
-        const bool takes_all = end == drive.scans.size() || end - first == 6 || way(drive, end) - way(drive, first) > 8 - 1e-9;
+        const bool takes_all =
+            end == drive.scans.size() || end - first == 6 || way(drive, end) - way(drive, first) > 8 - 1e-9;
         CHECK(takes_all);
         if (i == 0) continue;
         const std::size_t last = ranges[i - 1].first;
@@ -64,7 +65,8 @@ TEST_SUITE("lamm/key_clouds") {
       REQUIRE(cloud.size() == 8);
       const SE3d T_first_map = drive.pose(drive.scans[2].frame).inverse();
       for (std::size_t i = 0; i < cloud.size(); ++i) {
-        const Eigen::Vector3d expected = T_first_map * (i % 2 == 0 ? Eigen::Vector3d(3, 4, 5) : Eigen::Vector3d(-7, 2, 1));
+        const Eigen::Vector3d expected =
+            T_first_map * (i % 2 == 0 ? Eigen::Vector3d(3, 4, 5) : Eigen::Vector3d(-7, 2, 1));
         CHECK((cloud.positions[i].cast<double>() - expected).norm() < 1e-4);
       }
     });

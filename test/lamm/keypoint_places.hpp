@@ -53,7 +53,8 @@ inline PlaceDescriptor random_place(Rng& rng, int keypoints = 50) {
   for (int i = 0; i < 60; ++i) {
     const bool ground = i % 3 == 0;
     const double bearing = rng.uniform(0, 2 * std::numbers::pi);
-    const Eigen::Vector3d normal = ground ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d(std::cos(bearing), std::sin(bearing), 0);
+    const Eigen::Vector3d normal =
+        ground ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d(std::cos(bearing), std::sin(bearing), 0);
     planes.positions.push_back(
         Eigen::Vector3d(rng.uniform(-40, 40), rng.uniform(-40, 40), ground ? 0 : rng.uniform(0, 6)).cast<float>());
     planes.normals.push_back(normal.cast<float>());

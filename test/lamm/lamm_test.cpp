@@ -49,16 +49,16 @@ TownSession town_session(const simulator::Preset& preset, std::uint64_t seed, st
     if (i > 0) {
       const SE3d step = session.truth.poses[i - 1].inverse() * session.truth.poses[i];
       const double length = step.translation().norm();
-      T_odom_body = T_odom_body * SE3d(step.rotation() * SO3d::exp({0, 0, 1.7e-4 * length}), 1.003 * step.translation());
+      T_odom_body =
+          T_odom_body * SE3d(step.rotation() * SO3d::exp({0, 0, 1.7e-4 * length}), 1.003 * step.translation());
     }
     session.drive.odometry.times.push_back(session.truth.times[i]);
     session.drive.odometry.poses.push_back(T_odom_body);
     if (i > 0 && (last_kept.inverse() * T_odom_body).translation().norm() < 3) continue;
     last_kept = T_odom_body;
-    session.drive.scans.push_back(
-        {.frame = to_index(i),
-         .cloud = std::make_shared<const PointCloud<float>>(
-             corrected_scan(town, to_index(i), preset.lidar.T_body_lidar))});
+    session.drive.scans.push_back({.frame = to_index(i),
+                                   .cloud = std::make_shared<const PointCloud<float>>(
+                                       corrected_scan(town, to_index(i), preset.lidar.T_body_lidar))});
   }
   return session;
 }

@@ -14,7 +14,8 @@ TEST_SUITE("lamm/loop_filter") {
       const Eigen::Vector3d start(rng.uniform(-500, 500), rng.uniform(-500, 500), 0);
       std::vector<Eigen::Vector3d> points;
       const int good = 8 + size / 3, bad = 2;
-      for (int i = 0; i < good; ++i) points.push_back(start + Eigen::Vector3d(rng.normal(0, 0.4), rng.normal(0, 0.4), 0));
+      for (int i = 0; i < good; ++i)
+        points.push_back(start + Eigen::Vector3d(rng.normal(0, 0.4), rng.normal(0, 0.4), 0));
       for (int i = 0; i < bad; ++i) points.push_back(start + Eigen::Vector3d(100 + 50 * i, -80, 0));
       const Agreement agreed = agreement(points, {});
       CHECK((agreed.center - start).norm() < 1);

@@ -94,7 +94,8 @@ TEST_SUITE("lamm/scan_graph") {
     std::ranges::reverse(against.truths[1]);
     std::vector<Loop> meeting;
     for (const Loop& loop : loops)
-      meeting.push_back(true_loop(1, std::max<Index>(990 - loop.source_frame, 0), 0, loop.target_frame, against.truths));
+      meeting.push_back(
+          true_loop(1, std::max<Index>(990 - loop.source_frame, 0), 0, loop.target_frame, against.truths));
     CHECK(worst_error(against, optimize_drives(against.drives, meeting, {})) < 0.5);
     CHECK(worst_error(against, optimize_drives(against.drives, meeting, released)) > 1.0);
   }

@@ -17,8 +17,8 @@ void add_rectangle(const Eigen::Vector3d& corner, const Eigen::Vector3d& first, 
   const Eigen::Vector3d normal = first.cross(second).normalized();
   const auto points = static_cast<int>(20 * first.norm() * second.norm());
   for (int i = 0; i < points; ++i)
-    cloud.positions.push_back((corner + rng.uniform() * first + rng.uniform() * second + rng.normal(0, noise) * normal)
-                                  .cast<float>());
+    cloud.positions.push_back(
+        (corner + rng.uniform() * first + rng.uniform() * second + rng.normal(0, noise) * normal).cast<float>());
 }
 
 }  // namespace
@@ -60,8 +60,8 @@ TEST_SUITE("lamm/surface_planes") {
     };
     CHECK(pieces(10, 0.01) == 0);
     CHECK(pieces(11, 0.01) == 1);
-    CHECK(pieces(200, 0.07) == 1);   // a variance of 0.005 m^2
-    CHECK(pieces(200, 0.14) == 0);   // of 0.02 m^2
+    CHECK(pieces(200, 0.07) == 1);  // a variance of 0.005 m^2
+    CHECK(pieces(200, 0.14) == 0);  // of 0.02 m^2
   }
 
   TEST_CASE("a merged plane is that of all its points") {

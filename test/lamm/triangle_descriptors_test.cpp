@@ -98,10 +98,10 @@ TEST_SUITE("lamm/triangle_descriptors") {
       return triangles_of(keypoints).size();
     };
     CHECK(count({{0, 0, 0}, {3, 0, 0}, {0, 4, 0}}) == 1);
-    CHECK(count({{0, 0, 0}, {3, 0, 0}, {6, 0.5F, 0}}) == 0);      // 0.04 m of excess
-    CHECK(count({{0, 0, 0}, {0.9F, 0, 0}, {0, 4, 0}}) == 0);      // 0.9 m
-    CHECK(count({{0, 0, 0}, {30.1F, 0, 0}, {0, 10, 0}}) == 0);    // 31.7 m
-    CHECK(count({{0, 0, 0}, {28, 0, 0}, {0, 10, 0}}) == 1);       // 29.7 m
+    CHECK(count({{0, 0, 0}, {3, 0, 0}, {6, 0.5F, 0}}) == 0);    // 0.04 m of excess
+    CHECK(count({{0, 0, 0}, {0.9F, 0, 0}, {0, 4, 0}}) == 0);    // 0.9 m
+    CHECK(count({{0, 0, 0}, {30.1F, 0, 0}, {0, 10, 0}}) == 0);  // 31.7 m
+    CHECK(count({{0, 0, 0}, {28, 0, 0}, {0, 10, 0}}) == 1);     // 29.7 m
     CHECK(count({{0, 0, 0}, {3, 0, 0}}) == 0);
     CHECK(count({}) == 0);
   }

@@ -22,11 +22,11 @@ namespace chainslam {
 
 /// How keypoints are found above a plane. Defaults: LAMM's configuration for NCLT.
 struct BinaryKeypointOptions {
-  double cell_size = 0.5;        ///< metres, of the grid in the plane
-  double bin_height = 0.1;       ///< metres
-  double max_height = 5.0;       ///< metres from the plane, on either side; at most 64 bins
-  Index block = 5;               ///< cells along the side of a block, of which one cell at most is kept
-  Index min_occupied = 10;       ///< bins
+  double cell_size = 0.5;           ///< metres, of the grid in the plane
+  double bin_height = 0.1;          ///< metres
+  double max_height = 5.0;          ///< metres from the plane, on either side; at most 64 bins
+  Index block = 5;                  ///< cells along the side of a block, of which one cell at most is kept
+  Index min_occupied = 10;          ///< bins
   double suppression_radius = 1.0;  ///< metres
   Index max_count = 500;
 };
@@ -34,7 +34,7 @@ struct BinaryKeypointOptions {
 /// A place in the plane above which more heights are occupied than around it: a pole, a corner, a trunk.
 struct BinaryKeypoint {
   Eigen::Vector3f position{0, 0, 0};  ///< in the plane, in the cloud's frame
-  std::uint64_t occupancy = 0;   ///< bit i: there are points between i and i + 1 bin heights from the plane
+  std::uint64_t occupancy = 0;        ///< bit i: there are points between i and i + 1 bin heights from the plane
 
   [[nodiscard]] Index occupied() const { return std::popcount(occupancy); }
 };
@@ -60,9 +60,12 @@ class OccupancyGrid {
   };
 
   OccupancyGrid(const PointCloud<float>& cloud, const SurfacePlane& plane, const BinaryKeypointOptions& options)
-      : origin_(plane.center), first_axis_(plane.normal.unitOrthogonal()), second_axis_(plane.normal.cross(first_axis_)) {
+      : origin_(plane.center),
+        first_axis_(plane.normal.unitOrthogonal()),
+        second_axis_(plane.normal.cross(first_axis_)) {
     const auto bins = static_cast<int>(std::lround(options.max_height / options.bin_height));
-    if (bins < 1 || bins > 64) throw std::invalid_argument("BinaryKeypointOptions: 1 to 64 bins, max_height over bin_height");
+    if (bins < 1 || bins > 64)
+      throw std::invalid_argument("BinaryKeypointOptions: 1 to 64 bins, max_height over bin_height");
     for (const Eigen::Vector3f& point : cloud.positions) {
       const Eigen::Vector3d p = point.cast<double>();
       if (!is_finite(p)) continue;

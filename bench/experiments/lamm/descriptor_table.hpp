@@ -20,10 +20,10 @@ namespace chainslam {
 
 /// When two triangles count as the same, and which places are candidates. Defaults: LAMM's configuration for NCLT.
 struct TableOptions {
-  double side_resolution = 0.2;      ///< metres, of the table's cells
-  double max_side_difference = 0.01; ///< of the three sides together, over their length
-  double min_similarity = 0.7;       ///< mean over the corners of the occupancies' similarity
-  Index min_votes = 4;               ///< triangles that a candidate shares with the query
+  double side_resolution = 0.2;       ///< metres, of the table's cells
+  double max_side_difference = 0.01;  ///< of the three sides together, over their length
+  double min_similarity = 0.7;        ///< mean over the corners of the occupancies' similarity
+  Index min_votes = 4;                ///< triangles that a candidate shares with the query
   Index max_candidates = 50;
 };
 
@@ -71,7 +71,8 @@ class DescriptorTable {
     for (const Found& found : all_matches(query, eligible, executor))
       votes[static_cast<std::size_t>(found.place)].matches.push_back(found.match);
     std::erase_if(votes, [&](const PlaceCandidate& one) { return to_index(one.matches.size()) < options_.min_votes; });
-    std::ranges::stable_sort(votes, std::ranges::greater{}, [](const PlaceCandidate& one) { return one.matches.size(); });
+    std::ranges::stable_sort(votes, std::ranges::greater{},
+                             [](const PlaceCandidate& one) { return one.matches.size(); });
     if (to_index(votes.size()) > options_.max_candidates)
       votes.resize(static_cast<std::size_t>(options_.max_candidates));
     return votes;

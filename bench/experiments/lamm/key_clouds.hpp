@@ -17,16 +17,17 @@ namespace chainslam::lamm {
 /// Which scans are put together to a key cloud. LAMM takes ten scans in a row, which a keyframe set does not have: ten
 /// keyframes take their place, of which so many as lie within some length.
 struct KeyCloudOptions {
-  double voxel_size = 0.25;   ///< metres, of each scan before it is put with the others
-  Index max_scans = 10;       ///< of a key cloud
-  double max_length = 30.0;   ///< metres along the path, from the first scan of a key cloud to its last
-  double spacing = 9.0;       ///< metres along the path, at least, from the start of one key cloud to that of the next
+  double voxel_size = 0.25;  ///< metres, of each scan before it is put with the others
+  Index max_scans = 10;      ///< of a key cloud
+  double max_length = 30.0;  ///< metres along the path, from the first scan of a key cloud to its last
+  double spacing = 9.0;      ///< metres along the path, at least, from the start of one key cloud to that of the next
 };
 
 /// Some scans in a row, described in the body frame of the first.
 struct KeyCloud {
-  Index frame = 0;   ///< of the drive, of its first scan
-  Index number = 0;  ///< what LAMM counts it as: frames since the start of the first drive, over the frames of a key cloud
+  Index frame = 0;  ///< of the drive, of its first scan
+  Index number =
+      0;  ///< what LAMM counts it as: frames since the start of the first drive, over the frames of a key cloud
   std::shared_ptr<const PlaceDescriptor> place{};
 };
 

@@ -52,7 +52,8 @@ KeyframeSet read_keyframe_set(const std::filesystem::path& folder) {
   note(odometry.out_of_order(), "not later than the one before", set.notes);
   for (const std::string& warning : dataset->info().warnings) set.notes.push_back(warning);
   if (set.keyframes.empty())
-    throw_input_error(folder.string(), "", std::to_string(set.frames.size()) + " frames, none of which has a scan of use",
+    throw_input_error(folder.string(), "",
+                      std::to_string(set.frames.size()) + " frames, none of which has a scan of use",
                       "run `chainslam inspect` on it");
   return set;
 }

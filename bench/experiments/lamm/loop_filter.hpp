@@ -22,9 +22,9 @@ struct LoopFilterOptions {
   double max_path_difference = 1.5;  ///< metres, within a session: between the loop's distance and odometry's
   double subset = 0.5;               ///< share of the loops of two sessions that a draw takes
   Index max_draws = 100'000;
-  double min_spread = 1.0;           ///< metres: a draw whose mean distance from its centre is smaller ends the drawing
-  Index few = 4;                     ///< so many loops are taken together, without drawing
-  double few_radius = 15.0;          ///< metres about the mean of few loops; 0 as released
+  double min_spread = 1.0;   ///< metres: a draw whose mean distance from its centre is smaller ends the drawing
+  Index few = 4;             ///< so many loops are taken together, without drawing
+  double few_radius = 15.0;  ///< metres about the mean of few loops; 0 as released
   std::uint64_t seed = 1;
 };
 
@@ -59,7 +59,8 @@ inline void draw(std::vector<Index>& order, std::size_t count, Rng& rng) {
   std::iota(order.begin(), order.end(), 0);
   if (points.empty()) return {};
   if (to_index(points.size()) <= options.few) return {detail::mean_of(points, order), options.few_radius};
-  const auto count = std::max<std::size_t>(1, static_cast<std::size_t>(options.subset * static_cast<double>(points.size())));
+  const auto count =
+      std::max<std::size_t>(1, static_cast<std::size_t>(options.subset * static_cast<double>(points.size())));
   Rng rng(options.seed);
   Agreement best;
   double least = std::numeric_limits<double>::infinity();

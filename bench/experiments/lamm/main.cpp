@@ -44,8 +44,10 @@ struct Arguments {
 
 void add_options(CLI::App& app, Arguments& arguments) {
   app.footer(
-      "DIR gets what `chainslam map` writes but for its report: map.cslam, trajectory.tum and .kitti.txt, odometry.tum,\n"
-      "keyframes.csv, frames.csv, closures.csv, graph.g2o, map.ply and summary.json, of several sets a trajectory each;\n"
+      "DIR gets what `chainslam map` writes but for its report: map.cslam, trajectory.tum and .kitti.txt, "
+      "odometry.tum,\n"
+      "keyframes.csv, frames.csv, closures.csv, graph.g2o, map.ply and summary.json, of several sets a trajectory "
+      "each;\n"
       "and lamm.json, with counts and times of LAMM alone. It appears whole or not at all.\n"
       "Exit codes: 0 good, 2 usage, 3 input unusable, 4 output or disk, 70 internal error.");
   app.add_option("SET", arguments.sets, "keyframe sets, as `chainslam odometry` writes them")

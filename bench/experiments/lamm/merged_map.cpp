@@ -31,8 +31,7 @@ void add_session(KeyframeSet& set, const std::vector<SE3d>& poses, Index frame, 
     keyframe.T_map_body = poses[i];
     if (i > 0) {
       const Index from = set.drive.scans[i - 1].frame, to = set.drive.scans[i].frame;
-      const auto noise =
-          NoiseModel<6>::from_covariance(compounded_covariance(set.drive, from, to, odometry_variance));
+      const auto noise = NoiseModel<6>::from_covariance(compounded_covariance(set.drive, from, to, odometry_variance));
       map.odometry.push_back({.from = KeyframeId{keyframe.id.value - 1},
                               .to = keyframe.id,
                               .T_from_to = set.drive.pose(from).inverse() * set.drive.pose(to),

@@ -32,8 +32,8 @@ struct PlaceDescriptor {
                                                     const PlaceDescriptorOptions& options = {}) {
   const std::vector<SurfacePlane> pieces = surface_planes(cloud, options.planes);
   PlaceDescriptor place;
-  place.keypoints = binary_keypoints(cloud, largest_plane(pieces, options.planes).value_or(SurfacePlane{}),
-                                     options.keypoints);
+  place.keypoints =
+      binary_keypoints(cloud, largest_plane(pieces, options.planes).value_or(SurfacePlane{}), options.keypoints);
   place.triangles = triangles_of(place.keypoints, options.triangles);
   PointCloud<float> planes;
   for (const SurfacePlane& piece : pieces) {

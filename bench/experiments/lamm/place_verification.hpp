@@ -23,21 +23,21 @@ namespace chainslam {
 
 /// When a candidate is the place of the query. Defaults: LAMM's configuration for NCLT.
 struct VerificationOptions {
-  Index max_hypotheses = 50;        ///< matches whose pose is tried
-  double corner_distance = 3.0;     ///< metres, of all corners of a match under a pose that it agrees with
-  Index min_agreeing = 4;           ///< matches
-  double normal_difference = 0.2;   ///< between the normals of two pieces of one plane, either sign
-  double plane_distance = 0.5;      ///< metres from a piece's centre to the plane of the other
-  double min_overlap = 0.6;         ///< share of the query's pieces that lie in planes of the place
-  double refine_distance = 3.0;     ///< metres between the centres of two pieces that refinement pairs
+  Index max_hypotheses = 50;       ///< matches whose pose is tried
+  double corner_distance = 3.0;    ///< metres, of all corners of a match under a pose that it agrees with
+  Index min_agreeing = 4;          ///< matches
+  double normal_difference = 0.2;  ///< between the normals of two pieces of one plane, either sign
+  double plane_distance = 0.5;     ///< metres from a piece's centre to the plane of the other
+  double min_overlap = 0.6;        ///< share of the query's pieces that lie in planes of the place
+  double refine_distance = 3.0;    ///< metres between the centres of two pieces that refinement pairs
 };
 
 /// A place that was recognised.
 struct RecognizedPlace {
   Index place = 0;
   SE3d T_place_query{};
-  double overlap = 0;        ///< share of the query's pieces of planes, before refinement
-  Index agreeing = 0;        ///< matches
+  double overlap = 0;                ///< share of the query's pieces of planes, before refinement
+  Index agreeing = 0;                ///< matches
   double mean_squared_residual = 0;  ///< of the refinement, point to plane, m^2
 };
 

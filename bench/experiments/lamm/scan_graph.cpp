@@ -57,8 +57,9 @@ std::vector<Index> groups_of(std::span<const Drive> drives, std::span<const Loop
 const Loop* best_loop_out(std::span<const Loop> loops, const std::vector<std::optional<SE3d>>& placed) {
   const Loop* best = nullptr;
   for (const Loop& loop : loops)
-    if (loop.kept && placed[static_cast<std::size_t>(loop.source)].has_value() !=
-                         placed[static_cast<std::size_t>(loop.target)].has_value() &&
+    if (loop.kept &&
+        placed[static_cast<std::size_t>(loop.source)].has_value() !=
+            placed[static_cast<std::size_t>(loop.target)].has_value() &&
         (best == nullptr || loop.overlap > best->overlap))
       best = &loop;
   return best;

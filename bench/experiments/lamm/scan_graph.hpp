@@ -19,16 +19,16 @@ namespace chainslam::lamm {
 struct ScanGraphOptions {
   double odometry_variance = 1e-6;  ///< of the step from one frame to the next
   double loop_variance = 0.1;
-  double loop_kernel = 1.0;         ///< Cauchy's width, in standard deviations
-  double prior_variance = 1e-12;    ///< of the first frame of each group of drives
+  double loop_kernel = 1.0;       ///< Cauchy's width, in standard deviations
+  double prior_variance = 1e-12;  ///< of the first frame of each group of drives
   /// Factors of one loop: its ends; or as released, none between these, but between each of so many frames after one
   /// end and the frame as far after the other, all with the relative pose of the ends.
   Index frames_a_loop = 0;
-  bool placed = true;               ///< whether drives start where a loop puts them; else each in its own frame
-  bool own_start = true;            ///< whether a group is held at its first frame; else, as released, at frame `group`
-                                    ///< of the first drive
+  bool placed = true;     ///< whether drives start where a loop puts them; else each in its own frame
+  bool own_start = true;  ///< whether a group is held at its first frame; else, as released, at frame `group`
+                          ///< of the first drive
   Index max_iterations = 100;
-  bool damped = true;               ///< Levenberg-Marquardt; else Gauss-Newton, as iSAM2
+  bool damped = true;  ///< Levenberg-Marquardt; else Gauss-Newton, as iSAM2
 };
 
 /// What came of it.

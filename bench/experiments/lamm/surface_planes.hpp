@@ -16,17 +16,17 @@ namespace chainslam {
 
 /// How flat pieces of surface are found. Defaults: configuration of STD, BTC and LAMM for 32 lasers.
 struct SurfacePlaneOptions {
-  double voxel_size = 2.0;       ///< metres
-  Index more_than_points = 10;   ///< in a voxel
-  double max_variance = 0.01;    ///< m^2 along the normal: the smallest eigenvalue of the points' covariance
-  double merge_normal = 0.1;     ///< two pieces are of one plane if their normals differ by less than this, either sign,
-  double merge_distance = 0.3;   ///< and each centre is nearer the other's plane than this, metres
+  double voxel_size = 2.0;      ///< metres
+  Index more_than_points = 10;  ///< in a voxel
+  double max_variance = 0.01;   ///< m^2 along the normal: the smallest eigenvalue of the points' covariance
+  double merge_normal = 0.1;    ///< two pieces are of one plane if their normals differ by less than this, either sign,
+  double merge_distance = 0.3;  ///< and each centre is nearer the other's plane than this, metres
 };
 
 /// A flat piece of surface: the points of one voxel, or of several that lie in one plane.
 struct SurfacePlane {
-  Eigen::Vector3d center = Eigen::Vector3d::Zero();   ///< mean of its points, metres
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  ///< unit, sign not defined
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();      ///< mean of its points, metres
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();     ///< unit, sign not defined
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of its points, m^2
   Index points = 0;
 
@@ -74,15 +74,15 @@ struct VoxelMoments {
   const double share = static_cast<double>(b.points) / static_cast<double>(both.points);
   const Eigen::Vector3d between = b.center - a.center;
   both.center = a.center + share * between;
-  both.covariance = (1 - share) * a.covariance + share * b.covariance +
-                    share * (1 - share) * between * between.transpose();
+  both.covariance =
+      (1 - share) * a.covariance + share * b.covariance + share * (1 - share) * between * between.transpose();
   return both;
 }
 
 [[nodiscard]] inline bool in_one_plane(const SurfacePlane& a, const SurfacePlane& b,
                                        const SurfacePlaneOptions& options) {
-  return normal_difference(a.normal, b.normal) < options.merge_normal && a.distance(b.center) < options.merge_distance &&
-         b.distance(a.center) < options.merge_distance;
+  return normal_difference(a.normal, b.normal) < options.merge_normal &&
+         a.distance(b.center) < options.merge_distance && b.distance(a.center) < options.merge_distance;
 }
 
 }  // namespace detail

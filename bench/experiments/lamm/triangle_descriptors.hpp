@@ -19,10 +19,10 @@ namespace chainslam {
 
 /// Which triangles of keypoints describe a place. Defaults: LAMM's configuration for NCLT.
 struct TriangleOptions {
-  Index nearest = 15;        ///< keypoints that are joined with one another around each, itself counted
-  double min_side = 1.0;     ///< metres
-  double max_side = 30.0;    ///< metres
-  double min_excess = 0.2;   ///< metres by which two sides together exceed the third: flatter ones are left out
+  Index nearest = 15;       ///< keypoints that are joined with one another around each, itself counted
+  double min_side = 1.0;    ///< metres
+  double max_side = 30.0;   ///< metres
+  double min_excess = 0.2;  ///< metres by which two sides together exceed the third: flatter ones are left out
 };
 
 /// A triangle of keypoints. Its sides are the same wherever the place is seen from.
