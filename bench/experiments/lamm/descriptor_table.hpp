@@ -2,13 +2,12 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <concepts>
-#include <cstdint>
+#include <cstddef>
+#include <functional>
 #include <memory>
 #include <optional>
-#include <span>
+#include <utility>
 #include <vector>
 
 #include "chainslam/cloud/cell_table.hpp"
@@ -39,7 +38,7 @@ struct PlaceCandidate {
   std::vector<TriangleMatch> matches{};
 };
 
-/// Places by the sides of their triangles: finds those that share most with a query (Yuan et al. 2023, section III-C).
+/// Places by the sides of their triangles: finds those that share most with a query (Yuan et al. 2023, STD).
 class DescriptorTable {
  public:
   explicit DescriptorTable(const TableOptions& options = {}) : options_(options) {}
