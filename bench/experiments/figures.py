@@ -78,7 +78,7 @@ def paths(maps: Mapping[str, Path], sets: Mapping[str, Sequence[Path]], world: s
         axis.set_title(row)
         axis.set_aspect("equal", "datalim")
     axes.flat[0].legend(fontsize="small")
-    figure.suptitle(f"{world}, seed 1: paths from above, metres")
+    figure.suptitle(f"{world}, seed 1: paths from above, metres", y=1.0 + 0.1 / lines)
     _save(figure, folder, world, "paths")
 
 
@@ -122,5 +122,5 @@ def box_plots(results: Sequence[Result], world: str, folder: Path) -> None:
         if any(samples):
             axis.set_xscale("log")
     axes[0].invert_yaxis()
-    figure.suptitle(f"{world}: over seeds")
+    figure.suptitle(f"{world}: over seeds", y=1.0 + 0.4 / figure.get_figheight())
     _save(figure, folder, world, "seeds")
