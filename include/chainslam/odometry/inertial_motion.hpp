@@ -109,14 +109,8 @@ class InertialMotion {
     if (!knows_velocity(before_) || !knows_velocity(filter_)) return {};
     return detail::compare_imu(imu_, begin_, before_.state(), time_, state(), options_.process.gravity);
   }
-  /// Learns the accelerometer's noise from how it differs from the scans. @param position  by the scan alone.
-  void learn_noise(const ImuComparison& comparison, const Eigen::Vector3d& position) {
-    accel_noise_.follow(comparison, position);
-  }
-  /// There was no scan to learn from.
-  void interrupt_noise() { accel_noise_.interrupt(); }
-  /// What was learnt of the noise was of another clock or other axes.
-  void restart_noise() { accel_noise_.restart(); }
+  /// What is learnt of the accelerometer's noise: it takes what follows from each scan.
+  [[nodiscard]] AccelNoise& learned_noise() { return accel_noise_; }
   /// m/s^2 per sqrt(Hz): density of the accelerometer's noise that predictions take.
   [[nodiscard]] double accel_noise() const { return std::max(options_.process.noise.accel, accel_noise_.density()); }
   /// Forgets what was learnt from measurements that are no longer believed.
@@ -223,11 +217,8 @@ class InertialMotion {
       reading.gyro_noise = options_.free_gyro;
     }
     if (!reading.force_measured) reading.accel_noise = options_.free_accel;
-    if (use == ImuUse::all) {
-      const double own = options_.process.noise.accel, all = accel_noise();
-      reading.accel_noise = std::sqrt(reading.accel_noise * reading.accel_noise + all * all - own * own);
-      return reading;
-    }
+    reading.accel_noise = std::hypot(reading.accel_noise, accel_noise_.beside(options_.process.noise.accel));
+    if (use == ImuUse::all) return reading;
     if (use == ImuUse::rough_gyroscope) reading.gyro_noise = options_.free_gyro;
     reading.accel_noise = options_.free_accel;
     reading.force_measured = false;

@@ -249,9 +249,9 @@ void LidarInertialOdometry<Map, Kernel>::watch_imu(const Attempt& attempt) {
   const ImuComparison comparison = motion_.comparison();
   monitor_.follow(measured ? motion_.use() : before, comparison);
   if (attempt.match.degenerate_directions == 0)
-    motion_.learn_noise(comparison, attempt.own_pose.translation());
+    motion_.learned_noise().follow(comparison, attempt.own_pose.translation());
   else
-    motion_.interrupt_noise();
+    motion_.learned_noise().interrupt();
   if (monitor_.use() > before) motion_.forget_biases(monitor_.use());
   if (monitor_.back_to_all()) motion_.set_up(monitor_.up());
   if (before == ImuUse::none && monitor_.use() < before) motion_.doubt_mounting();
@@ -270,7 +270,7 @@ void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correc
   motion_.hold_mounting();  // what the filter has learnt of it is in the correction
   if (clear) {
     motion_.forget_biases(ImuUse::none);
-    motion_.restart_noise();
+    motion_.learned_noise().restart();
     if (up) motion_.set_up(S2d::from_vector(*up));
     monitor_ = ImuMonitor(options_.monitor);
   }
@@ -283,7 +283,7 @@ Frame LidarInertialOdometry<Map, Kernel>::lose(Attempt& attempt, double since_la
   ++counts_.lost_scans;
   health_ = {.update = attempt.report.status, .measured_share = motion_.measured_share()};
   doubt_.lose(since_last);
-  motion_.interrupt_noise();
+  motion_.learned_noise().interrupt();
   Frame frame = answer(attempt, FrameStatus::lost);
   if (++lost_in_a_row_ > options_.max_lost_scans) {
     ++counts_.map_restarts;
