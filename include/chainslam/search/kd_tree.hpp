@@ -6,11 +6,11 @@
 #include <cassert>
 #include <cstdint>
 #include <span>
-#include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/box_split.hpp"
 #include "chainslam/search/detail/lanes.hpp"
@@ -49,20 +49,19 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, D
   explicit KdTree(const Points& cloud);
 
   /// Points that can be found.
-  [[nodiscard]] std::size_t size() const { return slot_of_point_.size() - static_cast<std::size_t>(rejected_); }
+  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(slot_of_point_.size() - rejected_); }
   /// Points left out because a coordinate is NaN or infinite.
   [[nodiscard]] Index rejected() const { return rejected_; }
 
   /// Whether point i of the cloud is in the tree.
   [[nodiscard]] bool contains(Index i) const {
-    return i >= 0 && static_cast<std::size_t>(i) < slot_of_point_.size() &&
-           slot_of_point_[static_cast<std::size_t>(i)] >= 0;
+    return i >= 0 && i < slot_of_point_.size() && slot_of_point_[i] >= 0;
   }
   /// Position of a point that is in the tree.
   [[nodiscard]] Vector position(Index i) const {
-    const Index slot = slot_of_point_[static_cast<std::size_t>(i)];
+    const Index slot = slot_of_point_[i];
     assert(slot >= 0);
-    return leaves_[static_cast<std::size_t>(slot / leaf_size)].points.position(slot % leaf_size);
+    return leaves_[slot / leaf_size].points.position(slot % leaf_size);
   }
 
  private:
@@ -93,7 +92,7 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, D
   };
 
   template <detail::PointSource<Dim> Points>
-  [[nodiscard]] std::vector<Item> finite_items(const Points& cloud);
+  [[nodiscard]] detail::Table<Item> finite_items(const Points& cloud);
   void build(std::span<Item> items, std::span<Item> scratch);
   void add_leaf(std::span<const Item> items);
   template <class Collector>
@@ -106,9 +105,9 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, D
     return sum;
   }
 
-  std::vector<Node> nodes_;
-  std::vector<Leaf> leaves_;
-  std::vector<Index> slot_of_point_;  ///< leaf * leaf_size + lane, or -1 if left out
+  detail::Table<Node> nodes_;
+  detail::Table<Leaf> leaves_;
+  detail::Table<Index> slot_of_point_;  ///< leaf * leaf_size + lane, or -1 if left out
   Index rejected_ = 0;
 };
 static_assert(SeededSearch<KdTree<>> && FixedSizeSearch<KdTree<>>);
@@ -116,30 +115,31 @@ static_assert(SeededSearch<KdTree<>> && FixedSizeSearch<KdTree<>>);
 template <class ScalarType, int Dim>
 template <detail::PointSource<Dim> Points>
 KdTree<ScalarType, Dim>::KdTree(const Points& cloud) {
-  std::vector<Item> items = finite_items(cloud);
+  detail::Table<Item> items = finite_items(cloud);
   if (items.empty()) return;
-  const std::size_t expected_leaves = items.size() / 10 + 1;
+  const Offset expected_leaves = items.size() / 10 + 1;
   nodes_.reserve(2 * expected_leaves);
   leaves_.reserve(expected_leaves);
-  std::vector<Item> scratch(items.size());
-  build(items, scratch);
+  detail::Table<Item> scratch(items.size());
+  build(items.all(), scratch.all());
 }
 
 template <class ScalarType, int Dim>
 template <detail::PointSource<Dim> Points>
-auto KdTree<ScalarType, Dim>::finite_items(const Points& cloud) -> std::vector<Item> {
+auto KdTree<ScalarType, Dim>::finite_items(const Points& cloud) -> detail::Table<Item> {
   const Index count = detail::source_size<Dim>(cloud);
-  slot_of_point_.resize(static_cast<std::size_t>(count), -1);
-  std::vector<Item> items;
-  items.reserve(static_cast<std::size_t>(count));
+  slot_of_point_.resize(count, -1);
+  detail::Table<Item> items;
+  items.reserve(count);
   for (Index i = 0; i < count; ++i) {
     const Vector p = detail::source_position<Scalar, Dim>(cloud, i);
     if (!is_finite(p)) {
       ++rejected_;
       continue;
     }
-    std::copy_n(p.data(), Dim, items.emplace_back().at.begin());
-    items.back().payload = i;
+    Item& item = items.emplace_back();
+    std::copy_n(p.data(), Dim, item.at.begin());
+    item.payload = i;
   }
   return items;
 }
@@ -149,10 +149,10 @@ void KdTree<ScalarType, Dim>::build(std::span<Item> items, std::span<Item> scrat
   if (items.size() <= leaf_size) return add_leaf(items);
   const std::size_t quarter = items.size() / 4;
   const auto split = detail::split_points(items, scratch, quarter, items.size() - quarter);
-  const std::size_t node = nodes_.size();
+  const Offset node = nodes_.size();
   nodes_.push_back({});
   build(items.first(split.below), scratch);
-  nodes_[node] = {split.at, static_cast<std::uint32_t>(4 * nodes_.size() + split.axis)};
+  nodes_[node] = {split.at, static_cast<std::uint32_t>(4 * static_cast<std::size_t>(nodes_.size()) + split.axis)};
   build(items.subspan(split.below), scratch);
 }
 
@@ -165,7 +165,7 @@ void KdTree<ScalarType, Dim>::add_leaf(std::span<const Item> items) {
     const Item& item = items[lane];
     leaf.points.set(static_cast<int>(lane), item.at.data());
     leaf.indices[lane] = item.payload;
-    slot_of_point_[static_cast<std::size_t>(item.payload)] = first_slot + static_cast<Index>(lane);
+    slot_of_point_[item.payload] = first_slot + static_cast<Index>(lane);
   }
 }
 

@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

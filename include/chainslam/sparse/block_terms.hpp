@@ -8,7 +8,7 @@
 #include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -19,7 +19,7 @@
 #include "chainslam/sparse/detail/supernodes.hpp"
 #include "chainslam/sparse/detail/tree_parts.hpp"
 #include "chainslam/sparse/ordering.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

@@ -10,7 +10,7 @@
 #include "chainslam/factor_graph/optimize_report.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -2,7 +2,7 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/piece_list.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

@@ -18,7 +18,7 @@
 #include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

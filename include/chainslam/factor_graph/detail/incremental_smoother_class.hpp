@@ -26,7 +26,7 @@
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

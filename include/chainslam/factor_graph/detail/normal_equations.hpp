@@ -12,7 +12,7 @@
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -25,7 +25,7 @@ class TreeLeaves {
 
   [[nodiscard]] Index count() const { return static_cast<Index>(tree_->leaves_.size()); }
   /// Lanes that hold no point are infinite.
-  [[nodiscard]] const Points& points(Index leaf) const { return tree_->leaves_[static_cast<std::size_t>(leaf)].points; }
+  [[nodiscard]] const Points& points(Index leaf) const { return tree_->leaves_[leaf].points; }
   /// The leaf of point i, which is in the tree.
   [[nodiscard]] Index leaf_of(Index i) const {
     return tree_->slot_of_point_[static_cast<std::size_t>(i)] / static_cast<Index>(leaf_size);
@@ -35,7 +35,7 @@ class TreeLeaves {
     const auto& columns = points(leaf).columns;
     std::size_t used = 0;
     for (std::size_t lane = 0; lane < leaf_size; ++lane) used += columns[0][lane] < Points::far ? 1U : 0U;
-    return std::span(tree_->leaves_[static_cast<std::size_t>(leaf)].indices).first(used);
+    return std::span(tree_->leaves_[leaf].indices).first(used);
   }
 
   /// Replaces `out` by the leaves whose cells lie within a distance of a box, in their order; by more than `most` of

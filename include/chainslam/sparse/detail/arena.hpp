@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

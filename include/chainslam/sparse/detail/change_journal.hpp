@@ -5,7 +5,7 @@
 #include <span>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

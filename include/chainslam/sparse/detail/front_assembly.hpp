@@ -7,7 +7,7 @@
 #include "chainslam/sparse/block_terms.hpp"
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -9,7 +9,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
 #include "chainslam/sparse/detail/front.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -20,7 +20,7 @@
 #include "chainslam/sparse/detail/partial_elimination.hpp"
 #include "chainslam/sparse/detail/path_solver.hpp"
 #include "chainslam/sparse/detail/tree_inverse.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

@@ -6,7 +6,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -7,7 +7,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/detail/quotient_graph.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -6,7 +6,7 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

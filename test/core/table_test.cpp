@@ -1,4 +1,4 @@
-#include "chainslam/sparse/table.hpp"
+#include "chainslam/core/table.hpp"
 
 #include <doctest/doctest.h>
 
@@ -22,7 +22,7 @@ bool same(const Numbers& table, const std::vector<Offset>& expected) {
 
 }  // namespace
 
-TEST_SUITE("sparse/table") {
+TEST_SUITE("core/table") {
   TEST_CASE("holds what a vector would, whatever is done to it") {
     for_all(100, [](Rng& rng, int size) {
       Numbers table;
