@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <optional>
 #include <utility>
-#include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam {
@@ -55,11 +55,11 @@ class CellTable {
 
   [[nodiscard]] Index size() const { return size_; }
   /// Bytes held.
-  [[nodiscard]] std::size_t memory() const { return slots_.capacity() * sizeof(Slot); }
+  [[nodiscard]] std::size_t memory() const { return static_cast<std::size_t>(slots_.capacity()) * sizeof(Slot); }
 
   /// The index stored for `cell`, or -1.
   [[nodiscard]] Index find(const Cell& cell) const {
-    for (std::size_t i = home(cell);; i = next(i)) {
+    for (Offset i = home(cell);; i = next(i)) {
       const Slot& slot = slots_[i];
       if (slot.index < 0 || slot.cell == cell) return slot.index;
     }
@@ -67,33 +67,33 @@ class CellTable {
 
   /// The index stored for `cell`; a new cell gets `index` (>= 0). The second member tells whether it was new.
   std::pair<Index, bool> insert(const Cell& cell, Index index) {
-    for (std::size_t i = home(cell);; i = next(i)) {
+    for (Offset i = home(cell);; i = next(i)) {
       Slot& slot = slots_[i];
       if (slot.index >= 0 && !(slot.cell == cell)) continue;
       if (slot.index >= 0) return {slot.index, false};
       slot = {cell, index};
       ++size_;
-      if (2 * static_cast<std::size_t>(size_) > slots_.size()) grow();
+      if (Offset{2} * size_ > slots_.size()) grow();
       return {index, true};
     }
   }
 
   /// Replaces the index of a cell that is in the table.
   void assign(const Cell& cell, Index index) {
-    std::size_t i = home(cell);
+    Offset i = home(cell);
     while (!(slots_[i].index >= 0 && slots_[i].cell == cell)) i = next(i);
     slots_[i].index = index;
   }
 
   /// Removes a cell; does nothing if it is not there. Later cells of the probe sequence move back: no tombstones.
   void erase(const Cell& cell) {
-    std::size_t hole = home(cell);
+    Offset hole = home(cell);
     for (;; hole = next(hole)) {
       if (slots_[hole].index < 0) return;
       if (slots_[hole].cell == cell) break;
     }
-    for (std::size_t i = next(hole); slots_[i].index >= 0; i = next(i)) {
-      const std::size_t wanted = home(slots_[i].cell);
+    for (Offset i = next(hole); slots_[i].index >= 0; i = next(i)) {
+      const Offset wanted = home(slots_[i].cell);
       if (((i - wanted) & mask()) >= ((i - hole) & mask())) {
         slots_[hole] = slots_[i];
         hole = i;
@@ -114,35 +114,34 @@ class CellTable {
     Cell cell;
     Index index = -1;
   };
-  static constexpr std::size_t min_slots = 64;
+  static constexpr Offset min_slots = 64;
   static constexpr int min_shift = 64 - 6;
 
-  [[nodiscard]] std::size_t mask() const { return slots_.size() - 1; }
-  [[nodiscard]] std::size_t next(std::size_t i) const { return (i + 1) & mask(); }
+  [[nodiscard]] Offset mask() const { return slots_.size() - 1; }
+  [[nodiscard]] Offset next(Offset i) const { return (i + 1) & mask(); }
 
   /// Three odd multipliers mix the axes; the top bits of one more product are the slot (Knuth's multiplicative
   /// hashing).
-  [[nodiscard]] std::size_t home(const Cell& cell) const {
+  [[nodiscard]] Offset home(const Cell& cell) const {
     std::uint64_t h = static_cast<std::uint32_t>(cell.x) * 0x9e37'79b9'7f4a'7c15U +
                       static_cast<std::uint32_t>(cell.y) * 0xc2b2'ae3d'27d4'eb4fU +
                       static_cast<std::uint32_t>(cell.z) * 0x1656'67b1'9e37'79f9U;
     h ^= h >> 32;
-    return static_cast<std::size_t>((h * 0x9fb2'1c65'1e98'df25U) >> shift_);
+    return static_cast<Offset>((h * 0x9fb2'1c65'1e98'df25U) >> shift_);
   }
 
   void grow() {
-    std::vector<Slot> old(2 * slots_.size());
-    old.swap(slots_);
+    const detail::Table<Slot> old = std::exchange(slots_, detail::Table<Slot>(2 * slots_.size()));
     --shift_;
     for (const Slot& slot : old) {
       if (slot.index < 0) continue;
-      std::size_t i = home(slot.cell);
+      Offset i = home(slot.cell);
       while (slots_[i].index >= 0) i = next(i);
       slots_[i] = slot;
     }
   }
 
-  std::vector<Slot> slots_;
+  detail::Table<Slot> slots_;
   int shift_ = min_shift;
   Index size_ = 0;
 };

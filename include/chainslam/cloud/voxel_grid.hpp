@@ -19,6 +19,7 @@
 #include "chainslam/cloud/select.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 
@@ -72,7 +73,7 @@ struct alignas(32) VoxelSum {
 struct MeanTable {
   VoxelTable voxels{};
   CellKeys keys{};
-  std::vector<VoxelSum> sums{};
+  Table<VoxelSum> sums{};
 };
 
 /// The table that a thread keeps from one cloud to the next, since fresh memory would cost as much as the work; for one
@@ -158,10 +159,10 @@ void mean_positions(const Points& cloud, const MeanTable& table, double size,
   using Floats4 = float __attribute__((vector_size(16)));
   using Longs4 = std::int64_t __attribute__((vector_size(32)));
   using Scalars = std::conditional_t<sizeof(Scalar) == sizeof(float), Floats4, Doubles4>;
-  means.resize(table.sums.size());
+  means.resize(table.sums.all().size());
   for (std::size_t voxel = 0; voxel < means.size(); ++voxel) {
     Longs4 sum;
-    std::memcpy(&sum, &table.sums[voxel], sizeof sum);
+    std::memcpy(&sum, table.sums.data() + voxel, sizeof sum);
     const double share = 1.0 / (CellBlock::offset_scale * static_cast<double>(sum[3]));
     Doubles4 corner;
     table.keys.cell(table.voxels.key(voxel), corner);
@@ -180,10 +181,10 @@ void mean_positions(const Points& cloud, const MeanTable& table, double size,
 template <class T, class Value>
 [[nodiscard]] std::vector<T> voxel_means(std::span<const Index> voxel_of_point, const MeanTable& table, const T& zero,
                                          Value&& value) {
-  std::vector<T> means(table.sums.size(), zero);
+  std::vector<T> means(table.sums.all().size(), zero);
   for (std::size_t i = 0; i < voxel_of_point.size(); ++i)
     if (voxel_of_point[i] != in_no_voxel) means[static_cast<std::size_t>(voxel_of_point[i])] += value(i);
-  for (std::size_t voxel = 0; voxel < means.size(); ++voxel) means[voxel] /= table.sums[voxel].count();
+  for (std::size_t voxel = 0; voxel < means.size(); ++voxel) means[voxel] /= table.sums.all()[voxel].count();
   return means;
 }
 
@@ -212,11 +213,11 @@ template <class Scalar, Cloud Points>
   const bool normals = carries_normals(cloud), times = carries_times(cloud), intensities = carries_intensities(cloud);
   LentTable lent(cloud_size(cloud));
   MeanTable& table = *lent;
-  table.sums.reserve(std::min<std::size_t>(cloud_size(cloud), 1 << 17));
+  table.sums.reserve(static_cast<Offset>(std::min<std::size_t>(cloud_size(cloud), 1 << 17)));
   std::vector<Index> voxel_of_point;
   if (normals || times || intensities) voxel_of_point.assign(cloud_size(cloud), in_no_voxel);
   const auto add = [&](const CellBlock& block, const VoxelTable::Numbers& voxels) {
-    table.sums.resize(table.voxels.size());
+    table.sums.resize(static_cast<Offset>(table.voxels.size()));
     // Points that follow one another often share a voxel, whose sum would be waited for: four far ones at a time.
     constexpr std::size_t stride = CellBlock::capacity / 4;
     for (std::size_t first = 0; first < stride; ++first)
@@ -230,8 +231,10 @@ template <class Scalar, Cloud Points>
   PointCloud<Scalar>& means = result.cloud;
   mean_positions(cloud, table, size, means.positions);
   const auto mean_column = [&](auto&& value) {
-    const auto column = voxel_means(voxel_of_point, table, 0.0, value);
-    return std::vector<float>(column.begin(), column.end());
+    const std::vector<double> column = voxel_means(voxel_of_point, table, 0.0, value);
+    std::vector<float> rounded(column.size());
+    for (std::size_t voxel = 0; voxel < column.size(); ++voxel) rounded[voxel] = static_cast<float>(column[voxel]);
+    return rounded;
   };
   if constexpr (OrientedCloud<Points>)
     if (normals) means.normals = mean_normals<Scalar>(cloud, voxel_of_point, table);

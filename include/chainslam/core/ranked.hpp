@@ -1,7 +1,7 @@
 #pragma once
 
 #include <algorithm>
-#include <vector>
+#include <span>
 
 #include "chainslam/core/types.hpp"
 
@@ -18,6 +18,8 @@ struct Ranked {
 };
 
 /// The least rank first, equal ones by index. Whatever is sorted, the sort is compiled once.
-[[gnu::noinline]] inline void sort_ranked(std::vector<Ranked>& all) { std::sort(all.data(), all.data() + all.size()); }
+[[gnu::noinline]] inline void sort_ranked(std::span<Ranked> all) {
+  std::sort(all.data(), all.data() + all.size());
+}
 
 }  // namespace chainslam

@@ -81,13 +81,20 @@ class Table {
   }
   ~Table() { std::free(memory_.data); }
 
+  // Written out rather than in terms of one another: each call would be one more for the compiler to inline.
+  // Indices are checked where those of the standard library's containers are: as assertions they cost a program of the
+  // back end a twentieth of its compile time.
   [[nodiscard]] T& operator[](Offset i) {
-    assert(i >= 0 && i < size());
-    return data()[i];
+#ifdef _GLIBCXX_ASSERTIONS
+    assert(i >= 0 && i < memory_.size);
+#endif
+    return static_cast<T*>(memory_.data)[i];
   }
   [[nodiscard]] const T& operator[](Offset i) const {
-    assert(i >= 0 && i < size());
-    return data()[i];
+#ifdef _GLIBCXX_ASSERTIONS
+    assert(i >= 0 && i < memory_.size);
+#endif
+    return static_cast<const T*>(memory_.data)[i];
   }
 
   [[nodiscard]] Offset size() const { return memory_.size; }
@@ -95,67 +102,83 @@ class Table {
   [[nodiscard]] bool empty() const { return memory_.size == 0; }
   [[nodiscard]] T* data() { return static_cast<T*>(memory_.data); }
   [[nodiscard]] const T* data() const { return static_cast<const T*>(memory_.data); }
-  [[nodiscard]] T& back() { return (*this)[size() - 1]; }
-  [[nodiscard]] const T& back() const { return (*this)[size() - 1]; }
+  [[nodiscard]] T& back() { return static_cast<T*>(memory_.data)[memory_.size - 1]; }
+  [[nodiscard]] const T& back() const { return static_cast<const T*>(memory_.data)[memory_.size - 1]; }
 
-  void assign(Offset size, T value) {
-    clear();
-    resize(size, value);
-  }
-  [[gnu::noinline]] void resize(Offset size, T value = T{}) {
-    reserve(size);
-    for (Offset k = memory_.size; k < size; ++k) put(k, value);
-    memory_.size = size;
-  }
+  void clear() { memory_.size = 0; }
   void reserve(Offset capacity) {
     if (capacity > memory_.capacity) grow(capacity);
   }
-  void push_back(T value) {
-    reserve(size() + 1);
-    put(memory_.size++, value);
+  // A value may be an element of this table, whose memory moves.
+  void assign(Offset size, const T& value) {
+    const T copy = value;
+    memory_.size = 0;
+    resize(size, copy);
+  }
+  [[gnu::noinline]] void resize(Offset size, const T& value = T{}) {
+    const T copy = value;
+    if (size > memory_.capacity) grow(size);
+    T* const elements = static_cast<T*>(memory_.data);
+    for (Offset k = memory_.size; k < size; ++k) ::new (static_cast<void*>(elements + k)) T(copy);
+    memory_.size = size;
+  }
+  void push_back(const T& value) {
+    const T copy = value;
+    if (memory_.size == memory_.capacity) grow(memory_.size + 1);
+    ::new (static_cast<void*>(static_cast<T*>(memory_.data) + memory_.size++)) T(copy);
   }
   T& emplace_back() {
-    reserve(size() + 1);
-    return *::new (static_cast<void*>(data() + memory_.size++)) T{};
+    if (memory_.size == memory_.capacity) grow(memory_.size + 1);
+    return *::new (static_cast<void*>(static_cast<T*>(memory_.data) + memory_.size++)) T{};
+  }
+  void pop_back() {
+    assert(memory_.size > 0);
+    --memory_.size;
+  }
+  /// Leaves those elements, in their order, for which `kept(element)` is true.
+  template <class Kept>
+  void keep_if(Kept&& kept) {
+    T* const elements = static_cast<T*>(memory_.data);
+    Offset count = 0;
+    for (Offset k = 0; k < memory_.size; ++k)
+      if (kept(elements[k])) elements[count++] = elements[k];
+    memory_.size = count;
   }
   /// @param values  not of this table.
   [[gnu::noinline]] void append(std::span<const T> values) {
     const auto count = static_cast<Offset>(values.size());
-    reserve(size() + count);
+    if (memory_.size + count > memory_.capacity) grow(memory_.size + count);
+    T* const end = static_cast<T*>(memory_.data) + memory_.size;
     if constexpr (bytes) {
-      if (count > 0) std::memcpy(end(), values.data(), values.size_bytes());
+      if (count > 0) std::memcpy(end, values.data(), static_cast<std::size_t>(count) * sizeof(T));
     } else {
-      for (Offset k = 0; k < count; ++k) put(size() + k, values.data()[k]);
+      for (Offset k = 0; k < count; ++k) ::new (static_cast<void*>(end + k)) T(values.data()[k]);
     }
     memory_.size += count;
   }
-  void pop_back() {
-    assert(!empty());
-    --memory_.size;
-  }
-  void clear() { memory_.size = 0; }
 
   [[nodiscard]] std::span<const T> range(Offset begin, Offset end) const {
-    return {data() + begin, static_cast<std::size_t>(end - begin)};
+    return {static_cast<const T*>(memory_.data) + begin, static_cast<std::size_t>(end - begin)};
   }
   [[nodiscard]] std::span<T> range(Offset begin, Offset end) {
-    return {data() + begin, static_cast<std::size_t>(end - begin)};
+    return {static_cast<T*>(memory_.data) + begin, static_cast<std::size_t>(end - begin)};
   }
-  [[nodiscard]] std::span<const T> all() const { return range(0, size()); }
-  [[nodiscard]] std::span<T> all() { return range(0, size()); }
+  [[nodiscard]] std::span<const T> all() const {
+    return {static_cast<const T*>(memory_.data), static_cast<std::size_t>(memory_.size)};
+  }
+  [[nodiscard]] std::span<T> all() { return {static_cast<T*>(memory_.data), static_cast<std::size_t>(memory_.size)}; }
 
-  [[nodiscard]] T* begin() { return data(); }
-  [[nodiscard]] T* end() { return data() + size(); }
-  [[nodiscard]] const T* begin() const { return data(); }
-  [[nodiscard]] const T* end() const { return data() + size(); }
+  [[nodiscard]] T* begin() { return static_cast<T*>(memory_.data); }
+  [[nodiscard]] T* end() { return static_cast<T*>(memory_.data) + memory_.size; }
+  [[nodiscard]] const T* begin() const { return static_cast<const T*>(memory_.data); }
+  [[nodiscard]] const T* end() const { return static_cast<const T*>(memory_.data) + memory_.size; }
 
  private:
-  void put(Offset k, const T& value) { ::new (static_cast<void*>(data() + k)) T(value); }
   void copy(const Table& other) {
     if constexpr (bytes) {
       memory_.copy(other.memory_, sizeof(T), alignof(T));
     } else {
-      clear();
+      memory_.size = 0;
       append(other.all());
     }
   }
@@ -168,7 +191,7 @@ class Table {
   }
   [[gnu::noinline]] void grow_by_element(Offset count) {
     Table larger;
-    larger.memory_.grow(std::max(count, 2 * capacity()), sizeof(T), alignof(T));
+    larger.memory_.grow(std::max(count, 2 * memory_.capacity), sizeof(T), alignof(T));
     larger.append(all());
     std::swap(memory_, larger.memory_);
   }

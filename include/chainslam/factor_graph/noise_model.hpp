@@ -81,8 +81,8 @@ class NoiseModel {
   }
 
   static void require_finite(const Matrix& matrix, const char* name) {
-    if (!std::all_of(matrix.data(), matrix.data() + Dof * Dof, [](double entry) { return std::isfinite(entry); }))
-      refuse(name, "is not finite");
+    for (int k = 0; k < Dof * Dof; ++k)
+      if (!std::isfinite(matrix.data()[k])) refuse(name, "is not finite");
   }
 
   /// Of the sizes of all entries.

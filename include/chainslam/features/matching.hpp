@@ -9,6 +9,7 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/ranked.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/detail/distance_tiles.hpp"
 #include "chainslam/features/detail/nearest_features.hpp"
@@ -50,12 +51,12 @@ namespace detail {
 /// Cuts off the worst, and orders as asked.
 inline void keep_best(std::vector<FeatureMatch>& matches, const MatchOptions& options) {
   const auto sort = [&](bool by_ratio) {  // equal ones stay in their order
-    std::vector<Ranked> order;
+    Table<Ranked> order;
     for (const FeatureMatch& match : matches)
       order.push_back({by_ratio ? static_cast<double>(match.ratio) : match.source, static_cast<Index>(order.size())});
-    sort_ranked(order);
+    sort_ranked(order.all());
     std::vector<FeatureMatch> sorted(matches.size());
-    for (std::size_t k = 0; k < sorted.size(); ++k) sorted[k] = matches[static_cast<std::size_t>(order[k].index)];
+    for (std::size_t k = 0; k < sorted.size(); ++k) sorted[k] = matches[static_cast<std::size_t>(order.all()[k].index)];
     matches.swap(sorted);
   };
   const auto limit = static_cast<std::size_t>(options.max_matches);

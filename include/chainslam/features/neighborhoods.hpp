@@ -10,6 +10,7 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/features/detail/plane_lanes.hpp"
 #include "chainslam/features/normals.hpp"
 #include "chainslam/search/concepts.hpp"
@@ -34,13 +35,13 @@ class Neighborhoods {
       : radius_(radius), size_(to_index(cloud.size(), "cloud")) {
     if (!(radius > 0) || max_neighbors < 0)
       throw std::invalid_argument("Neighborhoods: radius must be positive, max_neighbors not negative");
-    blocks_.resize(static_cast<std::size_t>(detail::count_chunks(size_, block_size)));
+    blocks_ = std::vector<Block>(static_cast<std::size_t>(detail::count_chunks(size_, block_size)));
     executor.for_chunks(size_, block_size, [&](Index begin, Index end) {
       Block& block = blocks_[static_cast<std::size_t>(begin / block_size)];
       std::vector<Neighbor<Scalar>> found;
       for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
         find(search, cloud.positions[i], max_neighbors, found);
-        block.neighbors.insert(block.neighbors.end(), found.begin(), found.end());
+        block.neighbors.append(found);
         block.end.push_back(block.neighbors.size());
       }
     });
@@ -51,16 +52,15 @@ class Neighborhoods {
   [[nodiscard]] double radius() const { return radius_; }
   [[nodiscard]] std::span<const Neighbor<Scalar>> operator[](Index i) const {
     const Block& block = blocks_[static_cast<std::size_t>(i / block_size)];
-    const auto place = static_cast<std::size_t>(i % block_size);
-    const std::size_t begin = place == 0 ? 0 : block.end[place - 1];
-    return std::span(block.neighbors).subspan(begin, block.end[place] - begin);
+    const Index place = i % block_size;
+    return block.neighbors.range(place == 0 ? 0 : block.end[place - 1], block.end[place]);
   }
 
  private:
   static constexpr Index block_size = 256;
   struct Block {
-    std::vector<Neighbor<Scalar>> neighbors;  ///< point after point
-    std::vector<std::size_t> end;             ///< of each point's
+    detail::Table<Neighbor<Scalar>> neighbors;  ///< point after point
+    detail::Table<Offset> end;                  ///< of each point's
   };
 
   template <class Search>
@@ -87,18 +87,17 @@ namespace detail {
 
 /// Leaves those of a point's neighbours that the options name.
 template <class Scalar>
-void keep_wanted(std::vector<Neighbor<Scalar>>& neighbors, const NormalOptions& options) {
-  const auto wanted = static_cast<std::size_t>(options.neighbors);
+void keep_wanted(Table<Neighbor<Scalar>>& neighbors, const NormalOptions& options) {
+  const Index wanted = options.neighbors;
   if (wanted > 0 && neighbors.size() > wanted) {
-    std::nth_element(neighbors.begin(), neighbors.begin() + options.neighbors, neighbors.end(),
+    std::nth_element(neighbors.begin(), neighbors.begin() + wanted, neighbors.end(),
                      [](const auto& a, const auto& b) { return a.squared_distance < b.squared_distance; });
     neighbors.resize(wanted);
   }
   const double squared_radius = options.radius * options.radius;
-  std::size_t kept = 0;
-  for (const Neighbor<Scalar>& neighbor : neighbors)
-    if (static_cast<double>(neighbor.squared_distance) <= squared_radius) neighbors[kept++] = neighbor;
-  neighbors.resize(kept);
+  neighbors.keep_if([squared_radius](const Neighbor<Scalar>& neighbor) {
+    return static_cast<double>(neighbor.squared_distance) <= squared_radius;
+  });
 }
 
 }  // namespace detail
@@ -119,16 +118,17 @@ NormalEstimates estimate_normals(PointCloud<float>& cloud, const Neighborhoods<S
   NormalEstimates estimates = detail::no_normals(cloud, options);
   const detail::NormalWriter writer{cloud, estimates, options, viewpoint};
   const auto estimate_chunk = [&](Index begin, Index end) {
-    std::vector<Neighbor<Scalar>> near;
+    detail::Table<Neighbor<Scalar>> near;
     detail::PlaneLanes<float> lanes;
     Index without = 0;
     for (Index i = begin; i < end; ++i) {
-      near.assign(neighborhoods[i].begin(), neighborhoods[i].end());
+      near.clear();
+      near.append(neighborhoods[i]);
       detail::keep_wanted(near, options);
       const Eigen::Vector3f& center = cloud.positions[static_cast<std::size_t>(i)];
-      lanes.add(i, near.size(), [&](std::size_t j, std::size_t axis) {
+      lanes.add(i, near.all().size(), [&](std::size_t j, std::size_t axis) {
         const auto row = static_cast<Eigen::Index>(axis);
-        return cloud.positions[static_cast<std::size_t>(near[j].index)][row] - center[row];
+        return cloud.positions[static_cast<std::size_t>(near.data()[j].index)][row] - center[row];
       });
       if (lanes.full()) without += writer.write(lanes);
     }

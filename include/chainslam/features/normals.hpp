@@ -57,10 +57,10 @@ inline void check(const NormalOptions& options) {
 /// Takes a cloud's normals off: what is known before the first is estimated.
 [[nodiscard]] [[gnu::cold]] inline NormalEstimates no_normals(PointCloud<float>& cloud, const NormalOptions& options) {
   NormalEstimates estimates;
-  cloud.normals.assign(cloud.size(), Eigen::Vector3f::Zero());
-  estimates.planarity.assign(cloud.size(), 0.0F);
-  estimates.curvature.assign(cloud.size(), 0.0F);
-  if (options.covariances) estimates.covariances.assign(cloud.size(), {});
+  cloud.normals = std::vector<Eigen::Vector3f>(cloud.size(), Eigen::Vector3f::Zero());
+  estimates.planarity = std::vector<float>(cloud.size());
+  estimates.curvature = std::vector<float>(cloud.size());
+  if (options.covariances) estimates.covariances.resize(cloud.size());
   return estimates;
 }
 

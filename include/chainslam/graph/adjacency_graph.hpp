@@ -10,8 +10,8 @@
 #include <stdexcept>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/graph/concepts.hpp"
 
@@ -52,13 +52,14 @@ class AdjacencyGraph {
   [[nodiscard]] Index edge_count() const { return edges_; }
   /// Bytes held, free room included.
   [[nodiscard]] std::size_t memory() const {
-    return nodes_.capacity() * sizeof(Node) + arcs_.capacity() * sizeof(Arc) + sizeof(*this);
+    return static_cast<std::size_t>(nodes_.capacity()) * sizeof(Node) +
+           static_cast<std::size_t>(arcs_.capacity()) * sizeof(Arc) + sizeof(*this);
   }
 
   /// Adds a node without edges. @returns its number.
   Index add_node() {
     const Index added = to_index(nodes_.size() + 1, "AdjacencyGraph: nodes") - 1;
-    nodes_.emplace_back();
+    nodes_.push_back({});
     return added;
   }
 
@@ -66,15 +67,15 @@ class AdjacencyGraph {
   /// @throws std::invalid_argument if there are more already: nothing is ever taken out.
   void resize(Index nodes) {
     if (nodes < node_count()) throw std::invalid_argument("AdjacencyGraph: resize cannot take nodes out");
-    nodes_.resize(static_cast<std::size_t>(nodes));
+    nodes_.resize(nodes);
   }
 
   /// Makes room for so many nodes and about so many edges in all, so that the arrays need not move.
   /// @throws std::invalid_argument if a number is negative.
   void reserve(Index nodes, Index edges) {
     if (nodes < 0 || edges < 0) throw std::invalid_argument("AdjacencyGraph: reserve needs numbers of 0 or more");
-    nodes_.reserve(static_cast<std::size_t>(nodes));
-    arcs_.reserve(4 * static_cast<std::size_t>(edges));
+    nodes_.reserve(nodes);
+    arcs_.reserve(Offset{4} * edges);
   }
 
   /// Connects two nodes.
@@ -102,8 +103,9 @@ class AdjacencyGraph {
   /// Whether an edge joins the two; looks through the arcs of the one that has fewer.
   [[nodiscard]] bool connected(Index a, Index b) const {
     if (degree(b) < degree(a)) std::swap(a, b);
-    const std::span<const Arc> arcs = neighbors(a);
-    return std::any_of(arcs.begin(), arcs.end(), [b](const Arc& arc) { return arc.node == b; });
+    for (const Arc& arc : neighbors(a))
+      if (arc.node == b) return true;
+    return false;
   }
 
   /// Tells the processor that a node's place in the table, or its arcs, will soon be needed.
@@ -126,7 +128,7 @@ class AdjacencyGraph {
 
   [[nodiscard]] const Node& at(Index node) const {
     assert(contains(node));
-    return nodes_[static_cast<std::size_t>(node)];
+    return nodes_[node];
   }
 
   /// How many arcs longer the array may get by one more arc of a node with this degree.
@@ -134,14 +136,14 @@ class AdjacencyGraph {
 
   /// Lets the array of arcs grow before anything else is changed, so that nothing can go wrong half-way.
   void make_room(Index a, Index b) {
-    const std::size_t more = std::size_t{growth(at(a).degree)} + growth(at(b).degree + (a == b ? 1 : 0));
+    const Offset more = Offset{growth(at(a).degree)} + growth(at(b).degree + (a == b ? 1 : 0));
     if (arcs_.size() + more <= arcs_.capacity()) return;
     static_cast<void>(to_index(arcs_.size() + more, "AdjacencyGraph: arcs"));
     arcs_.reserve(std::max(arcs_.size() + more, 2 * arcs_.capacity()));
   }
 
   void append(Index node, const Arc& arc) {
-    Node& of = nodes_[static_cast<std::size_t>(node)];
+    Node& of = nodes_[node];
     if (of.degree == capacity(of.degree)) move_to_longer_slab(of);
     arcs_[of.begin + of.degree] = arc;
     ++of.degree;
@@ -160,7 +162,7 @@ class AdjacencyGraph {
     Index& head = free_slabs_[size_class(length)];
     if (head == none) {
       const auto begin = static_cast<std::uint32_t>(arcs_.size());
-      arcs_.resize(arcs_.size() + length);
+      arcs_.resize(arcs_.size() + Offset{length});
       return begin;
     }
     const auto begin = static_cast<std::uint32_t>(head);
@@ -180,8 +182,8 @@ class AdjacencyGraph {
     return heads;
   }
 
-  std::vector<Node> nodes_;
-  std::vector<Arc> arcs_;                          ///< the slabs, those in use and the free ones
+  detail::Table<Node> nodes_;
+  detail::Table<Arc> arcs_;                        ///< the slabs, those in use and the free ones
   std::array<Index, 32> free_slabs_ = no_slabs();  ///< for each length 2^k the first free one
   Index edges_ = 0;
 };

@@ -12,6 +12,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/graph/concepts.hpp"
 
@@ -52,7 +53,8 @@ class BfsWorkspace {
 
   /// Bytes held.
   [[nodiscard]] std::size_t memory() const {
-    return marks_.capacity() * sizeof(std::uint64_t) + static_cast<std::size_t>(capacity_) * sizeof(Index);
+    return static_cast<std::size_t>(marks_.capacity()) * sizeof(std::uint64_t) +
+           static_cast<std::size_t>(capacity_) * sizeof(Index);
   }
 
   /// Forgets the last search and makes room for a graph of so many nodes. For those who write searches.
@@ -77,12 +79,12 @@ class BfsWorkspace {
   }
 
  private:
-  static std::size_t word_of(Index node) { return static_cast<std::uint32_t>(node) / 64; }
+  static Offset word_of(Index node) { return static_cast<std::uint32_t>(node) / 64; }
   static std::uint64_t bit_of(Index node) { return std::uint64_t{1} << (static_cast<std::uint32_t>(node) % 64); }
 
   void clear_marks() {
-    if (static_cast<std::size_t>(reached_) >= marks_.size()) {
-      std::fill(marks_.begin(), marks_.end(), 0);
+    if (reached_ >= marks_.size()) {
+      marks_.assign(marks_.size(), 0);
     } else {
       for (const Index node : reached()) marks_[word_of(node)] = 0;
     }
@@ -97,8 +99,8 @@ class BfsWorkspace {
     capacity_ = capacity;
   }
 
-  std::unique_ptr<Index[]> queue_;    ///< nodes in the order of discovery: the search's queue is its answer
-  std::vector<std::uint64_t> marks_;  ///< one bit for each node, set if it is in the queue
+  std::unique_ptr<Index[]> queue_;      ///< nodes in the order of discovery: the search's queue is its answer
+  detail::Table<std::uint64_t> marks_;  ///< one bit for each node, set if it is in the queue
   Index capacity_ = 0;
   Index reached_ = 0;
 };

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <concepts>
-#include <ranges>
+#include <iterator>
 #include <utility>
 
 #include "chainslam/core/types.hpp"
@@ -15,13 +15,13 @@ namespace chainslam {
 template <class G>
 concept IncidenceGraph = requires(const G& graph, Index node) {
   { graph.node_count() } -> std::same_as<Index>;
-  requires std::ranges::forward_range<decltype(graph.neighbors(node))>;
-  { (*std::ranges::begin(graph.neighbors(node))).node } -> std::convertible_to<Index>;
+  { std::begin(graph.neighbors(node)) } -> std::forward_iterator;
+  { (*std::begin(graph.neighbors(node))).node } -> std::convertible_to<Index>;
 };
 
 /// What the arcs of a graph are.
 template <IncidenceGraph G>
-using ArcOf = std::ranges::range_value_t<decltype(std::declval<const G&>().neighbors(Index{}))>;
+using ArcOf = std::iter_value_t<decltype(std::begin(std::declval<const G&>().neighbors(Index{})))>;
 
 /// What becomes of a node that a search is about to expand.
 enum class BfsAction {

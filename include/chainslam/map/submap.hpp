@@ -46,7 +46,9 @@ struct SubmapRange {
        keyframes.subspan(static_cast<std::size_t>(range.begin), static_cast<std::size_t>(range.end - range.begin))) {
     if (!keyframe.cloud) continue;
     const PointCloud<float> seen = transformed(keyframe.cloud->positions, T_center_map * keyframe.T_map_body);
-    points.positions.insert(points.positions.end(), seen.positions.begin(), seen.positions.end());
+    const std::size_t before = points.positions.size();
+    points.positions.resize(before + seen.positions.size());
+    std::copy_n(seen.positions.data(), seen.positions.size(), points.positions.data() + before);
   }
   return voxel_downsample(points, voxel_size);
 }

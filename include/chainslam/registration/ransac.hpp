@@ -16,6 +16,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/features/matching.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/concepts.hpp"
@@ -98,17 +99,16 @@ struct BasicRansac {
     const detail::MatchTable table(points, shuffled(points.size(), rng));
     Hypothesis best;
     double most_by_triple = 0;  // triples compete as they are: one fitted again would keep better ones out
-    std::vector<Hypothesis> batch;
+    detail::Table<Hypothesis> batch;
     Index enough = max_iterations;
     for (Index size = 2 * grain; iterations < enough; size = std::min(2 * size, largest_batch)) {
       if (iterations > 0 && deadline.passed()) break;
-      batch.assign(static_cast<std::size_t>(std::min(size, enough - iterations)), {});
+      batch.assign(std::min(size, enough - iterations), {});
       executor.for_chunks(static_cast<Index>(batch.size()), grain, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i)
-          batch[static_cast<std::size_t>(i)] =
-              hypothesis(points, table, rng.fork(static_cast<std::uint64_t>(iterations + i)), most_by_triple);
+          batch[i] = hypothesis(points, table, rng.fork(static_cast<std::uint64_t>(iterations + i)), most_by_triple);
       });
-      for (std::size_t i = 0; i < batch.size() && iterations < enough; ++i, ++iterations) {
+      for (Offset i = 0; i < batch.size() && iterations < enough; ++i, ++iterations) {
         if (!(batch[i].gain > most_by_triple)) continue;
         most_by_triple = batch[i].gain;
         const Hypothesis judged = detail::judge(points, batch[i].T_target_source, max_distance);

@@ -14,6 +14,7 @@
 
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/lanes.hpp"
@@ -95,7 +96,7 @@ class LeafNeighbors {
         }
         farthest = std::max(farthest, farthest_);
         visit(indices[static_cast<std::size_t>(lane)], chosen_count_, [&](std::size_t i, std::size_t axis) {
-          return block_[axis][chosen_[i]] - p[static_cast<Eigen::Index>(axis)];
+          return block_[axis][chosen_.data()[i]] - p[static_cast<Eigen::Index>(axis)];
         });
       }
       waiting = failed;
@@ -157,7 +158,7 @@ class LeafNeighbors {
     if (squared_.size() >= count) return;
     for (auto& column : block_) column.resize(count);
     squared_.resize(count);
-    chosen_.resize(count);
+    chosen_.resize(static_cast<Offset>(count));
     candidates_.resize(count);
   }
 
@@ -170,7 +171,7 @@ class LeafNeighbors {
     for (std::size_t i = 0; i < found_.size(); ++i) {
       const Vector neighbor = tree_->position(found_[i].index);
       for (std::size_t axis = 0; axis < 3; ++axis) block_[axis][i] = neighbor[static_cast<Eigen::Index>(axis)];
-      chosen_[i] = static_cast<std::uint32_t>(i);
+      chosen_.data()[i] = static_cast<std::uint32_t>(i);
     }
     farthest_ = found_.empty() ? Scalar(0) : found_.back().squared_distance;
   }
@@ -220,7 +221,7 @@ class LeafNeighbors {
       std::memcpy(distances.data(), squared_.data() + begin, sizeof(distances));
       for (std::uint32_t mask = detail::lanes_below(distances, bound); mask != 0; mask &= mask - 1) {
         const auto lane = static_cast<std::size_t>(std::countr_zero(mask));
-        chosen_[chosen_count_] = static_cast<std::uint32_t>(begin + lane);
+        chosen_.data()[chosen_count_] = static_cast<std::uint32_t>(begin + lane);
         candidates_[chosen_count_++] = distances[lane];
       }
     }
@@ -238,7 +239,7 @@ class LeafNeighbors {
     std::size_t as_far = k_ - nearer, kept = 0;
     for (std::size_t i = 0; i < count; ++i) {
       const std::size_t tie = static_cast<std::size_t>(candidates_[i] == last) & static_cast<std::size_t>(as_far > 0);
-      chosen_[kept] = chosen_[i];
+      chosen_.data()[kept] = chosen_.data()[i];
       kept += static_cast<std::size_t>(candidates_[i] < last) | tie;
       as_far -= tie;
     }
@@ -266,7 +267,8 @@ class LeafNeighbors {
   }
 
   [[nodiscard]] Scalar kth_of_many(std::size_t count) {
-    sorted_.assign(candidates_.begin(), candidates_.begin() + to_difference(count));
+    sorted_.clear();
+    sorted_.append({candidates_.data(), count});
     Scalar* const kth = sorted_.data() + (k_ - 1);
     std::nth_element(sorted_.data(), kth, sorted_.data() + count);
     return *kth;
@@ -286,10 +288,11 @@ class LeafNeighbors {
   std::vector<Index> near_;
   std::array<std::vector<Scalar>, 3> block_;  ///< what is gathered, in columns, and some that are infinitely far
   std::size_t gathered_ = 0;
-  std::vector<Scalar> squared_;        ///< distances of the block to a point
-  std::vector<std::uint32_t> chosen_;  ///< places in the block, and how many of them are meant
+  std::vector<Scalar> squared_;          ///< distances of the block to a point
+  detail::Table<std::uint32_t> chosen_;  ///< places in the block, and how many of them are meant
   std::size_t chosen_count_ = 0;
-  std::vector<Scalar> candidates_, sorted_;
+  std::vector<Scalar> candidates_;
+  detail::Table<Scalar> sorted_;
   std::vector<Neighbor<Scalar>> found_;
   Scalar farthest_ = 0;
 };

@@ -11,6 +11,7 @@
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/snapshot.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/gnss_interpolator.hpp"
 #include "chainslam/slam/loop_closer.hpp"
@@ -168,7 +169,7 @@ class BackEnd {
 
   /// Direct and chained closures of the whole current session with those that have come into its frame.
   template <Executor E>
-  [[gnu::cold]] void recheck(const std::vector<bool>& joined, Index cause, const E& executor);
+  [[gnu::cold]] void recheck(const detail::Table<char>& joined, Index cause, const E& executor);
 
   [[gnu::cold]] void optimise();
   [[gnu::cold]] void count_optimisation(bool succeeded);
@@ -315,8 +316,8 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::merge(const std::vector<LoopClosu
   const Keyframe& i = keyframe(newest.to);
   const SE3d T_there_here = j.T_map_body * newest.T_from_to * i.T_map_body.inverse();
   const SessionId here = graph_.frame(i), there = graph_.frame(j);
-  std::vector<bool> joined;
-  for (const Session& session : map().sessions) joined.push_back(session.frame == there);
+  detail::Table<char> joined;  // of each session, whether it is
+  for (const Session& session : map().sessions) joined.push_back(session.frame == there ? 1 : 0);
   if (there < here)  // the earlier frame stays
     graph_.join(there, here, T_there_here);
   else
@@ -331,15 +332,14 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::merge(const std::vector<LoopClosu
 
 template <class Closer, class Chainer, class Merger, class Kernel>
 template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Kernel>::recheck(const std::vector<bool>& joined, Index cause,
+void BackEnd<Closer, Chainer, Merger, Kernel>::recheck(const detail::Table<char>& joined, Index cause,
                                                        const E& executor) {
   double travelled = options_.recheck_travel;
   Index pause = 0;
   const Session current = session();
   PositionIndex others;
   const auto index_others = [&] {
-    others.rebuild(map().keyframes,
-                   [&](const Keyframe& one) { return joined[static_cast<std::size_t>(one.session.value)]; });
+    others.rebuild(map().keyframes, [&](const Keyframe& one) { return joined[one.session.value] != 0; });
   };
   index_others();
   for (Index i = current.first_keyframe; i < current.end_keyframe(); ++i) {

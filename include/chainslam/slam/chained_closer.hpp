@@ -9,6 +9,7 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/ranked.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/graph/adjacency_graph.hpp"
 #include "chainslam/graph/breadth_first_search.hpp"
 #include "chainslam/map/keyframe.hpp"
@@ -112,32 +113,32 @@ class ChainedCloser {
   };
 
   template <class Closer>
-  [[nodiscard]] [[gnu::cold]] std::vector<Candidate> candidates(std::span<const Keyframe> keyframes,
-                                                                const ClosureGraph& graph, const LoopClosure& direct,
-                                                                Index loaded, const Closer& closer);
+  [[nodiscard]] [[gnu::cold]] detail::Table<Candidate> candidates(std::span<const Keyframe> keyframes,
+                                                                  const ClosureGraph& graph, const LoopClosure& direct,
+                                                                  Index loaded, const Closer& closer);
 
   /// Puts the nearest first; equally near ones stay as they are.
-  [[gnu::cold]] static void sort(std::vector<Candidate>& candidates) {
-    std::vector<Ranked> order;  // by distance
+  [[gnu::cold]] static void sort(detail::Table<Candidate>& candidates) {
+    detail::Table<Ranked> order;  // by distance
     for (const Candidate& one : candidates)
       order.push_back({one.guess.translation().norm(), static_cast<Index>(order.size())});
-    sort_ranked(order);
-    std::vector<Candidate> sorted;
-    for (const Ranked& one : order) sorted.push_back(candidates[static_cast<std::size_t>(one.index)]);
-    candidates.swap(sorted);
+    sort_ranked(order.all());
+    detail::Table<Candidate> sorted;
+    for (const Ranked& one : order) sorted.push_back(candidates[one.index]);
+    candidates = std::move(sorted);
   }
 
   /// Leaves out those whose submap is largely that of one before.
-  [[nodiscard]] [[gnu::cold]] std::vector<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
-                                                                const std::vector<Candidate>& candidates) const {
-    std::vector<KeyframeId> partners{j};
-    std::vector<Candidate> kept;
+  [[nodiscard]] [[gnu::cold]] detail::Table<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
+                                                                  const detail::Table<Candidate>& candidates) const {
+    detail::Table<KeyframeId> partners(1, j);
+    detail::Table<Candidate> kept;
     for (const Candidate& candidate : candidates) {
-      const bool known = std::any_of(partners.begin(), partners.end(), [&](KeyframeId other) {
-        return std::abs(candidate.id.value - other.value) < options_.min_separation &&
-               keyframes[static_cast<std::size_t>(other.value)].session ==
-                   keyframes[static_cast<std::size_t>(candidate.id.value)].session;
-      });
+      bool known = false;
+      for (const KeyframeId other : partners)
+        known = known || (std::abs(candidate.id.value - other.value) < options_.min_separation &&
+                          keyframes[static_cast<std::size_t>(other.value)].session ==
+                              keyframes[static_cast<std::size_t>(candidate.id.value)].session);
       if (known) continue;
       partners.push_back(candidate.id);
       kept.push_back(candidate);
@@ -154,8 +155,8 @@ class ChainedCloser {
 
   /// m measurements of variance s^2, any two correlated by r, know as much as m / (1 + (m - 1) r) independent ones.
   void share_information(LoopClosure& direct, std::vector<LoopClosure>& tried) const {
-    const auto accepted = [](const LoopClosure& closure) { return closure.verdict == ClosureVerdict::accepted; };
-    const auto others = static_cast<double>(std::count_if(tried.begin(), tried.end(), accepted));
+    Index others = 0;
+    for (const LoopClosure& closure : tried) others += closure.verdict == ClosureVerdict::accepted ? 1 : 0;
     const double scale = 1 / std::sqrt(1 + others * options_.correlation);
     const auto weaken = [&](LoopClosure& closure) {
       for (int k = 0; k < 36; ++k) closure.sqrt_information.data()[k] *= scale;
@@ -188,13 +189,13 @@ std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframe
 }
 
 template <class Closer>
-std::vector<ChainedCloser::Candidate> ChainedCloser::candidates(std::span<const Keyframe> keyframes,
-                                                                const ClosureGraph& graph, const LoopClosure& direct,
-                                                                Index loaded, const Closer& closer) {
+detail::Table<ChainedCloser::Candidate> ChainedCloser::candidates(std::span<const Keyframe> keyframes,
+                                                                  const ClosureGraph& graph, const LoopClosure& direct,
+                                                                  Index loaded, const Closer& closer) {
   const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
   const Keyframe& i = at(direct.to);
   const SE3d T_map_i = options_.guess_through_chain ? at(direct.from).T_map_body * direct.T_from_to : i.T_map_body;
-  std::vector<Candidate> all;
+  detail::Table<Candidate> all;
   const SubmapRange submap = submap_range(keyframes, direct.from, options_.reach);
   for (const KeyframeId k : connected(graph, direct.from, submap, loaded)) {
     if (!closer.eligible(at(k), i) || graph.connected(k.value, i.id.value)) continue;

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <algorithm>
 #include <concepts>
+#include <cstdlib>
 #include <span>
 #include <vector>
 
@@ -55,11 +55,11 @@ struct ProximityCandidates {
     std::vector<KeyframeId> proposals;
     for (const PositionIndex::Found& found : near) {
       if (to_index(proposals.size()) >= max_count) break;
-      const bool known = std::any_of(proposals.begin(), proposals.end(), [&](KeyframeId other) {
-        return std::max(found.id.value, other.value) - std::min(found.id.value, other.value) < min_separation &&
-               keyframes[static_cast<std::size_t>(other.value)].session ==
-                   keyframes[static_cast<std::size_t>(found.id.value)].session;
-      });
+      bool known = false;
+      for (const KeyframeId other : proposals)
+        known = known || (std::abs(found.id.value - other.value) < min_separation &&
+                          keyframes[static_cast<std::size_t>(other.value)].session ==
+                              keyframes[static_cast<std::size_t>(found.id.value)].session);
       if (!known) proposals.push_back(found.id);
     }
     return proposals;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/position_index.hpp"
@@ -45,10 +46,10 @@ class GnssCandidates {
     index_earlier_sessions(map, here.session);
     for (const Found& found : near(map, here)) {
       if (to_index(proposals.size()) >= options_.max_count) break;
-      const bool known = std::any_of(proposals.begin(), proposals.end(), [&](KeyframeId other) {
-        return std::abs(found.id.value - other.value) < options_.min_separation &&
-               keyframe(map, found.id).session == keyframe(map, other).session;
-      });
+      bool known = false;
+      for (const KeyframeId other : proposals)
+        known = known || (std::abs(found.id.value - other.value) < options_.min_separation &&
+                          keyframe(map, found.id).session == keyframe(map, other).session);
       if (!known) proposals.push_back(found.id);
     }
     return proposals;
@@ -107,7 +108,7 @@ class GnssCandidates {
 
   GnssCandidateOptions options_;
   SessionId indexed_for_;
-  std::vector<Fix> fixes_;
+  detail::Table<Fix> fixes_;
 };
 static_assert(MergeCandidates<GnssCandidates>);
 

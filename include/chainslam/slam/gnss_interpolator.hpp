@@ -1,10 +1,10 @@
 #pragma once
 
-#include <deque>
 #include <optional>
 #include <utility>
 
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sensor/gnss_fix.hpp"
@@ -26,12 +26,13 @@ class GnssInterpolator {
   void add(const GnssFix& fix, Assign&& assign) {
     if (fix.quality == GnssQuality::none || !is_finite(fix.position_ecef) || !is_finite(fix.covariance_ecef)) return;
     if (last_ && fix.time <= last_->time) return;
-    while (!waiting_.empty() && waiting_.front().time <= fix.time) {
-      const Waiting keyframe = waiting_.front();
-      waiting_.pop_front();
+    Offset passed = 0;
+    for (; passed < waiting_.size() && waiting_[passed].time <= fix.time; ++passed) {
+      const Waiting& keyframe = waiting_[passed];
       if (last_ && keyframe.time >= last_->time && fix.time - last_->time <= max_gap_)
         assign(keyframe.id, between(*last_, fix, keyframe.time));
     }
+    if (passed > 0) waiting_ = detail::Table<Waiting>(waiting_.range(passed, waiting_.size()));
     last_ = fix;
   }
 
@@ -56,7 +57,7 @@ class GnssInterpolator {
 
   Duration max_gap_;
   std::optional<GnssFix> last_;
-  std::deque<Waiting> waiting_;
+  detail::Table<Waiting> waiting_;
 };
 
 }  // namespace chainslam

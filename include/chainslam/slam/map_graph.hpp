@@ -14,6 +14,7 @@
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/odometry_doubt.hpp"
@@ -144,7 +145,7 @@ class MapGraph {
   [[no_unique_address]] Kernel kernel_;
   SlamMap map_;
   std::optional<Smoother> smoother_;  ///< never empty; optional so that `rebuild` can replace it in place
-  std::vector<FactorId> priors_;      ///< of each session
+  detail::Table<FactorId> priors_;    ///< of each session
   mutable std::mutex changing_;
   mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since
 };
@@ -161,7 +162,7 @@ void MapGraph<Kernel>::begin_session(std::string name) {
   const Change change(*this);
   if (options_.remeasure_loaded) remeasure();
   const SessionId id{to_index(map_.sessions.size())};
-  priors_.emplace_back();
+  priors_.push_back({});
   map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});
 }
 
@@ -250,7 +251,7 @@ void MapGraph<Kernel>::join(SessionId frame, SessionId joined, const SE3d& T_fra
     session.prior = T_frame_joined * session.prior;
     if (!options_.anchor_joined_sessions || session.keyframes == 0)
       std::fill_n(session.prior_sqrt_information.data(), 36, 0.0);
-    FactorId& prior = priors_[static_cast<std::size_t>(session.id.value)];
+    FactorId& prior = priors_[session.id.value];
     if (smoother_->contains(prior)) smoother_->remove(prior);
     for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) moved.push_back(i);
   }
@@ -277,7 +278,7 @@ void MapGraph<Kernel>::load(const SlamMap& other) {
     session.id.value += sessions;
     session.frame.value += sessions;
     session.first_keyframe += keyframes;
-    priors_.emplace_back();
+    priors_.push_back({});
     map_.sessions.push_back(std::move(session));
   }
   for (Keyframe keyframe : other.keyframes) {
@@ -362,7 +363,7 @@ void MapGraph<Kernel>::remeasure() {
 template <class Kernel>
 void MapGraph<Kernel>::rebuild() {
   smoother_.emplace(options_.smoother, NoLag{});
-  priors_.assign(map_.sessions.size(), {});
+  priors_.assign(to_index(map_.sessions.size()), {});
   add_to_smoother(0, 0, 0, 0);
 }
 
@@ -380,7 +381,7 @@ void MapGraph<Kernel>::add_to_smoother(Index sessions, Index keyframes, Index od
 template <class Kernel>
 void MapGraph<Kernel>::add_prior(const Session& session) {
   if (session.keyframes == 0 || session.prior_sqrt_information.isZero(0)) return;
-  priors_[static_cast<std::size_t>(session.id.value)] =
+  priors_[session.id.value] =
       smoother_->add(PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
 }
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/map/slam_map.hpp"
@@ -122,7 +123,7 @@ class MapMerger {
   MergeOptions options_;
   Candidates candidates_;
   [[no_unique_address]] Registration registration_;
-  std::vector<Hypothesis> hypotheses_;
+  detail::Table<Hypothesis> hypotheses_;
   Path path_;
   double last_attempt_ = -std::numeric_limits<double>::infinity();  ///< metres from the session's start
   std::optional<Timestamp> last_time_;

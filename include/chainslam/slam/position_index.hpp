@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "chainslam/core/ranked.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/keyframe.hpp"
 
@@ -43,17 +44,17 @@ class PositionIndex {
     double distance = 0;
   };
   /// Puts the nearest first, equally near ones by id.
-  [[gnu::cold]] static void sort(std::vector<Found>& found) {
-    std::vector<Ranked> order;
+  [[gnu::cold]] static void sort(std::span<Found> found) {
+    detail::Table<Ranked> order;
     for (const Found& one : found) order.push_back({one.distance, one.id.value});
-    sort_ranked(order);
-    for (std::size_t k = 0; k < order.size(); ++k) found[k] = {KeyframeId{order[k].index}, order[k].rank};
+    sort_ranked(order.all());
+    for (std::size_t k = 0; k < found.size(); ++k) found[k] = {KeyframeId{order.all()[k].index}, order.all()[k].rank};
   }
 
   /// All keyframes within `radius` metres of `center`, nearest first; equal distances by id.
   [[nodiscard]] std::vector<Found> within(const Eigen::Vector3d& center, double radius) const {
     std::vector<Found> found;
-    for (std::size_t i = 0; i < positions_.size(); ++i) {
+    for (Offset i = 0; i < positions_.size(); ++i) {
       const Eigen::Vector3d way = positions_[i] - center;
       const double distance = way.norm();
       if (distance <= radius) found.push_back({ids_[i], distance});
@@ -62,11 +63,11 @@ class PositionIndex {
     return found;
   }
 
-  [[nodiscard]] std::size_t size() const { return positions_.size(); }
+  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(positions_.size()); }
 
  private:
-  std::vector<KeyframeId> ids_;  // ascending
-  std::vector<Eigen::Vector3d> positions_;
+  detail::Table<KeyframeId> ids_;  // ascending
+  detail::Table<Eigen::Vector3d> positions_;
 };
 
 }  // namespace chainslam

@@ -4,7 +4,6 @@
 #include <list>
 #include <memory>
 #include <span>
-#include <unordered_map>
 #include <utility>
 #include <vector>
 
@@ -87,13 +86,11 @@ class SubmapCache {
 
   [[gnu::cold]] void erase(Entries::iterator entry) {
     bytes_ -= entry->bytes;
-    by_center_.erase(entry->center.value);
     entries_.erase(entry);
   }
 
   SubmapOptions options_;
   Entries entries_;  // the most recently used first
-  std::unordered_map<Index, Entries::iterator> by_center_;
   std::size_t bytes_ = 0;
   std::size_t built_ = 0;
 };
@@ -102,16 +99,17 @@ template <Executor E>
 std::shared_ptr<const Submap> SubmapCache::get(std::span<const Keyframe> keyframes, KeyframeId center,
                                                const E& executor) {
   const SubmapRange range = submap_range(keyframes, center, options_.radius);
-  if (const auto known = by_center_.find(center.value); known != by_center_.end()) {
-    if (still_good(*known->second, keyframes, range)) {
-      entries_.splice(entries_.begin(), entries_, known->second);
+  auto known = entries_.begin();  // some hundred at the most: a search of nanoseconds
+  while (known != entries_.end() && known->center != center) ++known;
+  if (known != entries_.end()) {
+    if (still_good(*known, keyframes, range)) {
+      entries_.splice(entries_.begin(), entries_, known);
       return entries_.front().submap;
     }
-    erase(known->second);
+    erase(known);
   }
   ++built_;
   entries_.push_front(build(keyframes, center, range, executor));
-  by_center_[center.value] = entries_.begin();
   bytes_ += entries_.front().bytes;
   while (bytes_ > options_.max_bytes && entries_.size() > 1) erase(std::prev(entries_.end()));
   return entries_.front().submap;

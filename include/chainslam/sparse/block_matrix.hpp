@@ -6,8 +6,8 @@
 #include <span>
 #include <stdexcept>
 
-#include "chainslam/core/types.hpp"
 #include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam {
 

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "chainslam/core/byte_archive.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

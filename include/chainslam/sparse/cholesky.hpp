@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/concepts.hpp"
@@ -19,7 +20,6 @@
 #include "chainslam/sparse/detail/supernodes.hpp"
 #include "chainslam/sparse/detail/tree_parts.hpp"
 #include "chainslam/sparse/ordering.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

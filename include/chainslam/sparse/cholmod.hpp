@@ -7,10 +7,10 @@
 #include <span>
 #include <stdexcept>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/concepts.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

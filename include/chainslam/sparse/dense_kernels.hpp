@@ -10,8 +10,8 @@
 namespace chainslam::detail {
 
 // Kernels on column-major arrays whose columns lie `stride` doubles apart. They work on tiles that stay in registers.
-// Loops over a tile are unrolled, since its registers have no addresses: by a pragma where the compiler makes the same of
-// it, by fold expressions, which take it ten times as long, where it does not.
+// Loops over a tile are unrolled, since its registers have no addresses: by a pragma where compilers make the same of
+// it as of a fold expression, which takes them longer.
 
 /// Doubles in a register of the instruction set that is compiled for.
 #if defined(__AVX512F__)
@@ -58,9 +58,9 @@ enum class Accumulate { add, subtract };
 
 /// C += A B^T or C -= A B^T for a tile of `Registers` x Width rows and `Columns` columns; B has `Columns` rows; A and B
 /// have `depth` columns.
-template <Accumulate How, int Width, int Registers, int Columns>
-[[gnu::always_inline]] inline void product_tile(const double* a, Offset a_stride, const double* b, Offset b_stride,
-                                                Offset depth, double* c, Offset c_stride) {
+template <int Width, int Registers, int Columns>
+[[gnu::always_inline]] inline void product_tile(Accumulate how, const double* a, Offset a_stride, const double* b,
+                                                Offset b_stride, Offset depth, double* c, Offset c_stride) {
   Register<Width> sum[Registers * Columns] = {};
   for (Offset k = 0; k < depth; ++k, a += a_stride, b += b_stride) {
     Register<Width> left[Registers];
@@ -78,7 +78,7 @@ template <Accumulate How, int Width, int Registers, int Columns>
 #pragma GCC unroll 12
     for (int r = 0; r < Registers; ++r) {
       const Register<Width> before = load<Width>(to + r * Width), change = sum[j * Registers + r];
-      store<Width>(to + r * Width, How == Accumulate::add ? before + change : before - change);
+      store<Width>(to + r * Width, how == Accumulate::add ? before + change : before - change);
     }
   }
 }
@@ -99,19 +99,19 @@ template <int Width, int N>
 
 /// C += A B^T or C -= A B^T, `rows` x `Columns`, with A `rows` x `depth`, B `Columns` x `depth`. C shares no element
 /// with A and B.
-template <Accumulate How, int Columns, int Width = register_width>
-void accumulate_product(Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride, Offset depth,
-                        double* c, Offset c_stride) {
+template <int Columns, int Width = register_width>
+void accumulate_product(Accumulate how, Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride,
+                        Offset depth, double* c, Offset c_stride) {
   // As many rows as leave the sums in registers: 12 of 16 hold them, the others the factors.
   constexpr int registers = Columns >= 12 || Width == 1 ? 1 : 12 / Columns;
   Offset row = 0;
   for (; row + registers * Width <= rows; row += registers * Width)
-    product_tile<How, Width, registers, Columns>(a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+    product_tile<Width, registers, Columns>(how, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
   for (; row + Width <= rows; row += Width)
-    product_tile<How, Width, 1, Columns>(a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+    product_tile<Width, 1, Columns>(how, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
   if constexpr (Width > 1) {
     if (row < rows) {
-      accumulate_product<How, Columns, Width / 2>(rows - row, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+      accumulate_product<Columns, Width / 2>(how, rows - row, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
     }
   }
 }
@@ -119,13 +119,13 @@ void accumulate_product(Offset rows, const double* a, Offset a_stride, const dou
 template <int Columns>
 void subtract_product(Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride, Offset depth,
                       double* c, Offset c_stride) {
-  accumulate_product<Accumulate::subtract, Columns>(rows, a, a_stride, b, b_stride, depth, c, c_stride);
+  accumulate_product<Columns>(Accumulate::subtract, rows, a, a_stride, b, b_stride, depth, c, c_stride);
 }
 
 template <int Columns>
 void add_product(Offset rows, const double* a, Offset a_stride, const double* b, Offset b_stride, Offset depth,
                  double* c, Offset c_stride) {
-  accumulate_product<Accumulate::add, Columns>(rows, a, a_stride, b, b_stride, depth, c, c_stride);
+  accumulate_product<Columns>(Accumulate::add, rows, a, a_stride, b, b_stride, depth, c, c_stride);
 }
 
 /// X L^T = C, `rows` x N, X in the place of C.

@@ -4,9 +4,9 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

@@ -3,6 +3,7 @@
 #include <numeric>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/concepts.hpp"
 #include "chainslam/sparse/detail/quotient_graph.hpp"

@@ -11,6 +11,7 @@
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/concepts.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
@@ -44,7 +45,7 @@ class CellKeys {
   /// The cell of a key.
   void cell(std::uint64_t key, Coordinates& to) const {
     if ((key & far_bit) != 0) {
-      const Cell& far = far_cells_[key & ~far_bit];
+      const Cell& far = far_cells_[static_cast<std::int64_t>(key & ~far_bit)];
       to = Coordinates{static_cast<double>(far.x), static_cast<double>(far.y), static_cast<double>(far.z), 0};
       return;
     }
@@ -76,7 +77,7 @@ class CellKeys {
 
   std::array<std::uint32_t, 3> low_{};
   CellTable far_;
-  std::vector<Cell> far_cells_;
+  Table<Cell> far_cells_;
 };
 
 /// The cells of a few hundred points at a time, those left out that have none: several coordinates at once, x, y and z

@@ -6,9 +6,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <vector>
 
 #include "chainslam/cloud/detail/cell_block.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
@@ -24,28 +24,28 @@ class VoxelTable {
   /// @param points  how many will come at the most.
   void start(std::size_t points) {
     size_ = 0;
-    lines_.assign(std::bit_ceil(std::clamp(2 * points, std::size_t{64}, std::size_t{1} << 18)) / CellKeys::brick,
-                  Line{});
-    keys_.reserve(std::min(points, slot_count() / 2) + 1 + CellBlock::capacity);
+    const std::size_t slots = std::bit_ceil(std::clamp(2 * points, std::size_t{64}, std::size_t{1} << 18));
+    lines_.assign(static_cast<Offset>(slots / CellKeys::brick), Line{});
+    keys_.reserve(static_cast<Offset>(std::min(points, slots / 2) + 1 + CellBlock::capacity));
     first_points_.reserve(keys_.capacity());
   }
 
   [[nodiscard]] std::size_t size() const { return size_; }
-  [[nodiscard]] std::size_t capacity() const { return keys_.capacity(); }  ///< voxels
-  [[nodiscard]] std::uint64_t key(std::size_t voxel) const { return keys_[voxel + 1]; }
+  [[nodiscard]] std::size_t capacity() const { return static_cast<std::size_t>(keys_.capacity()); }  ///< voxels
+  [[nodiscard]] std::uint64_t key(std::size_t voxel) const { return keys_[static_cast<Offset>(voxel + 1)]; }
   /// The point with which each voxel came.
   [[nodiscard]] std::span<const Index> first_points() const { return {first_points_.data(), size_}; }
 
   /// The voxels of a block's points, in their order; new ones where there are none yet.
   void number(const CellBlock& block, Numbers& numbers) {
     while (2 * (size_ + block.size()) > slot_count()) grow();
-    keys_.resize(size_ + 1 + block.size());
-    first_points_.resize(size_ + block.size());
+    keys_.resize(static_cast<Offset>(size_ + 1 + block.size()));
+    first_points_.resize(static_cast<Offset>(size_ + block.size()));
     const int shift = this->shift();
     for (std::size_t k = 0; k < block.size(); ++k) numbers[k] = home(block.hash(k), shift);
-    for (std::size_t k = 0; k < block.size(); ++k) __builtin_prefetch(&slot(lines_, numbers[k]));
+    for (std::size_t k = 0; k < block.size(); ++k) __builtin_prefetch(&slot(lines_.all(), numbers[k]));
     // Held here, for what is written below might be them.
-    const std::span<Line> lines(lines_);
+    const std::span<Line> lines = lines_.all();
     std::uint64_t* const keys = keys_.data();
     Index* const first_points = first_points_.data();
     std::size_t size = size_;
@@ -73,7 +73,7 @@ class VoxelTable {
     std::array<std::uint32_t, CellKeys::brick> slots{};
   };
 
-  [[nodiscard]] std::size_t slot_count() const { return CellKeys::brick * lines_.size(); }
+  [[nodiscard]] std::size_t slot_count() const { return CellKeys::brick * lines_.all().size(); }
   [[nodiscard]] static std::uint32_t& slot(std::span<Line> lines, std::size_t i) {
     return lines[i / CellKeys::brick].slots[i % CellKeys::brick];
   }
@@ -83,23 +83,24 @@ class VoxelTable {
   }
 
   /// The shift that leaves the number of a line of a hash, at least 4 lines being there.
-  [[nodiscard]] int shift() const { return 32 - std::countr_zero(lines_.size()); }
+  [[nodiscard]] int shift() const { return 32 - std::countr_zero(lines_.all().size()); }
   [[nodiscard]] static std::uint32_t home(std::uint32_t hash, int shift) {
     return (hash >> shift) * std::uint32_t{CellKeys::brick} | hash % CellKeys::brick;
   }
 
   void grow() {
     lines_.assign(4 * lines_.size(), Line{});
+    const std::span<Line> lines = lines_.all();
     for (std::size_t voxel = 1; voxel <= size_; ++voxel) {
-      std::size_t i = home(CellKeys::hash(keys_[voxel]), shift());
-      while (slot(lines_, i) != 0) i = next(lines_, i);
-      slot(lines_, i) = static_cast<std::uint32_t>(voxel);
+      std::size_t i = home(CellKeys::hash(key(voxel - 1)), shift());
+      while (slot(lines, i) != 0) i = next(lines, i);
+      slot(lines, i) = static_cast<std::uint32_t>(voxel);
     }
   }
 
-  std::vector<Line> lines_;          ///< numbers of voxels, counted from 1, or 0
-  std::vector<std::uint64_t> keys_;  ///< of voxels counted from 1
-  std::vector<Index> first_points_;
+  Table<Line> lines_;          ///< numbers of voxels, counted from 1, or 0
+  Table<std::uint64_t> keys_;  ///< of voxels counted from 1
+  Table<Index> first_points_;
   std::size_t size_ = 0;
 };
 

@@ -6,11 +6,11 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/optimize_report.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

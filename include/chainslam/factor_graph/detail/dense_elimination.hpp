@@ -8,9 +8,9 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 
@@ -46,7 +46,7 @@ class DenseElimination {
       of_row[size_ - 1] = residual[row];
     }
     for (Offset k = 0; k < size_; ++k)
-      accumulate_product<Accumulate::add, 1>(size_, all.data(), size_, all.data() + k, size_, rows, column(k), size_);
+      add_product<1>(size_, all.data(), size_, all.data() + k, size_, rows, column(k), size_);
   }
 
   /// @param moves  whether the variable that leaves is free; if not, it stays at its value for ever.

@@ -1,8 +1,8 @@
 #pragma once
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/piece_list.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 

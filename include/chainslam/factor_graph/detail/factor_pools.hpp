@@ -12,6 +12,7 @@
 
 #include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/detail/factor_places.hpp"

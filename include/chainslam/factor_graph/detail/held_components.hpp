@@ -13,12 +13,12 @@
 
 #include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 
@@ -122,7 +122,7 @@ class HeldComponents {
     if (held_[b] != 0) hold(a);
     const Index other = partial_of_[b];
     if (other == -1) return;
-    const Partial partial = partial_[static_cast<std::size_t>(other)];
+    const Partial partial = partial_[other];
     drop_partial(b);
     hold(a, partial);
   }
@@ -163,7 +163,7 @@ class HeldComponents {
       if (held == -1) {
         parts.push_back(free_part(key, variables, key, values[key], Eigen::MatrixXd(Information::Identity())));
       } else {
-        const Partial& partial = partial_[static_cast<std::size_t>(held)];
+        const Partial& partial = partial_[held];
         parts.push_back(free_part(key, variables, partial.at, partial.value, free_directions(partial.information)));
       }
     }
@@ -189,27 +189,27 @@ class HeldComponents {
     key = find(key);
     if (is_held(key)) return;
     if (partial_of_[key] == -1) {
-      partial_of_[key] = to_index(partial_.size());
+      partial_of_[key] = static_cast<Index>(partial_.size());
       partial_.push_back(partial);
       partial_.back().part = key;
     } else {
       // exp(xi) x is x exp(Ad(x^-1) xi)
-      Partial& known = partial_[static_cast<std::size_t>(partial_of_[key])];
+      Partial& known = partial_[partial_of_[key]];
       const Information turn = (partial.value.inverse() * known.value).adjoint();
       known.information += transposed_product(turn, product(partial.information, turn));
     }
     // What is not a number is left for the numbers to find.
-    const Information& information = partial_[static_cast<std::size_t>(partial_of_[key])].information;
-    const double* const entries = information.data();
-    const bool finite = std::all_of(entries, entries + dof * dof, [](double x) { return std::isfinite(x); });
+    const Information& information = partial_[partial_of_[key]].information;
+    bool finite = true;
+    for (std::size_t k = 0; k < dof * dof; ++k) finite = finite && std::isfinite(information.data()[k]);
     if (!finite || free_directions(information).cols() == 0) hold(key);
   }
   /// The last takes its place.
   void drop_partial(Key key) {
     const Index place = std::exchange(partial_of_[key], -1);
     if (place == -1) return;
-    if (static_cast<std::size_t>(place) + 1 < partial_.size()) {
-      partial_[static_cast<std::size_t>(place)] = partial_.back();
+    if (place + 1 < partial_.size()) {
+      partial_[place] = partial_.back();
       partial_of_[partial_.back().part] = place;
     }
     partial_.pop_back();
@@ -218,7 +218,7 @@ class HeldComponents {
   [[nodiscard]] static Partial partial_hold(std::span<const Key> keys, Index rows, const double* numbers,
                                             const Values<Group>& values) {
     const Group& value = values[keys.front()];
-    std::vector<Information> turns;  // of each variable, as a motion of the first one turns it
+    Table<Information> turns;  // of each variable, as a motion of the first one turns it
     for (const Key key : keys) turns.push_back((values[key].inverse() * value).adjoint());
     Partial partial{-1, keys.front(), value, Information::Zero()};
     for (Index row = 0; row < rows; ++row) {
@@ -242,8 +242,8 @@ class HeldComponents {
 
   Table<Key> parent_;
   Table<char> held_;
-  Table<Index> partial_of_;       ///< of each part's least key: its place in `partial_`, or -1
-  std::vector<Partial> partial_;  ///< of parts that are held in some directions
+  Table<Index> partial_of_;  ///< of each part's least key: its place in `partial_`, or -1
+  Table<Partial> partial_;   ///< of parts that are held in some directions
 };
 
 /// The connected parts of a graph that neither a fixed variable nor a factor that holds its variables ties down, be it

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <stdexcept>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 
 // How `IncrementalSmoother` is saved and loaded.
@@ -30,8 +31,8 @@ std::vector<std::byte> IncrementalSmoother<Group, Extra...>::save() const {
   for (const Group& origin : origins_) write(origin);
   out.put_list(look_);
   out.put_list(marginalized_);
-  std::vector<Key> waiting;
-  std::copy_if(waiting_.begin(), waiting_.end(), std::back_inserter(waiting), [](Key key) { return key != -1; });
+  detail::Table<Key> waiting = waiting_;
+  waiting.keep_if([](Key key) { return key != -1; });
   out.put_list(waiting);
   out.put_list(far_);
   out.put_list(off_);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
@@ -26,7 +27,6 @@
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 
@@ -270,14 +270,14 @@ class IncrementalSmoother {
 
   void wait(Key key) {
     if (waits(key) || solver_.is_fixed(key)) return;
-    waits_at_[key] = to_index(waiting_.size());
+    waits_at_[key] = static_cast<Index>(waiting_.size());
     waiting_.push_back(key);
   }
   [[nodiscard]] bool waits(Key key) const { return waits_at_[key] != -1; }
   void stop_waiting(Key key) {
     Index& at = waits_at_[key];
     if (at == -1) return;
-    waiting_[static_cast<std::size_t>(at)] = -1;
+    waiting_[at] = -1;
     ++left_;
     at = -1;
   }
@@ -321,13 +321,13 @@ class IncrementalSmoother {
   detail::Table<double> look_;        ///< of each variable: the step at which its factors are looked at
   detail::Table<Index> waits_at_;     ///< of each variable: its place in `waiting_`, -1 if it does not wait
   detail::Table<char> marginalized_;  ///< of each variable
-  std::vector<Key> waiting_;          ///< to be linearised anew, in order of arrival; -1 for those that were
+  detail::Table<Key> waiting_;        ///< to be linearised anew, in order of arrival; -1 for those that were
   Index left_ = 0;                    ///< how many of those there are
-  std::vector<Key> far_;              ///< of the waiting: have moved by more than the longest step
+  detail::Table<Key> far_;            ///< of the waiting: have moved by more than the longest step
   detail::Table<double> off_;         ///< of each term for which variables wait: squared error of its linear prediction
   double waiting_gap_ = 0.0;          ///< their sum
-  std::vector<Key> waiting_before_;
-  std::vector<Key> far_before_;
+  detail::Table<Key> waiting_before_;
+  detail::Table<Key> far_before_;
   double waiting_gap_before_ = 0.0;
   detail::Table<char> touched_;  ///< of each term
   detail::Table<Index> touched_terms_;

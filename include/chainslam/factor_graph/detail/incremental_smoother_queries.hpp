@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 
 // What can be asked of `IncrementalSmoother`, and moves of whole sessions.
@@ -15,10 +16,10 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const Group& motion) {
   for (const Key key : keys) require_known(key);
   begin();
-  std::vector<char> moved(static_cast<std::size_t>(size()), 0);
+  detail::Table<char> moved(size(), 0);
   for (const Key key : keys) {
-    if (moved[static_cast<std::size_t>(key)] != 0) continue;
-    moved[static_cast<std::size_t>(key)] = 1;
+    if (moved[key] != 0) continue;
+    moved[key] = 1;
     origins_before_.push_back(origins_[key]);
     changes_.push_back({ChangeKind::origin_moved, key, look_[key]});
     origins_[key] = motion * origins_[key];
@@ -28,9 +29,8 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
   for (const Key key : keys) {
     for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next) {
       const auto slots = solver_.terms().slots(solver_.terms().slot(k).term);
-      const bool inside = std::all_of(slots.begin(), slots.end(), [&](const auto& slot) {
-        return moved[static_cast<std::size_t>(slot.variable)] != 0;
-      });
+      bool inside = true;
+      for (const auto& slot : slots) inside = inside && moved[slot.variable] != 0;
       if (inside && traits(solver_.terms().slot(k).term).left_invariant) continue;
       for (const auto& slot : slots) outside.push_back(slot.variable);
     }

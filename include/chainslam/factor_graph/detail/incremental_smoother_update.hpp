@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 #include "chainslam/factor_graph/detail/open_directions.hpp"
 #include "chainslam/factor_graph/detail/springed_terms.hpp"
@@ -194,21 +195,21 @@ std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_waiting(bool exact) {
   Index budget = exact ? size() : std::max<Index>(options_.largest_relinearization, 0);
-  std::vector<Key> due;
+  detail::Table<Key> due;
   if (exact || impatient()) due = waiting_;
-  due.insert(due.end(), far_.begin(), far_.end());
+  due.append(far_.all());
   const auto relinearize = [&](Key key) {
     if (budget == 0 || key == -1 || !waits(key)) return;
     --budget;
     relinearize_at_estimate(key);
   };
   for (const Key key : due) relinearize(key);
-  std::erase_if(far_, [&](Key key) { return !waits(key); });
+  far_.keep_if([&](Key key) { return waits(key); });
   solver_.for_each_due([&](Key key) {
     if (waits(key) && all_due(key)) relinearize(key);
   });
   if (2 * left_ <= to_index(waiting_.size())) return;
-  std::erase(waiting_, -1);
+  waiting_.keep_if([](Key key) { return key != -1; });
   find_waiting();
 }
 
@@ -233,11 +234,11 @@ bool IncrementalSmoother<Group, Extra...>::all_due(Key key) const {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::find_waiting() {
   left_ = 0;
-  for (std::size_t k = 0; k < waiting_.size(); ++k) {
+  for (Index k = 0; k < waiting_.size(); ++k) {
     if (waiting_[k] == -1)
       ++left_;
     else
-      waits_at_[waiting_[k]] = static_cast<Index>(k);
+      waits_at_[waiting_[k]] = k;
   }
 }
 

@@ -7,12 +7,12 @@
 #include <type_traits>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -8,12 +8,12 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
 #include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/concepts.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 
@@ -43,13 +43,14 @@ class OpenDirections {
     system_.diagonal(diagonal_);
   }
 
-  [[nodiscard]] [[gnu::cold]] std::vector<Open> find() {
-    std::vector<Open> parts;
-    std::vector<Index> held;
+  /// Calls `found(part)` for each.
+  template <class Found>
+  [[gnu::cold]] void find(Found&& found) {
+    Table<Index> held;
     for (;;) {
       const FactorizationResult result = system_.factorize(damping_);
       if (result.ok()) break;
-      if (held.size() == most_parts || damping_[row(result.block_column)] != 0.0) return parts;
+      if (held.size() == most_parts || damping_[row(result.block_column)] != 0.0) return;
       held.push_back(result.block_column);
       for (std::size_t k = 0; k < Dof; ++k) {
         const double stiffness = diagonal_[row(result.block_column) + k];
@@ -60,13 +61,12 @@ class OpenDirections {
       Open open{column, directions_at(column)};
       if (open.directions.cols() == 0) continue;
       find_moving(open);
-      parts.push_back(std::move(open));
+      found(std::move(open));
     }
-    return parts;
   }
 
  private:
-  static constexpr std::size_t most_parts = 16;
+  static constexpr Offset most_parts = 16;
   static constexpr double rounding = 1e-11;  ///< of a variable's information
 
   [[nodiscard]] static std::size_t row(Index column) { return static_cast<std::size_t>(Offset{column} * Dof); }
@@ -119,11 +119,12 @@ class OpenDirections {
 template <class System, class Group>
 [[nodiscard]] std::vector<FreePart> open_parts(System&& system, const Values<Group>& values) {
   std::vector<FreePart> parts;
-  for (auto& open : OpenDirections<std::remove_cvref_t<System>>(system).find()) {
+  using Directions = OpenDirections<std::remove_cvref_t<System>>;
+  Directions(system).find([&](typename Directions::Open&& open) {
     const Key at = system.key(open.column);
     const Key least = open.least == -1 ? -1 : system.key(open.least);
     parts.push_back(free_part(least, open.moving, at, values[at], std::move(open.directions)));
-  }
+  });
   return parts;
 }
 

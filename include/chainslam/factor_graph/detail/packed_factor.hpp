@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/detail/piece_list.hpp"

@@ -6,8 +6,8 @@
 #include <type_traits>
 #include <utility>
 
-#include "chainslam/core/types.hpp"
 #include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
 

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/block_terms.hpp"
@@ -84,11 +85,9 @@ class SpringedTerms {
     pulled_ = variable;
     static_cast<void>(solver.factorize());
     solver.solve(true);
-    std::vector<double> x;
-    for (Index other = 0; other < size(); ++other) {
-      const std::span<const double> moved = solver.solution(other);
-      x.insert(x.end(), moved.begin(), moved.end());
-    }
+    std::vector<double> x(static_cast<std::size_t>(Offset{size()} * Dof));
+    for (Index other = 0; other < size(); ++other)
+      std::copy_n(solver.solution(other).data(), Dof, x.data() + Offset{other} * Dof);
     return x;
   }
 

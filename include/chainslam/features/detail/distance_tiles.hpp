@@ -11,6 +11,7 @@
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/lanes.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/detail/nearest_features.hpp"
 
@@ -48,10 +49,12 @@ class DistanceTiles {
   /// `reach` to each side.
   void offer(Index begin, Index end, std::size_t reach, NearestTable& of_rows, NearestTable& of_columns) const {
     for (auto row = static_cast<std::size_t>(begin); row < static_cast<std::size_t>(end); ++row) {
-      const auto first_beside = std::partition_point(column_spans_.begin(), column_spans_.end(),
-                                                     [&](const Span& span) { return span.high < row_spans_[row].low; });
-      const auto start = static_cast<std::size_t>(first_beside - column_spans_.begin());
-      const std::size_t last = start + std::min(reach, column_spans_.size() - start);
+      const std::span<const Span> columns = column_spans_.all();
+      const float low = row_spans_.all()[row].low;
+      const auto first_beside =
+          std::partition_point(columns.begin(), columns.end(), [low](const Span& span) { return span.high < low; });
+      const auto start = static_cast<std::size_t>(first_beside - columns.begin());
+      const std::size_t last = start + std::min(reach, columns.size() - start);
       for (std::size_t column = start; column < last; ++column) offer_tile(row, column, of_rows, of_columns);
       for (std::size_t column = start; column > start - std::min(reach, start); --column)
         offer_tile(row, column - 1, of_rows, of_columns);
@@ -65,17 +68,17 @@ class DistanceTiles {
     float low, high;
   };
 
-  [[nodiscard]] static std::vector<Span> spans(std::span<const float> shadows, std::size_t width) {
-    std::vector<Span> result((shadows.size() + width - 1) / width);
-    for (std::size_t k = 0; k < result.size(); ++k)
-      result[k] = {shadows[k * width], shadows[std::min((k + 1) * width, shadows.size()) - 1]};
+  [[nodiscard]] static Table<Span> spans(std::span<const float> shadows, std::size_t width) {
+    Table<Span> result;
+    for (std::size_t begin = 0; begin < shadows.size(); begin += width)
+      result.push_back({shadows[begin], shadows[std::min(begin + width, shadows.size()) - 1]});
     return result;
   }
 
   /// Half the squared distance that all pairs of a tile have at least.
   [[nodiscard]] float least_half(std::size_t row_panel, std::size_t column_panel) const {
     constexpr float safely = 1 - 1e-5F;
-    const Span &rows = row_spans_[row_panel], &columns = column_spans_[column_panel];
+    const Span &rows = row_spans_.all()[row_panel], &columns = column_spans_.all()[column_panel];
     const float gap = safely * (std::max(rows.low - columns.high, columns.low - rows.high) - margin_);
     return gap > 0 ? 0.5F * gap * gap : 0.0F;
   }
@@ -150,7 +153,7 @@ class DistanceTiles {
   std::vector<float> rows_, columns_;
   std::size_t length_, row_count_, column_count_;
   std::vector<float> row_norms_, column_norms_;
-  std::vector<Span> row_spans_, column_spans_;
+  Table<Span> row_spans_, column_spans_;
   float margin_ = 0;  ///< what rounding can do to two shadows
 };
 

@@ -12,6 +12,7 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/lanes.hpp"
 #include "chainslam/core/ranked.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
@@ -112,7 +113,7 @@ class FeatureRows {
     std::nth_element(distances.data(), place, distances.data() + distances.size());
     if (!(*place < least)) continue;
     least = *place;
-    center.assign(sample[i], sample[i] + sample.stride());
+    std::copy_n(sample[i], sample.stride(), center.data());
   }
   return center;
 }
@@ -155,19 +156,20 @@ class FeatureSet {
     const FeatureRows usable(features, 1);
     const std::size_t stride = usable.stride(), count = usable.size();
     std::vector<float> difference(stride);
-    std::vector<Ranked> order(count);
+    Table<Ranked> order;
     for (std::size_t k = 0; k < count; ++k) {
       padded_difference(usable[k], center.data(), stride, difference.data());
       const float shadow = padded_product(direction.data(), difference.data(), stride);
-      order[k] = {static_cast<double>(shadow), static_cast<Index>(k)};
+      order.push_back({static_cast<double>(shadow), static_cast<Index>(k)});
     }
-    sort_ranked(order);
+    sort_ranked(order.all());
     rows_ = FeatureRows(usable.length(), count);
     shadows_ = std::vector<float>(count);
     half_squared_norms_ = std::vector<float>(count);
     for (std::size_t k = 0; k < count; ++k) {
-      rows_.push_back(usable, static_cast<std::size_t>(order[k].index));
-      shadows_[k] = static_cast<float>(order[k].rank);
+      const Ranked& one = order.all()[k];
+      rows_.push_back(usable, static_cast<std::size_t>(one.index));
+      shadows_[k] = static_cast<float>(one.rank);
       padded_difference(rows_[k], center.data(), stride, difference.data());
       half_squared_norms_[k] = 0.5F * padded_product(difference.data(), difference.data(), stride);
     }
@@ -223,19 +225,19 @@ class NearestTable {
         others_(&others),
         rounding_(rounding),
         with_second_(with_second),
-        pairs_(static_cast<std::size_t>(queries.size())),
-        limits_(pairs_.size() + limits_behind, nothing) {
-    std::fill_n(limits_.begin(), pairs_.size(), std::numeric_limits<float>::infinity());
+        pairs_(queries.size()),
+        limits_(static_cast<std::size_t>(queries.size()) + limits_behind, nothing) {
+    std::fill_n(limits_.data(), queries.size(), std::numeric_limits<float>::infinity());
   }
 
-  [[nodiscard]] const NearestPair& operator[](Index query) const { return pairs_[static_cast<std::size_t>(query)]; }
+  [[nodiscard]] const NearestPair& operator[](Index query) const { return pairs_[query]; }
   /// What is farther need not be offered.
   [[nodiscard]] const float* limits() const { return limits_.data(); }
   [[nodiscard]] float limit(Index query) const { return limits_[static_cast<std::size_t>(query)]; }
 
   void offer(Index query, Index other, float half) {
     const auto at = static_cast<std::size_t>(query);
-    NearestPair& pair = pairs_[at];
+    NearestPair& pair = pairs_[query];
     if (pair.best < 0 || nearer(query, other, half, pair)) {
       const Index last = std::exchange(pair.best, other);
       const float last_half = std::exchange(pair.best_half, half);
@@ -315,7 +317,7 @@ class NearestTable {
   const FeatureSet* others_;
   float rounding_;
   bool with_second_;
-  std::vector<NearestPair> pairs_;
+  Table<NearestPair> pairs_;
   std::vector<float> limits_;
 };
 

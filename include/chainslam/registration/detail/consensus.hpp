@@ -66,7 +66,7 @@ class MatchTable {
     const double share = 1.0 / static_cast<double>(size_);
     for (const Eigen::Vector3d& p : points.source) source_middle_ += share * p;
     for (const Eigen::Vector3d& p : points.target) target_middle_ += share * p;
-    for (std::size_t axis = 0; axis < 6; ++axis) columns_[axis].resize(padded_, axis < 3 ? 0.0F : far);
+    for (std::size_t axis = 0; axis < 6; ++axis) columns_[axis].assign(padded_, axis < 3 ? 0.0F : far);
     for (std::size_t i = 0; i < size_; ++i) {
       const auto from = static_cast<std::size_t>(order[i]);
       const Eigen::Vector3d p = points.source[from] - source_middle_, q = points.target[from] - target_middle_;

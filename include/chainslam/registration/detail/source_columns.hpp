@@ -11,6 +11,7 @@
 #include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/registration/detail/quad.hpp"
 #include "chainslam/registration/surface_metric.hpp"
@@ -118,13 +119,13 @@ struct SourceWants {
 template <Cloud Source>
 [[nodiscard]] SourceColumns source_columns(const Source& source, const SourceWants& wants) {
   const std::size_t size = cloud_size(source);
-  std::vector<std::size_t> finite;
-  finite.reserve(size);
+  Table<Offset> finite;
+  finite.reserve(static_cast<Offset>(size));
   SourceColumns columns;
   for (std::size_t i = 0; i < size; ++i) {
     const Eigen::Vector3d p = position(source, i);
     if (!is_finite(p)) continue;
-    finite.push_back(i);
+    finite.push_back(static_cast<Offset>(i));
     columns.pivot += p;
   }
   columns.count = to_index(finite.size(), "cloud");
@@ -133,7 +134,7 @@ template <Cloud Source>
   if (wants.normals) columns.normals = Columns<float, 3>(columns.count);
   if (wants.covariances) columns.covariances = Columns<float, 6>(columns.count);
   for (Index i = 0; i < columns.count; ++i) {
-    const std::size_t from = finite[static_cast<std::size_t>(i)];
+    const auto from = static_cast<std::size_t>(finite[i]);
     const Eigen::Vector3d p = position(source, from);
     const Eigen::Vector3d& pivot = columns.pivot;
     columns.positions.set(i, std::array<double, 3>{p[0] - pivot[0], p[1] - pivot[1], p[2] - pivot[2]});

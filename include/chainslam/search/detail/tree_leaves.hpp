@@ -28,7 +28,7 @@ class TreeLeaves {
   [[nodiscard]] const Points& points(Index leaf) const { return tree_->leaves_[leaf].points; }
   /// The leaf of point i, which is in the tree.
   [[nodiscard]] Index leaf_of(Index i) const {
-    return tree_->slot_of_point_[static_cast<std::size_t>(i)] / static_cast<Index>(leaf_size);
+    return tree_->slot_of_point_[i] / static_cast<Index>(leaf_size);
   }
   /// The points of a leaf: the first lanes are those in use.
   [[nodiscard]] std::span<const Index> indices(Index leaf) const {

@@ -7,29 +7,24 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
-#include <memory>
+#include <new>
+#include <span>
 #include <type_traits>
-#include <vector>
+#include <utility>
 
-#include "chainslam/core/types.hpp"
 #include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
 
-/// Memory for many arrays that come and go: taken from the system in large pieces, and used again without asking it.
-///
-/// Arrays that are given back become one block with free neighbours; a block that is too large is split: two-level
-/// segregated fit (Masmano, Ripoll, Crespo and Real 2004, "TLSF"). Arrays are not initialised. O(1).
-///
-/// Arrays of a `Movable` arena have owners, by number, and move when `compact` is called; others never do.
-template <class T, bool Movable = false>
-class Arena {
-  static_assert(std::is_trivially_copyable_v<T> && sizeof(T) <= 8 && alignof(T) <= 8);
-
+/// An arena's memory, in words of eight bytes: compiled once, whatever the arrays hold. See `Arena`.
+class ArenaMemory {
  public:
-  /// An array of `count` elements.
-  [[nodiscard]] [[gnu::noinline]] T* take(Offset count, Index owner = 0) {
-    const std::size_t words = words_for(count);
+  static constexpr std::size_t word = 8;
+
+  /// A block of so many words, its header included. Behind the header is its owner, if it may be moved.
+  [[nodiscard]] [[gnu::noinline]] std::byte* take(std::size_t words) {
+    words = std::max(words, smallest_block);
     std::byte* block = find(words);
     if (block == nullptr) block = add_piece(words);
     remove(block);
@@ -43,34 +38,28 @@ class Arena {
     write(block, head);
     used_words_ += static_cast<Offset>(head.size);
     taken_words_ += static_cast<Offset>(head.size);
-    if constexpr (Movable) write(block + word, static_cast<std::int64_t>(owner));
-    return reinterpret_cast<T*>(block + front);
+    return block;
   }
-
-  /// @param count  as it was taken.
-  void give_back(T* array, Offset count) {
-    std::byte* const block = reinterpret_cast<std::byte*>(array) - front;
-    assert(read<Header>(block).free == 0 && read<Header>(block).size >= words_for(count));
-    static_cast<void>(count);
+  void give_back(std::byte* block, std::size_t words) {
+    assert(read<Header>(block).free == 0 && read<Header>(block).size >= words);
+    static_cast<void>(words);
     set_free(block);
   }
+  static void set_owner(std::byte* block, Index owner) { write(block + word, static_cast<std::int64_t>(owner)); }
 
-  /// Where more than a sixteenth of what is used lies idle between arrays, moves some of these together, by half
-  /// of what was taken since the last call: what is free gathers at the pieces' ends.
-  ///
-  /// @param moved  (owner, array) is told where an array is now.
+  /// As `Arena::compact`; `moved` is told the owner and where what follows it is now.
   template <class Moved>
-  void compact(Moved&& moved) requires Movable {
+  void compact(Moved&& moved) {
     Offset budget = taken_words_ / 2;
-    if (budget < 64 || pieces_.empty() || 16 * holes() <= used_words_) return;
+    if (budget < 64 || pieces_.all().empty() || 16 * holes() <= used_words_) return;
     taken_words_ = 0;
-    for (std::size_t ends = 0; budget > 0 && ends <= pieces_.size();) {
-      if (at_ == nullptr) at_ = pieces_[at_piece_].get();
+    for (std::size_t ends = 0; budget > 0 && ends <= pieces_.all().size();) {
+      if (at_ == nullptr) at_ = pieces_.all()[at_piece_].data;
       const Header head = read<Header>(at_);
       std::byte* const next = at_ + head.size * word;
       budget -= 64;  // for looking
       if (head.size == 0 || (head.free != 0 && read<Header>(next).size == 0)) {
-        at_piece_ = (at_piece_ + 1) % pieces_.size();
+        at_piece_ = (at_piece_ + 1) % pieces_.all().size();
         at_ = nullptr;
         ++ends;
       } else if (head.free == 0) {
@@ -78,21 +67,17 @@ class Arena {
       } else {
         budget -= read<Header>(next).size;
         move_down(next);
-        moved(static_cast<Index>(read<std::int64_t>(at_ + word)), reinterpret_cast<T*>(at_ + front));
+        moved(static_cast<Index>(read<std::int64_t>(at_ + word)), at_ + 2 * word);
         at_ += read<Header>(at_).size * word;
       }
     }
   }
 
-  /// Elements that fit into what was taken from the system.
-  [[nodiscard]] Offset capacity() const { return words_ * static_cast<Offset>(word / sizeof(T)); }
-  /// Elements of the arrays that are taken, and what goes with them.
-  [[nodiscard]] Offset used() const { return used_words_ * static_cast<Offset>(word / sizeof(T)); }
+  [[nodiscard]] Offset words() const { return words_; }
+  [[nodiscard]] Offset used_words() const { return used_words_; }
 
  private:
-  static constexpr std::size_t word = 8;
-  static constexpr std::size_t front = (Movable ? 2 : 1) * word;  ///< before an array: header, and owner
-  static constexpr std::size_t smallest_block = 3;                ///< header and links, in words as all sizes
+  static constexpr std::size_t smallest_block = 3;  ///< header and links, in words as all sizes
   static constexpr std::size_t smallest_piece = 32768;
 
   /// Before each block. One of size 0 ends a piece.
@@ -122,12 +107,6 @@ class Arena {
   [[nodiscard]] static Links links(const std::byte* block) { return read<Links>(block + word); }
   static void set_links(std::byte* block, const Links& links) { write(block + word, links); }
 
-  [[nodiscard]] static std::size_t words_for(Offset count) {
-    const std::size_t payload = (static_cast<std::size_t>(count) * sizeof(T) + word - 1) / word;
-    assert(payload < (std::size_t{1} << 30));
-    return std::max(smallest_block, payload + front / word);
-  }
-
   /// Bins hold sizes of 1, 2, ... 15, and eight ranges between powers of two above.
   [[nodiscard]] static std::size_t bin_of(std::size_t size) {
     if (size < 16) return size;
@@ -151,10 +130,8 @@ class Arena {
   /// few, and much larger than their arrays: what has not been used of one costs addresses, not memory.
   [[nodiscard]] [[gnu::noinline]] std::byte* add_piece(std::size_t size) {
     const std::size_t whole = std::max({4 * size, smallest_piece, static_cast<std::size_t>(words_) / 2});
-    pieces_.push_back(std::make_unique_for_overwrite<std::byte[]>(whole * word));
-    sizes_.push_back(whole);
+    std::byte* const block = pieces_.add(whole);
     words_ += static_cast<Offset>(whole);
-    std::byte* const block = pieces_.back().get();
     write(block + (whole - 1) * word, Header{0, 0, 0});
     add_free(block, whole - 1, 0);
     return block;
@@ -183,8 +160,8 @@ class Arena {
   /// Words that are free between arrays, those at pieces' ends left out.
   [[nodiscard]] Offset holes() const {
     Offset at_ends = 0;
-    for (std::size_t k = 0; k < pieces_.size(); ++k) {
-      const std::byte* const end = pieces_[k].get() + (sizes_[k] - 1) * word;
+    for (const Piece& piece : pieces_.all()) {
+      const std::byte* const end = piece.data + (piece.words - 1) * word;
       const Header last = read<Header>(end);
       if (last.before != 0 && read<Header>(end - last.before * word).free != 0) at_ends += last.before;
     }
@@ -231,8 +208,36 @@ class Arena {
     }
   }
 
-  std::vector<std::unique_ptr<std::byte[]>> pieces_;
-  std::vector<std::size_t> sizes_;  ///< of pieces, in words
+  struct Piece {
+    std::byte* data;
+    std::size_t words;
+  };
+  /// What was taken from the system.
+  class Pieces {
+   public:
+    Pieces() = default;
+    Pieces(Pieces&&) noexcept = default;
+    Pieces& operator=(Pieces&& other) noexcept {
+      std::swap(list_, other.list_);
+      return *this;
+    }
+    ~Pieces() {
+      for (const Piece& piece : list_) ::operator delete(piece.data);
+    }
+
+    [[nodiscard]] std::span<const Piece> all() const { return list_.all(); }
+    [[nodiscard]] std::span<Piece> all() { return list_.all(); }
+    std::byte* add(std::size_t words) {
+      list_.reserve(list_.size() + 1);  // first, so that no piece is lost where there is no memory
+      list_.push_back({static_cast<std::byte*>(::operator new(words* word)), words});
+      return list_.back().data;
+    }
+
+   private:
+    Table<Piece> list_;
+  };
+
+  Pieces pieces_;
   std::array<std::byte*, 256> heads_{};
   std::array<std::uint64_t, 4> used_{};  ///< a bit for each bin that is not empty
   Offset words_ = 0;
@@ -240,6 +245,57 @@ class Arena {
   Offset taken_words_ = 0;    ///< since the last move
   std::size_t at_piece_ = 0;  ///< where to go on moving,
   std::byte* at_ = nullptr;   ///< at which block; null: the piece's first
+};
+
+/// Memory for many arrays that come and go: taken from the system in large pieces, and used again without asking it.
+///
+/// Arrays that are given back become one block with free neighbours; a block that is too large is split: two-level
+/// segregated fit (Masmano, Ripoll, Crespo and Real 2004, "TLSF"). Arrays are not initialised. O(1).
+///
+/// Arrays of a `Movable` arena have owners, by number, and move when `compact` is called; others never do.
+template <class T, bool Movable = false>
+class Arena {
+  static_assert(std::is_trivially_copyable_v<T> && sizeof(T) <= 8 && alignof(T) <= 8);
+
+ public:
+  /// An array of `count` elements.
+  [[nodiscard]] T* take(Offset count, Index owner = 0) {
+    std::byte* const block = memory_.take(words_for(count));
+    if constexpr (Movable) ArenaMemory::set_owner(block, owner);
+    return reinterpret_cast<T*>(block + front);
+  }
+
+  /// @param count  as it was taken.
+  void give_back(T* array, Offset count) {
+    memory_.give_back(reinterpret_cast<std::byte*>(array) - front, words_for(count));
+  }
+
+  /// Where more than a sixteenth of what is used lies idle between arrays, moves some of these together, by half
+  /// of what was taken since the last call: what is free gathers at the pieces' ends.
+  ///
+  /// @param moved  (owner, array) is told where an array is now.
+  template <class Moved>
+  void compact(Moved&& moved) requires Movable {
+    memory_.compact([&](Index owner, std::byte* array) { moved(owner, reinterpret_cast<T*>(array)); });
+  }
+
+  /// Elements that fit into what was taken from the system.
+  [[nodiscard]] Offset capacity() const { return memory_.words() * per_word; }
+  /// Elements of the arrays that are taken, and what goes with them.
+  [[nodiscard]] Offset used() const { return memory_.used_words() * per_word; }
+
+ private:
+  static constexpr std::size_t front = (Movable ? 2 : 1) * ArenaMemory::word;  ///< before an array: header, and owner
+  static constexpr auto per_word = static_cast<Offset>(ArenaMemory::word / sizeof(T));
+
+  [[nodiscard]] static std::size_t words_for(Offset count) {
+    const std::size_t bytes = static_cast<std::size_t>(count) * sizeof(T) + front;
+    const std::size_t words = (bytes + ArenaMemory::word - 1) / ArenaMemory::word;
+    assert(words < (std::size_t{1} << 30));
+    return words;
+  }
+
+  ArenaMemory memory_;
 };
 
 }  // namespace chainslam::detail

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <span>
 
-#include "chainslam/core/types.hpp"
 #include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
 

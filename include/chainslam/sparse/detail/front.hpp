@@ -4,10 +4,10 @@
 #include <span>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
 #include "chainslam/sparse/detail/panel.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

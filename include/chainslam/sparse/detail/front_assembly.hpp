@@ -3,11 +3,11 @@
 #include <span>
 #include <utility>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_terms.hpp"
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

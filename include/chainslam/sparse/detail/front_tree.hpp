@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "chainslam/core/byte_archive.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
 #include "chainslam/sparse/detail/front.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 
@@ -142,8 +142,8 @@ class FrontTree {
       out.put(saved.work);
       out.put(static_cast<std::uint8_t>(has_update(node)));
     }
-    std::vector<Index> unused(free_.begin(), free_.end());
-    unused.insert(unused.end(), released.begin(), released.end());
+    Table<Index> unused = free_;
+    unused.append(released);
     out.put_list(unused);
   }
   /// What `save` wrote, into an empty tree. The fronts' numbers are not initialised, and their updates all there.

@@ -10,6 +10,7 @@
 
 #include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_terms.hpp"
 #include "chainslam/sparse/concepts.hpp"
@@ -20,7 +21,6 @@
 #include "chainslam/sparse/detail/partial_elimination.hpp"
 #include "chainslam/sparse/detail/path_solver.hpp"
 #include "chainslam/sparse/detail/tree_inverse.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam {
 
@@ -333,7 +333,9 @@ class IncrementalCholesky {
   void substitute(Index node);
 
   [[nodiscard]] bool any_moved(std::span<const Index> variables) const {
-    return std::any_of(variables.begin(), variables.end(), [&](Index variable) { return local_[variable] != -1; });
+    for (const Index variable : variables)
+      if (local_[variable] != -1) return true;
+    return false;
   }
 
   [[gnu::cold]] void undo(const Journal::Entry& entry);

@@ -4,6 +4,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 #include "chainslam/sparse/detail/tree_parts.hpp"
 

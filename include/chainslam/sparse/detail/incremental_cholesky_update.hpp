@@ -1,5 +1,6 @@
 #pragma once
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 
 // How `IncrementalCholesky` brings factor and solution up to date: what has to be computed, and in which order.

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <span>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
 #include "chainslam/sparse/detail/arena.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

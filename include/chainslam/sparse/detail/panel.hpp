@@ -2,9 +2,9 @@
 
 #include <span>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -4,10 +4,10 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/detail/quotient_graph.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -7,9 +7,9 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -6,10 +6,10 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/elimination_tree.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <span>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
 #include "chainslam/sparse/detail/inverse_fronts.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 

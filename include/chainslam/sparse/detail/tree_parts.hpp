@@ -4,9 +4,9 @@
 #include <array>
 #include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
-#include "chainslam/core/table.hpp"
 
 namespace chainslam::detail {
 
