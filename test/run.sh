@@ -122,9 +122,15 @@ slowest() {
     sort -rn | sed -n 1,5p | while read -r time object; do say "" "compiled in $time s: ${object#*CMakeFiles/}"; done
 }
 
+# Of what makes the paper's tables (bench/experiments): with --full and by name.
+of_experiments="experiments lamm"
+
+# all_modules MODE: a line each.
 all_modules() {
-  local file
-  for file in "$root"/test/*/*_test.cpp; do basename "$(dirname "$file")"; done | sort -u
+  local file module
+  for file in "$root"/test/*/*_test.cpp; do basename "$(dirname "$file")"; done | sort -u | while read -r module; do
+    [ "$1" != full ] && [[ " $of_experiments " == *" $module "* ]] || echo "$module"
+  done
 }
 
 # What is put together of parts that have modules of their own; test/README.md has the reason for each.
@@ -141,11 +147,15 @@ mkdir -p "$build/logs" || fail "cannot write to $build; set CHAINSLAM_BUILD_DIR 
 if [ "$mode" = quick ]; then
   install_packages $packages_build $packages_program $packages_test
 else
-  install_packages $packages_build $packages_program $packages_test $packages_sanitizers $packages_bench \
-    $packages_experiments
+  install_packages $packages_build $packages_program $packages_test $packages_sanitizers $packages_bench
 fi
 unpack_data
-if [ ${#modules[@]} -eq 0 ]; then mapfile -t modules < <(all_modules); selected=all; else selected=some; fi
+if [ ${#modules[@]} -eq 0 ]; then
+  mapfile -t modules < <(all_modules "$mode")
+  selected=all
+else
+  selected=some
+fi
 threaded=()
 for module in "${modules[@]}"; do
   if grep -q '^ *THREADS_TEST_CASE(' "$root/test/$module"/*_test.cpp; then threaded+=("$module"); fi
@@ -213,7 +223,9 @@ if [ "$mode" != quick ]; then
     run_step "every header compiles alone" "${header_check[@]}" "$root/include"
   fi
 fi
-if [ "$mode" != quick ] && [[ " ${modules[*]} " == *" experiments "* ]]; then
+if [[ " ${modules[*]} " == *" experiments "* ]]; then
+  # shellcheck disable=SC2086
+  install_packages $packages_experiments
   run_step "scripts of the experiments" env PYTHONPATH="$root/bench" PYTHONDONTWRITEBYTECODE=1 \
     "$(debian_python)" -m unittest discover -s "$root/test/experiments" -p '*_test.py'
 fi
