@@ -56,7 +56,8 @@ def markdown(results: Sequence[Result], worlds: Sequence[WorldNote], floors: Map
         if world.name not in floors:
             continue
         streets, thickness = floors[world.name]
-        text += f"\n## {world.name}\n\n{world.line()} {streets} street{"s" if streets != 1 else ""}; thickness by true poses {figure(thickness)} m.\n\n"
+        count = f"{streets} street" + ("" if streets == 1 else "s")
+        text += f"\n## {world.name}\n\n{world.line()} {count}; thickness by true poses {figure(thickness)} m.\n\n"
         shown = tuple(c for c in columns() if not c.key[-1].isdigit() or int(c.key[-1]) <= streets)
         text += markdown_rows(results, world.name, shown)
     return text
