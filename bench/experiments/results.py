@@ -122,8 +122,9 @@ def back_end(summary: dict[str, Any], scans: float) -> Figures:
     total = number(summary, "stages", "back end", "total_s")
     if math.isnan(total):
         total = sum(number(summary, "stages", name, "total_s") for name in LAMM_STAGES)
-    per_keyframe = summary.get("back_end", {}).get("per_keyframe", {})
-    keyframes = number(summary, "back_end", "keyframes") or number(summary, "keyframes")
+    one_by_one = number(summary, "back_end", "keyframes") > 0  # LAMM takes all keyframes together
+    per_keyframe = summary["back_end"].get("per_keyframe", {}) if one_by_one else {}
+    keyframes = number(summary, "back_end", "keyframes") if one_by_one else number(summary, "keyframes")
     return {
         "keyframe_mean_ms": 1e3 * total / keyframes if keyframes > 0 else math.nan,
         "keyframe_p50_ms": number(per_keyframe, "p50_ms"),

@@ -81,8 +81,9 @@ class FiguresOfARun(Scratch):
         self.assertEqual((found["keyframe_mean_ms"], found["scan_back_ms"], found["keyframe_p99_ms"]), (200, 15, 900))
         self.assertEqual(stage(summary, "odometry", "front")["front_mean_ms"], 20)
         lamm = {"stages": {"describe": {"total_s": 1.0}, "search": {"total_s": 2.0}, "optimise": {"total_s": 3.0}},
-                "keyframes": 60, "back_end": {"keyframes": 0}}
+                "keyframes": 60, "back_end": {"keyframes": 0, "per_keyframe": {"p99_ms": 0}}}
         self.assertEqual(back_end(lamm, 600)["keyframe_mean_ms"], 100)
+        self.assertTrue(math.isnan(back_end(lamm, 600)["keyframe_p99_ms"]))
 
     def test_the_worlds_hash_is_read_from_the_recording(self) -> None:
         write(self.root / "summary.json", {"notes": ["simulated", "options of the simulation: 0123abcd"]})
