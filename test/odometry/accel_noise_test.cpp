@@ -54,12 +54,12 @@ double learned_in(double seconds, NoisyForces forces, const AccelNoiseOptions& o
 
 TEST_SUITE("odometry/accel_noise") {
   TEST_CASE("the density of white noise is found, whatever the rate of the scans") {
-    for (const double interval : {0.05, 0.1, 0.5, 1.2})
+    for (const double interval : {0.05, 0.1, 0.5, 0.9})
       for (const double density : {0.05, 0.2}) {
         CAPTURE(interval);
         CAPTURE(density);
         const double learned = learned_in(600, {.density = density, .scan_interval = interval}, {.memory = 300});
-        CHECK(learned == doctest::Approx(density).epsilon(0.15));
+        CHECK(std::abs(learned / density - 1) < 0.15);
       }
   }
 
@@ -69,13 +69,14 @@ TEST_SUITE("odometry/accel_noise") {
 
   TEST_CASE("registration to 3 mm hardly counts") { CHECK(learned_in(120, {.registration = 0.003}) < 0.03); }
 
-  // A drive's gravity is learnt in its first seconds: until the noise is known, it may be large. Of 20 s that start
-  // with a noise of 0.02, half are led by that.
-  TEST_CASE("noise is large until it is known, and known after ten seconds") {
-    CHECK(AccelNoise().density() >= 0.1);
-    CHECK(learned_in(1.9, {.density = 0.01}) >= 0.1);
-    CHECK(learned_in(10, {.density = 0.01}) < 0.06);
+  // Gravity is learnt in a drive's first seconds: by an accelerometer as good as usual until it is known to be worse.
+  // Taking it for five times as noisy at first cost 0.05 m of a minute through the simulated town.
+  TEST_CASE("noise is small until it is known, and known in the first seconds") {
+    CHECK(AccelNoise().density() == doctest::Approx(0.02).scale(0));
+    CHECK(learned_in(1.9, {.density = 0.3}) == doctest::Approx(0.02).scale(0));
+    CHECK(learned_in(4, {.density = 0.3}) > 0.15);
     CHECK(learned_in(10, {.density = 0.3}) > 0.2);
+    CHECK(learned_in(10, {.density = 0.01}) < 0.02);
   }
 
   TEST_CASE("noise that comes or ceases is followed within half a minute") {
@@ -99,12 +100,12 @@ TEST_SUITE("odometry/accel_noise") {
     forces.position.x() += 50;
     noise.interrupt();
     for (int i = 0; i < 15; ++i) forces.follow(noise);
-    CHECK(noise.density() == doctest::Approx(before).epsilon(1e-12));
+    CHECK(noise.density() == doctest::Approx(before).scale(0).epsilon(1e-12));
     noise.follow({}, forces.position);  // not all of it was measured: the same
     for (int i = 0; i < 15; ++i) forces.follow(noise);
-    CHECK(noise.density() == doctest::Approx(before).epsilon(1e-12));
+    CHECK(noise.density() == doctest::Approx(before).scale(0).epsilon(1e-12));
     noise.restart();
-    CHECK(noise.density() == doctest::Approx(AccelNoiseOptions{}.start));
+    CHECK(noise.density() == doctest::Approx(AccelNoiseOptions{}.start).scale(0));
   }
 
   TEST_CASE("one scan that is registered to a wrong place does not make an accelerometer unusable") {

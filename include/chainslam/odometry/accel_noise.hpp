@@ -13,8 +13,9 @@ namespace chainslam {
 
 /// Settings of `AccelNoise`.
 struct AccelNoiseOptions {
-  double start = 0.1;      ///< m/s^2 per sqrt(Hz), until it is measured; 0: it is not estimated
-  double start_time = 2;   ///< seconds of measurements that count as much as `start`
+  double start = 0.02;  ///< m/s^2 per sqrt(Hz), until it is measured; 0: it is not estimated
+  /// Seconds of measurements that count as much as `start`: few, for gravity is learnt in the first ones.
+  double start_time = 0.5;
   double half_span = 0.5;  ///< seconds between the three positions that an acceleration is taken from
   double memory = 20;      ///< seconds
   double largest = 1;      ///< m/s^2 per sqrt(Hz): a scan that is registered to a wrong place says more
@@ -26,7 +27,8 @@ struct AccelNoiseOptions {
 /// Second differences of the scans' positions are mean accelerations over two `half_span`, which the specific force,
 /// turned by the attitude, has to show as well. Half the mean squared change of their difference from one span to the
 /// next is the Allan variance at that time (IEEE Std 952-1997, annex C), here of triangular means: gravity and bias
-/// cancel. Registration to 2 or 3 mm counts as a density of 0.03 over half a second, of 0.02 over a second.
+/// cancel. Registration to 2 or 3 mm counts as a density of 0.03 over half a second, of 0.02 over a second. Scans
+/// more than a second apart show nothing of it.
 class AccelNoise {
  public:
   explicit AccelNoise(const AccelNoiseOptions& options = {}) : options_(options) { restart(); }

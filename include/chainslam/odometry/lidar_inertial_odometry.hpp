@@ -48,9 +48,7 @@ namespace chainslam {
 /// - Where scan and prediction contradict each other, less is believed for that interval: the gyroscope without the
 ///   accelerometer, the gyroscope roughly, the scans alone (`InertialHealth::imu_use`). A sensor that is contradicted
 ///   again and again is left out until it agrees with the scans for a while (`ImuMonitor`).
-/// - The accelerometer's noise is what it differs by from the scans' motion over half a second (`AccelNoise`), large
-/// until
-///   that is known.
+/// - The accelerometer's noise is learnt from how it differs from the scans' motion over half a second (`AccelNoise`).
 /// - Readings at the end of their range count for little. What an IMU cannot have measured is rejected (`ImuCheck`).
 /// - Directions that a scan does not see are left to the prediction.
 /// - The local map, to which scans are held, creeps out of level; gravity shows it, and the poses are kept level.
