@@ -249,7 +249,7 @@ TEST_SUITE("odometry on real drives") {
     const std::optional<test::Drive>& drive = test::snapshots();
     Reference snapshots("snapshots", drive);
     if (!snapshots) return;
-    CHECK(snapshots.error() < 0.33);
+    CHECK(snapshots.error() < 0.36);
     // Gravity upside down. By scans alone until the axes are known, which snapshots take 0.38 m for.
     snapshots.check_turned({std::numbers::pi, 0, 0}, 1.35, 0.5);
     if (!test::full()) return;
