@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -100,18 +101,26 @@ class DampedDescent {
     Index copy;  ///< of the one here
   };
 
+  /// Adds the squares of `rows` rows of `dof` numbers.
+  [[gnu::hot]] static void add_squares(const double* numbers, Offset stride, Index rows, double* to) {
+    std::array<double, dof> sum;
+    std::copy_n(to, dof, sum.begin());
+    for (Index row = 0; row < rows; ++row, numbers += stride)
+      for (std::size_t k = 0; k < dof; ++k) sum[k] += numbers[k] * numbers[k];
+    std::copy_n(sum.begin(), dof, to);
+  }
+
   void linearize(const Values<Group>& values) {
     diagonal_.assign(diagonal_.size(), 0.0);
     for (const Copy& at : copies_) {
       solver_.change_term(at.copy);
       const auto slots = solver_.terms().slots(at.copy);
-      double* number = solver_.jacobian(at.copy);
-      pools_.linearize(at.term, values, number, solver_.terms().size(at.copy));
-      for (Index row = 0; row < solver_.terms().rows(at.copy); ++row) {
-        for (const auto& slot : slots) {
-          double* const to = diagonal_.data() + Offset{slot.variable} * dof;
-          for (int k = 0; k < dof; ++k, ++number) to[k] += *number * *number;
-        }
+      double* block = solver_.jacobian(at.copy);
+      pools_.linearize(at.term, values, block, solver_.terms().size(at.copy));
+      const Offset stride = static_cast<Offset>(slots.size()) * dof;
+      for (const auto& slot : slots) {
+        add_squares(block, stride, solver_.terms().rows(at.copy), diagonal_.data() + Offset{slot.variable} * dof);
+        block += dof;
       }
     }
   }

@@ -37,13 +37,18 @@ class ChangeJournal {
     numbers_.clear();
     indices_.clear();
   }
+  /// For what is never undone: numbers are not copied from here on.
+  void leave_numbers_out() { with_numbers_ = false; }
+
   void add(Change change, Index id) { entries_.push_back({change, id, 0, 0}); }
   void add_numbers(Change change, Index id, std::span<const double> numbers) {
-    entries_.push_back({change, id, numbers_.size(), static_cast<Offset>(numbers.size())});
-    numbers_.append(numbers);
+    add(change, id);
+    entries_.back().first = numbers_.size();
+    append_numbers(numbers);
   }
   /// Adds to the last entry's numbers.
   void append_numbers(std::span<const double> numbers) {
+    if (!with_numbers_) return;
     numbers_.append(numbers);
     entries_.back().count += static_cast<Offset>(numbers.size());
   }
@@ -66,6 +71,7 @@ class ChangeJournal {
   Table<Entry> entries_;
   Table<double> numbers_;
   Table<Index> indices_;
+  bool with_numbers_ = true;
 };
 
 }  // namespace chainslam::detail

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <cstddef>
 #include <span>
 #include <utility>
 
@@ -64,20 +67,30 @@ class FrontAssembly {
     for (Offset a = 0; a < places_.size(); ++a) {
       if (places_[a] == -1) continue;
       const double* const of_a = jacobian + a * B;
-      double* const scale = front.scale(places_[a]);
-      double* const right = front.right() + Offset{places_[a]} * B;
-      for (Offset row = 0; row < rows; ++row) {
-        for (int k = 0; k < B; ++k) {
-          scale[k] += of_a[row * stride + k] * of_a[row * stride + k];
-          right[k] -= of_a[row * stride + k] * residual[row];
-        }
-      }
+      add_to_right(of_a, stride, residual, rows, front.scale(places_[a]), front.right() + Offset{places_[a]} * B);
       for (Offset b = 0; b < places_.size(); ++b) {
         if (places_[b] == -1 || places_[b] > places_[a]) continue;
         const auto block = front.block(places_[a], places_[b]);
         add_product<B>(B, of_a, stride, jacobian + b * B, stride, rows, block.data, block.stride);
       }
     }
+  }
+
+  /// Adds to the matrix's diagonal, and to the right-hand side. In copies that nothing else can be: in registers.
+  static void add_to_right(const double* jacobian, Offset stride, const double* residual, Offset rows, double* scale,
+                           double* right) {
+    std::array<double, B> squares, products;
+    std::copy_n(scale, B, squares.data());
+    std::copy_n(right, B, products.data());
+    for (Offset row = 0; row < rows; ++row, jacobian += stride) {
+#pragma GCC unroll 12
+      for (std::size_t k = 0; k < B; ++k) {
+        squares[k] += jacobian[k] * jacobian[k];
+        products[k] -= jacobian[k] * residual[row];
+      }
+    }
+    std::copy_n(squares.data(), B, scale);
+    std::copy_n(products.data(), B, right);
   }
 
   Table<Index> place_;  ///< of each variable in the front at hand; -1 where it is not in it

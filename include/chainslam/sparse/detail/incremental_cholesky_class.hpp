@@ -150,9 +150,11 @@ class IncrementalCholesky {
   }
 
   /// Adds a diagonal to the matrix from the next `factorize` on, an entry for each scalar row. For systems that are
-  /// never rolled back: it is neither undone nor saved.
+  /// never rolled back nor saved, nor asked for their squared error or excess: from here on changes cannot be undone,
+  /// and each `solve` is exact.
   void set_damping(std::span<const double> diagonal) {
     assert(static_cast<Offset>(diagonal.size()) == solution_.size());
+    journal_.leave_numbers_out();
     damping_.clear();
     damping_.append(diagonal);
     for (Index variable = 0; variable < size(); ++variable) mark(tree_.node_of(variable), Stale::numbers);
@@ -235,6 +237,8 @@ class IncrementalCholesky {
     Index factorizations = 0;
     Index nodes = 0;
   };
+
+  [[nodiscard]] bool damped() const { return !damping_.empty(); }
 
   void discount(Index term) {
     if (terms_.counted(term)) totals_.squared_residuals -= terms_.squared_residual(term);

@@ -66,7 +66,7 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute(Index node, Assembly
   }
   assembly.assemble(tree_, terms_, fixed_, node);
   const Front front = tree_.front(node);
-  if (!damping_.empty()) damp(node, front);
+  if (damped()) damp(node, front);
   const Index bad = front.eliminate(options_.pivot_tolerance, executor);
   if (bad != -1)
     return {FactorizationStatus::not_positive_definite, tree_.columns(node)[static_cast<std::size_t>(bad)]};

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <limits>
+
 #include "chainslam/core/table.hpp"
 #include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 
@@ -11,7 +13,7 @@ template <int BlockSize>
 template <Executor Exec>
 FactorizationResult IncrementalCholesky<BlockSize>::factorize(const Exec& executor) {
   for (const Index term : written_) {
-    if (!terms_.linked(term) || terms_.counted(term)) continue;
+    if (damped() || !terms_.linked(term) || terms_.counted(term)) continue;
     totals_.squared_residuals += terms_.squared_residual(term);
     terms_.set_counted(term, true);
   }
@@ -209,7 +211,7 @@ void IncrementalCholesky<BlockSize>::substitute(Index node) {
   for (std::size_t k = 0; k < variables.size(); ++k)
     std::copy_n(solution(variables[k]).data(), BlockSize, (k < columns ? old : x) + static_cast<Offset>(k) * BlockSize);
   front.subtract_rows(x);
-  const double excess = front.excess(x, old);
+  const double excess = damped() ? std::numeric_limits<double>::infinity() : front.excess(x, old);
   const bool kept = excess <= tolerated_;
   const double excess_before = tree_[node].excess;
   totals_.excess += (kept ? excess : 0.0) - excess_before;
