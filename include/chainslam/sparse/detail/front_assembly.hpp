@@ -29,10 +29,14 @@ class FrontAssembly {
     front.set_zero();
     Index place = 0;
     for (const Index variable : tree.variables(node)) place_[variable] = place++;
+    for (const Index variable : tree.columns(node))
+      if (terms.first(variable) != -1) prefetch(terms, terms.slot(terms.first(variable)).term);
     Index column = 0;
     for (const Index variable : tree.columns(node)) {
-      for (Index k = terms.first(variable); k != -1; k = terms.slot(k).next) {
+      for (Index k = terms.first(variable); k != -1;) {
         const Index term = terms.slot(k).term;
+        k = terms.slot(k).next;
+        if (k != -1) prefetch(terms, terms.slot(k).term);
         if (find_places(terms.slots(term), fixed, column)) add_term(front, terms, term);
       }
       ++column;
@@ -57,6 +61,12 @@ class FrontAssembly {
       places_.push_back(place);
     }
     return true;
+  }
+
+  /// Terms lie in memory in the order in which they were added, not in that of elimination.
+  static void prefetch(const BlockTerms<B>& terms, Index term) {
+    constexpr Offset line = 64 / sizeof(double), most = 128;
+    for (Offset k = 0; k < std::min(terms.size(term), most); k += line) __builtin_prefetch(terms.jacobian(term) + k);
   }
 
   void add_term(const Front<B>& front, const BlockTerms<B>& terms, Index term) const {
