@@ -15,13 +15,8 @@ install_packages $packages_build $packages_program $packages_bench $packages_exp
 # As examples/run.sh builds it, and in the same folder.
 configure_and_build release "the program" chainslam_program -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
   -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=12 -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF
-others="graph_seeds street_registration" arguments=(--program "$build/release/examples/chainslam")
-if [ -d "$root/bench/experiments/lamm" ]; then
-  others="$others lamm"
-  arguments+=(--lamm "$build/bench/bench/lamm")
-fi
-configure_and_build bench "LAMM, drawn graphs, streets" "$others" -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
-  -DCHAINSLAM_BUILD_TESTS=OFF
+configure_and_build bench "LAMM, drawn graphs, streets" "graph_seeds street_registration lamm" \
+  -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ -DCHAINSLAM_BUILD_TESTS=OFF
 unpack_data
-exec "$python" -m experiments "$@" "${arguments[@]}" --graph-seeds "$build/bench/bench/graph_seeds" \
-  --street-registration "$build/bench/bench/street_registration"
+exec "$python" -m experiments "$@" --program "$build/release/examples/chainslam" --lamm "$build/bench/bench/lamm" \
+  --graph-seeds "$build/bench/bench/graph_seeds" --street-registration "$build/bench/bench/street_registration"
