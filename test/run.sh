@@ -136,7 +136,11 @@ all_modules() {
 # What is put together of parts that have modules of their own; test/README.md has the reason for each.
 assembled="architecture experiments factor_graph lamm lie odometry program registration simulator slam"
 
-# parts_of MODULE...: those that are not put together of others, a line each.
+# assembled_of MODULE..., parts_of MODULE...: those that are put together of others, and those that are not, a line each.
+assembled_of() {
+  local module
+  for module in "$@"; do case " $assembled " in *" $module "*) echo "$module" ;; esac; done
+}
 parts_of() {
   local module
   for module in "$@"; do case " $assembled " in *" $module "*) ;; *) echo "$module" ;; esac; done
@@ -171,7 +175,7 @@ fast=("${modules[@]}") checked=("${modules[@]}")
 if [ "$selected" = all ]; then
   case "$mode" in
     quick) mapfile -t fast < <(parts_of "${modules[@]}") ;;
-    default) read -ra fast <<<"$assembled"
+    default) mapfile -t fast < <(assembled_of "${modules[@]}")
              mapfile -t checked < <(parts_of "${modules[@]}") ;;
   esac
 fi
