@@ -8,6 +8,7 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/printable.hpp"
 #include "chainslam/io/input_file.hpp"
+#include "datasets/odometry_recording.hpp"
 #include "exit_code.hpp"
 #include "inspect_imu.hpp"
 #include "map_file.hpp"
@@ -23,8 +24,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Whether a folder holds the results of a run of `chainslam map`.
-bool is_map(const fs::path& path) { return fs::is_regular_file(path / "summary.json"); }
+/// Whether a folder holds the results of a run of `chainslam map`. Recorded odometry has a summary as well.
+bool is_map(const fs::path& path) {
+  return fs::is_regular_file(path / "summary.json") && !fs::exists(path / datasets::recording_description);
+}
 
 /// What the files of a map say, one after the other.
 datasets::Inspection inspect_map(const fs::path& path) {
