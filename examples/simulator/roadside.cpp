@@ -189,7 +189,9 @@ class Roadside {
   }
 
   void shrub(const Eigen::Vector2d& position, Rng rng) {
-    const Eigen::Vector3d radii(rng.uniform(0.4, 1.3), rng.uniform(0.4, 1.3), rng.uniform(0.4, 1.1));
+    const double height = rng.uniform(0.4, 1.1);  // one after the other: arguments have no order of evaluation
+    const double across = rng.uniform(0.4, 1.3);
+    const Eigen::Vector3d radii(rng.uniform(0.4, 1.3), across, height);
     if (!take({.center = position, .axis = {1.0, 0.0}, .half = radii.head<2>()})) return;
     add_ellipsoid(world_, standing(position, {1.0, 0.0}), {0.0, 0.0, 0.4 * radii.z()}, radii, Material::foliage);
   }

@@ -16,7 +16,8 @@ Route wander(const Window& window, Index streets, Rng rng) {
   std::map<std::pair<Node, Node>, int> seen;
   const auto street = [](const Node& a, const Node& b) { return std::pair(std::min(a, b), std::max(a, b)); };
 
-  Node here(window.low.column + rng.uniform_index(columns), window.low.row + rng.uniform_index(rows));
+  const Index row = window.low.row + rng.uniform_index(rows);  // first: arguments have no order of evaluation
+  Node here(window.low.column + rng.uniform_index(columns), row);
   Node before(-1, -1);
   Route route{{here.first, here.second}};
   for (Index i = 0; i < streets; ++i) {
