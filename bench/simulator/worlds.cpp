@@ -42,7 +42,19 @@ struct Variant {
   simulator::Preset preset;
   std::vector<Outcome> outcomes{};
   std::vector<double> lengths{};  ///< metres
+  std::vector<double> moving{};   ///< share of the returns that are from what moves
 };
+
+/// Share of the returns that are from what moves, by every twentieth scan.
+double moving_share(const simulator::TownDrive& drive) {
+  std::int64_t moving = 0, all = 0;
+  for (Index scan = 0; scan < drive.scan_count(); scan += 20)
+    for (const simulator::LidarReturn& hit : drive.revolution(scan).returns) {
+      ++all;
+      if (hit.presence == simulator::Presence::moving) ++moving;
+    }
+  return all > 0 ? static_cast<double>(moving) / static_cast<double>(all) : 0.0;
+}
 
 void run_session(Variant& variant, std::size_t session, std::uint64_t seed) {
   simulator::TownDrive drive(variant.preset, seed, session);
@@ -52,6 +64,7 @@ void run_session(Variant& variant, std::size_t session, std::uint64_t seed) {
   for (SE3d& pose : reference.reference.poses) pose = pose * reference.T_body_lidar;
   variant.outcomes[session] = outcomes_of<FastLio2Source>(reference, [&] { return drive.next(); })[0];
   variant.lengths[session] = drive.drive().length();
+  variant.moving[session] = moving_share(drive);
 }
 
 /// All sessions of all variants, as many at a time as there are threads.
@@ -60,6 +73,7 @@ void run_all(std::vector<Variant>& variants, const Options& options) {
   for (std::size_t i = 0; i < variants.size(); ++i) {
     variants[i].outcomes.resize(variants[i].preset.sessions.size());
     variants[i].lengths.resize(variants[i].preset.sessions.size());
+    variants[i].moving.resize(variants[i].preset.sessions.size());
     for (std::size_t session = 0; session < variants[i].preset.sessions.size(); ++session)
       runs.emplace_back(i, session);
   }
@@ -108,14 +122,16 @@ std::string cell(const Mean& mean) {
 
 /// A row for each session.
 std::string session_table(const Variant& variant) {
-  std::string text = "| session | length | APE | error over 100 to 800 m | scans lost |\n|---|---|---|---|---|\n";
+  std::string text =
+      "| session | length | returns from what moves | APE | error over 100 to 800 m | scans lost "
+      "|\n|---|---|---|---|---|---|\n";
   for (std::size_t i = 0; i < variant.outcomes.size(); ++i) {
     const Outcome& outcome = variant.outcomes[i];
     text += "| " + std::to_string(i + 1) + printed(" | %.0f m", variant.lengths[i]) +
-            printed(" | %.2f m", outcome.ape.value_or(-1.0)) + printed(" | %.2f %%", outcome.kitti.value_or(-1.0)) +
-            " | " + std::to_string(outcome.lost) + " |\n";
+            printed(" | %.0f %%", 100.0 * variant.moving[i]) + printed(" | %.2f m", outcome.ape.value_or(-1.0)) +
+            printed(" | %.2f %%", outcome.kitti.value_or(-1.0)) + " | " + std::to_string(outcome.lost) + " |\n";
   }
-  return text + "| mean | | " + printed("%.2f m", mean_of(variant).ape) +
+  return text + "| mean | | | " + printed("%.2f m", mean_of(variant).ape) +
          printed(" | %.2f %%", mean_of(variant).kitti) + " | |\n";
 }
 

@@ -44,6 +44,10 @@ Passage open_stretch(Crossing from, Crossing to) {
   return {.from = from, .to = to, .kind = PassageKind::open, .begin = 0.05, .end = 0.95};
 }
 
+Passage tunnel(Crossing from, Crossing to) {
+  return {.from = from, .to = to, .kind = PassageKind::tunnel, .begin = 0.25, .end = 0.75};
+}
+
 }  // namespace
 
 Preset nclt_hard(PresetSize size) {
@@ -88,22 +92,15 @@ Preset mars_hard(PresetSize size) {
   preset.traffic.on_both_sides = true;
   preset.town.open_sides = 0.4;
   preset.town.alike = 0.4;
-  auto& passages = preset.town.passages;
-  switch (size) {
-    case PresetSize::small:
-    case PresetSize::full:
-      break;
-    case PresetSize::medium:
-      preset.sessions = walks(6, 5, 20);
-      passages.insert(passages.end(),
-                      {open_stretch({0, 1}, {0, 2}), open_stretch({4, 2}, {5, 2}), open_stretch({1, 0}, {2, 0}),
-                       open_stretch({3, 3}, {3, 4}), open_stretch({2, 1}, {3, 1}), open_stretch({4, 0}, {4, 1})});
-      break;
-    case PresetSize::large:
-      passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({4, 2}, {5, 2}),
-                                       open_stretch({1, 0}, {2, 0}), open_stretch({3, 3}, {3, 4})});
-      break;
-  }
+  if (size == PresetSize::small || size == PresetSize::full) return preset;
+  // Wide enough for a drive to be far from where it was: all that is within 500 m is in FAST-LIO2's map, and holds it.
+  preset.town.streets.columns = 5;
+  preset.town.streets.rows = 4;
+  preset.town.streets.block = size == PresetSize::medium ? 300.0 : 520.0;
+  preset.sessions = walks(5, 4, size == PresetSize::medium ? 10 : 12);
+  preset.town.passages = {tunnel({2, 2}, {3, 2}),       tunnel({1, 1}, {1, 2}),       open_stretch({0, 1}, {0, 2}),
+                          open_stretch({3, 1}, {4, 1}), open_stretch({2, 0}, {3, 0}), open_stretch({3, 2}, {3, 3}),
+                          open_stretch({4, 2}, {4, 3}), open_stretch({2, 3}, {3, 3})};
   return preset;
 }
 
