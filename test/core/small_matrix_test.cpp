@@ -14,9 +14,10 @@ Eigen::Matrix<double, Rows, Columns> random_matrix(Rng& rng) {
   return matrix;
 }
 
-/// The same matrix with its size known at run time: Eigen's expressions of it are compiled once, not for each size.
+/// The same matrix with its size known at run time: Eigen's expressions of it are compiled once, not for each size. Not
+/// inlined: of two doubles that become floats and doubles again at once, g++ 12 leaves out the rounding.
 template <class Scalar, int Rows, int Columns>
-Eigen::MatrixXd any_size(const Eigen::Matrix<Scalar, Rows, Columns>& matrix) {
+[[gnu::noinline]] Eigen::MatrixXd any_size(const Eigen::Matrix<Scalar, Rows, Columns>& matrix) {
   Eigen::MatrixXd result(Rows, Columns);
   for (Eigen::Index j = 0; j < Columns; ++j)
     for (Eigen::Index i = 0; i < Rows; ++i) result(i, j) = static_cast<double>(matrix(i, j));
