@@ -18,8 +18,6 @@ struct Ranked {
 };
 
 /// The least rank first, equal ones by index. Whatever is sorted, the sort is compiled once.
-[[gnu::noinline]] inline void sort_ranked(std::span<Ranked> all) {
-  std::sort(all.data(), all.data() + all.size());
-}
+[[gnu::noinline]] inline void sort_ranked(std::span<Ranked> all) { std::sort(all.data(), all.data() + all.size()); }
 
 }  // namespace chainslam

@@ -54,9 +54,7 @@ class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, D
   [[nodiscard]] Index rejected() const { return rejected_; }
 
   /// Whether point i of the cloud is in the tree.
-  [[nodiscard]] bool contains(Index i) const {
-    return i >= 0 && i < slot_of_point_.size() && slot_of_point_[i] >= 0;
-  }
+  [[nodiscard]] bool contains(Index i) const { return i >= 0 && i < slot_of_point_.size() && slot_of_point_[i] >= 0; }
   /// Position of a point that is in the tree.
   [[nodiscard]] Vector position(Index i) const {
     const Index slot = slot_of_point_[i];

@@ -27,9 +27,7 @@ class TreeLeaves {
   /// Lanes that hold no point are infinite.
   [[nodiscard]] const Points& points(Index leaf) const { return tree_->leaves_[leaf].points; }
   /// The leaf of point i, which is in the tree.
-  [[nodiscard]] Index leaf_of(Index i) const {
-    return tree_->slot_of_point_[i] / static_cast<Index>(leaf_size);
-  }
+  [[nodiscard]] Index leaf_of(Index i) const { return tree_->slot_of_point_[i] / static_cast<Index>(leaf_size); }
   /// The points of a leaf: the first lanes are those in use.
   [[nodiscard]] std::span<const Index> indices(Index leaf) const {
     const auto& columns = points(leaf).columns;
