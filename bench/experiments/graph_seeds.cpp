@@ -3,8 +3,6 @@
 
 #include <CLI/CLI.hpp>
 #include <cmath>
-#include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -14,7 +12,6 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/io/tum.hpp"
 #include "datasets/dataset.hpp"
@@ -23,6 +20,7 @@
 #include "mapper/options.hpp"
 #include "support/progress.hpp"
 #include "support/statistics.hpp"
+#include "table_file.hpp"
 
 namespace chainslam::experiments {
 namespace {
@@ -208,14 +206,5 @@ int main(int count, char** words) {
   app.add_option("--growth", arguments.growth, "also time so many sessions of one drawn world")
       ->check(CLI::Range(0, 10000));
   CLI11_PARSE(app, count, words);
-  try {
-    const std::string text = experiments::run(arguments).dump(1) + "\n";
-    AtomicFile file(arguments.out);
-    file.write(text);
-    file.commit();
-    return 0;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "graph_seeds: %s\n", error.what());
-    return 3;
-  }
+  return bench::write_table("graph_seeds", arguments.out, [&] { return experiments::run(arguments).dump(1) + "\n"; });
 }

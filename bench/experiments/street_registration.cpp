@@ -4,8 +4,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -20,12 +18,12 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/evaluation/alignment.hpp"
-#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/tum.hpp"
 #include "chainslam/trajectory/interpolation.hpp"
 #include "datasets/dataset.hpp"
 #include "streets/cloud_errors.hpp"
 #include "streets/streets.hpp"
+#include "table_file.hpp"
 
 namespace chainslam::experiments {
 namespace {
@@ -157,14 +155,6 @@ int main(int count, char** words) {
   app.add_option("--out", arguments.out, "JSON file to write")->required();
   app.add_option("--threads", arguments.threads, "changes the time, not the result")->check(CLI::Range(1, 1024));
   CLI11_PARSE(app, count, words);
-  try {
-    const std::string text = experiments::run(arguments).dump(1) + "\n";
-    AtomicFile file(arguments.out);
-    file.write(text);
-    file.commit();
-    return 0;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "street_registration: %s\n", error.what());
-    return 3;
-  }
+  return bench::write_table("street_registration", arguments.out,
+                            [&] { return experiments::run(arguments).dump(1) + "\n"; });
 }
