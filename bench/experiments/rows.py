@@ -68,7 +68,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "gates": (
         "closures.take_iteration_limit",
         "closures.max_mean_squared_error",
-        "closures.max_residual",
+        "closures.max_misfit",
         "closures.min_inlier_ratio",
         "closures.max_translation",
         "closures.max_rotation",

@@ -80,10 +80,17 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                     {.min = 1e-12, .max = 1e6, .help = "Variance over mean squared error, if not from the Hessian."});
   configuration.add("closures.least_variance", parts.noise.isotropic.least,
                     {.unit = "m^2, rad^2", .min = 1e-15, .max = 1, .help = "The least, if not from the Hessian."});
+  configuration.add(
+      "closures.max_misfit", gate.max_misfit,
+      {.min = 0,
+       .max = 1e9,
+       .help = "How many times more than the submap's own points the scan's lie off its surfaces, over the "
+               "share that lies near any. 0: not looked at."});
   configuration.add("closures.max_mean_squared_error", gate.max_mean_squared_error,
-                    {.unit = "m^2", .min = 0, .max = 1e9, .help = "Of the distances to nearest points, over inliers."});
-  configuration.add("closures.max_residual", gate.max_residual,
-                    {.unit = "m", .min = 0, .max = 1e9, .help = "Root mean square of what the method minimises."});
+                    {.unit = "m^2",
+                     .min = 0,
+                     .max = 1e9,
+                     .help = "Of the distances to nearest points, over inliers. 0: not looked at."});
   configuration.add("closures.min_inlier_ratio", gate.min_inlier_ratio,
                     {.min = 0, .max = 1, .help = "Share of the scan's points with a partner in the submap."});
   configuration.add("closures.max_translation", gate.max_translation,

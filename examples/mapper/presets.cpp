@@ -72,7 +72,7 @@ constexpr PresetValue preset_values[] = {
     alike("closures.lambda", "1e-4", "paper III-B: a scaling factor; code: noise_scale"),
     alike("closures.least_variance", "1e-12", "paper III-B: none; ours: no matrix is singular"),
     alike("closures.max_mean_squared_error", "0.3", "paper III-B: tau; code: 0.3"),
-    alike("closures.max_residual", no_bound, "paper III-B: no such test"),
+    alike("closures.max_misfit", "0", "paper III-B: no such test"),
     alike("closures.min_inlier_ratio", "0", "paper III-B: no such test"),
     alike("closures.max_translation", no_bound, "paper III-B: no such test"),
     alike("closures.max_rotation", no_bound, "paper III-B: no such test"),

@@ -164,6 +164,7 @@
 #include "chainslam/registration/ransac.hpp"
 #include "chainslam/registration/ransac_policies.hpp"
 #include "chainslam/registration/rejectors.hpp"
+#include "chainslam/registration/surface_fit.hpp"
 #include "chainslam/registration/surface_metric.hpp"
 #include "chainslam/registration/verified_registration.hpp"
 #include "chainslam/registration/verifier.hpp"

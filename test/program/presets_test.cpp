@@ -88,7 +88,7 @@ closures.noise_from_hessian          false
 closures.lambda                      1e-4
 closures.least_variance              1e-12
 closures.max_mean_squared_error      0.3
-closures.max_residual                1e9
+closures.max_misfit                  0
 closures.min_inlier_ratio            0
 closures.max_translation             1e9
 closures.max_rotation                1e9

@@ -130,7 +130,7 @@ TEST_SUITE("slam/loop_closer") {
   TEST_CASE("a fit that is not good enough, and one too far from the graph, are refused by name") {
     const Corner corner;
     CHECK(corner.align({}).verdict == ClosureVerdict::accepted);
-    CHECK(corner.align({.max_residual = 0.005}).verdict == ClosureVerdict::high_residual);
+    CHECK(corner.align({.max_misfit = 0.05}).verdict == ClosureVerdict::high_residual);
     CHECK(corner.align({.max_mean_squared_error = 0.001}).verdict == ClosureVerdict::high_residual);
     CHECK(corner.align({.max_translation = 0.3}).verdict == ClosureVerdict::implausible);
     CHECK(corner.align({.max_rotation = 1 * degree}).verdict == ClosureVerdict::implausible);
@@ -138,7 +138,7 @@ TEST_SUITE("slam/loop_closer") {
   }
 
   TEST_CASE("the gate tells what the registration reported, and takes nothing that is not a number") {
-    const ClosureGate gate;
+    const ClosureGate gate{.max_mean_squared_error = 0.3};
     AlignResult good;
     good.status = AlignStatus::converged;
     good.inlier_ratio = 0.9;
@@ -156,7 +156,7 @@ TEST_SUITE("slam/loop_closer") {
     CHECK(verdict([](AlignResult& r) { r.status = AlignStatus::too_few_points; }) == ClosureVerdict::too_few_inliers);
     CHECK(verdict([](AlignResult& r) { r.inlier_ratio = nan; }) == ClosureVerdict::too_few_inliers);
     CHECK(verdict([](AlignResult& r) { r.mean_squared_error = nan; }) == ClosureVerdict::high_residual);
-    CHECK(verdict([](AlignResult& r) { r.mean_squared_residual = nan; }) == ClosureVerdict::high_residual);
+    CHECK(verdict([](AlignResult& r) { r.mean_squared_error = 0.31; }) == ClosureVerdict::high_residual);
     CHECK(verdict([](AlignResult& r) { r.T_target_source = test::shift(nan, 0, 0); }) == ClosureVerdict::implausible);
     AlignResult unfinished = good;
     unfinished.status = AlignStatus::iteration_limit;

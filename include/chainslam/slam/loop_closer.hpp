@@ -15,6 +15,7 @@
 #include "chainslam/map/loop_closure.hpp"
 #include "chainslam/registration/coarse_to_fine.hpp"
 #include "chainslam/registration/concepts.hpp"
+#include "chainslam/registration/surface_fit.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/closure_covariance.hpp"
 #include "chainslam/slam/position_index.hpp"
@@ -22,16 +23,17 @@
 
 namespace chainslam {
 
-/// When an alignment counts as a closure. The first bound is the paper's (section 5), the others guard what it lets by.
+/// When an alignment counts as a closure.
 struct ClosureGate {
-  double max_mean_squared_error = 0.3;  ///< m^2 over inliers within the registration's own distance (tau, at 2 m)
-  double max_residual = 0.25;           ///< metres, root mean square of what the metric measures over inliers
-  double min_inlier_ratio = 0.6;        ///< of the scan's points with a partner in the submap
-  double max_translation = 10.0;        ///< metres that the graph may have been off
-  double max_rotation = 0.5;            ///< radians that the graph may have been off
+  double max_misfit = 2.0;            ///< see `SurfaceFit::misfit`; 0: not looked at
+  double max_mean_squared_error = 0;  ///< m^2 over inliers (tau of the paper, section 5: 0.3 at 2 m); 0: any
+  double min_inlier_ratio = 0.6;      ///< of the scan's points with a partner in the submap
+  double max_translation = 10.0;      ///< metres that the graph may have been off
+  double max_rotation = 0.5;          ///< radians that the graph may have been off
   bool take_iteration_limit = false;  ///< whether an alignment that was still moving after its last step will do (PCL)
 
-  /// Bounds are met or not: a figure that is not a number meets none.
+  /// What the registration says of itself, all but the misfit, which the clouds say. Bounds are met or not: a figure
+  /// that is not a number meets none.
   [[nodiscard]] [[gnu::cold]] ClosureVerdict judge(const AlignResult& result, const SE3d& guess) const {
     const bool ended = result.status == AlignStatus::converged || result.status == AlignStatus::degenerate ||
                        (take_iteration_limit && result.status == AlignStatus::iteration_limit);
@@ -39,8 +41,7 @@ struct ClosureGate {
       return result.status == AlignStatus::iteration_limit ? ClosureVerdict::not_converged
                                                            : ClosureVerdict::too_few_inliers;
     if (!(result.inlier_ratio >= min_inlier_ratio)) return ClosureVerdict::too_few_inliers;
-    if (!(result.mean_squared_error <= max_mean_squared_error &&
-          result.mean_squared_residual <= max_residual * max_residual))
+    if (max_mean_squared_error > 0 && !(result.mean_squared_error <= max_mean_squared_error))
       return ClosureVerdict::high_residual;
     const SE3d correction = guess.inverse() * result.T_target_source;
     if (!(correction.translation().norm() <= max_translation && correction.rotation().log().norm() <= max_rotation))
@@ -126,6 +127,13 @@ class LoopCloser {
     return thinned_;
   }
 
+  /// Whether the scan lies on the submap as well as the submap on itself.
+  [[nodiscard]] bool fits(const PointCloud<float>& scan, const Submap& submap, const SE3d& T_submap_scan) {
+    if (options_.gate.max_misfit <= 0) return true;
+    const double noise = submaps_.surface_noise(submap);
+    return surface_fit(scan, submap, T_submap_scan).misfit(noise) <= options_.gate.max_misfit;
+  }
+
   LoopCloserOptions options_;
   [[no_unique_address]] Candidates candidates_;
   [[no_unique_address]] Registration registration_;
@@ -175,6 +183,8 @@ LoopClosure LoopCloser<Candidates, Registration, Covariance>::align(std::span<co
   const AlignResult result = registration_.align(scan_of(i), *submap, guess, executor);
   closure.T_from_to = result.T_target_source;
   closure.verdict = options_.gate.judge(result, guess);
+  if (closure.verdict == ClosureVerdict::accepted && !fits(scan_of(i), *submap, result.T_target_source))
+    closure.verdict = ClosureVerdict::high_residual;
   closure.mean_squared_error = result.mean_squared_error;
   closure.inlier_ratio = result.inlier_ratio;
   if (closure.verdict == ClosureVerdict::accepted)

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <list>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -13,6 +15,7 @@
 #include "chainslam/features/normals.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/submap.hpp"
+#include "chainslam/registration/surface_fit.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 
 namespace chainslam {
@@ -44,6 +47,15 @@ class SubmapCache {
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const Submap> get(std::span<const Keyframe> keyframes, KeyframeId center,
                                                                 const E& executor = {});
 
+  /// `surface_noise` of a submap that `get` gave, measured once for as long as it is kept.
+  [[nodiscard]] double surface_noise(const Submap& submap) {
+    const auto known = std::find_if(entries_.begin(), entries_.end(),
+                                    [&](const Entry& entry) { return entry.submap.get() == &submap; });
+    if (known == entries_.end()) return chainslam::surface_noise(submap);
+    if (!known->surface_noise) known->surface_noise = chainslam::surface_noise(submap);
+    return *known->surface_noise;
+  }
+
   [[nodiscard]] std::size_t bytes() const { return bytes_; }  ///< of all submaps kept, about
   [[nodiscard]] std::size_t size() const { return entries_.size(); }
   [[nodiscard]] std::size_t built() const { return built_; }  ///< submaps made so far
@@ -55,6 +67,7 @@ class SubmapCache {
     std::vector<SE3d> T_center_keyframe;
     std::shared_ptr<const Submap> submap;
     std::size_t bytes = 0;
+    std::optional<double> surface_noise{};
   };
   using Entries = std::list<Entry>;
 
