@@ -90,7 +90,8 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "chain-correlation": ("chain.correlation",),
     "merge-candidates": ("merge.gnss_", "merge.max_candidates", "merge.min_travel", "merge.min_period"),
     "merge-registration": (
-        "merge.submap_radius",
+        "merge.method",
+        "merge.submap_",
         "merge.voxel_size",
         "merge.normal_",
         "merge.feature_",

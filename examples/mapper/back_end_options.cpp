@@ -133,7 +133,24 @@ void add_chain(Configuration& configuration, BackEndParts& parts) {
       {.min = 0, .max = 1, .help = "Of closures that share a scan: 0 counts each in full, 1 all as one."});
 }
 
-void add_feature_registration(Configuration& configuration, FeatureRegistration<>& features) {
+void add_merge_registration(Configuration& configuration, MergeRegistration& merging) {
+  configuration.add(
+      "merge.method", merging.method, {{"verified", MergeMethod::verified}, {"features", MergeMethod::features}},
+      {.help = "How submaps are aligned. verified: the poses that most matches of features allow together "
+               "are refined and checked by the submaps themselves. features: the paper's RANSAC; the "
+               "keys from normal_radius to min_source_fitness are its own."});
+  Verifier& check = merging.verified.check;
+  configuration.add(
+      "merge.max_plane_rmse", check.max_plane_rmse,
+      {.unit = "m",
+       .min = 0,
+       .max = 100,
+       .help = "Root mean square of a submap's distances from the other's planes, by method = verified."});
+  configuration.add("merge.min_aligned_normals", check.min_aligned_normals,
+                    {.min = 0, .max = 1, .help = "Share of normals that agree to 45 degrees, by method = verified."});
+  configuration.add("merge.min_overlap", check.min_overlap,
+                    {.min = 0, .max = 1, .help = "Share of the smaller submap on the other, by method = verified."});
+  FeatureRegistration<>& features = merging.features;
   configuration.add("merge.normal_radius", features.normals.radius,
                     {.unit = "m", .min = 0.05, .max = 100, .help = "Farthest neighbours that a normal is fitted to."});
   configuration.add("merge.normal_neighbors", features.normals.neighbors,
@@ -180,7 +197,12 @@ void add_merge(Configuration& configuration, BackEndParts& parts) {
                      .help = "Keyframes on each side that make up the earlier submap, and before of the current one."});
   configuration.add("merge.voxel_size", merge.voxel_size,
                     {.unit = "m", .min = 0.05, .max = 10, .help = "Edge of the voxels of both submaps."});
-  add_feature_registration(configuration, parts.features);
+  configuration.add("merge.submap_length", merge.submap_length,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1e6,
+                     .help = "Way on each side that a submap reaches at most. 0: as many keyframes as stated."});
+  add_merge_registration(configuration, parts.merging);
   configuration.add("merge.min_fitness", merge.min_fitness,
                     {.min = 0, .max = 1, .help = "Inliers over target points (tau_R)."});
   configuration.add("merge.min_putative", merge.min_putative,

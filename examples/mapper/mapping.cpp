@@ -23,12 +23,12 @@ namespace chainslam::mapper {
 namespace {
 
 using Closer = LoopCloser<ProximityCandidates, ClosureRegistration, ClosureNoise>;
-using Merger = MapMerger<GnssCandidates, FeatureRegistration<>>;
+using Merger = MapMerger<GnssCandidates, MergeRegistration>;
 using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger, Cauchy>;
 
 MapperBackEnd make_back_end(const BackEndParts& parts) {
   return MapperBackEnd(parts.back_end, Closer(parts.closures, parts.candidates, parts.registration, parts.noise),
-                       ChainedCloser(parts.chain), Merger(parts.merge, GnssCandidates(parts.gnss), parts.features),
+                       ChainedCloser(parts.chain), Merger(parts.merge, GnssCandidates(parts.gnss), parts.merging),
                        parts.kernel);
 }
 

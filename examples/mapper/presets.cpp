@@ -98,6 +98,8 @@ constexpr PresetValue preset_values[] = {
     alike("merge.min_travel", "0", "paper III-D: no such rule; code: each new keyframe"),
     {"merge.min_period", {"0", "0"}, {"3.3333333333333335", "2.5"}, "code: in the loop thread, at its frequency"},
     alike("merge.submap_radius", "20", "paper III-E: n; code: 20"),
+    alike("merge.submap_length", "0", "paper III-E, code: keyframes, however far apart"),
+    alike("merge.method", "features", "paper III-D: FPFH and RANSAC"),
     alike("merge.voxel_size", "1", "paper III-E: voxel-downsampled; code: 1 m"),
     differ("merge.normal_radius", "2", "4", "code: 2 m, taken twice; paper: not stated"),
     alike("merge.normal_neighbors", "30", "code: hybrid search"),

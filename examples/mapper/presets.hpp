@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "chainslam/registration/coarse_to_fine.hpp"
+#include "chainslam/registration/verified_registration.hpp"
 #include "chainslam/slam/back_end.hpp"
 
 namespace chainslam::mapper {
@@ -45,6 +46,21 @@ struct ClosureNoise {
   }
 };
 
+enum class MergeMethod { verified, features };
+
+/// Submap to submap without a guess, by the method that the configuration names.
+struct MergeRegistration {
+  MergeMethod method = MergeMethod::verified;
+  VerifiedRegistration<> verified = VerifiedRegistration<>::for_submaps();
+  FeatureRegistration<> features{};
+
+  template <Cloud Source, Cloud Target, Executor Exec = Serial>
+  [[nodiscard]] GlobalAlignResult align(const Source& source, const Target& target, const Exec& executor = {}) const {
+    return method == MergeMethod::verified ? verified.align(source, target, executor)
+                                           : features.align(source, target, executor);
+  }
+};
+
 /// The parts of the mapper's back end, as the configuration sets them.
 struct BackEndParts {
   ProximityCandidates candidates;
@@ -54,7 +70,7 @@ struct BackEndParts {
   ChainOptions chain;
   GnssCandidateOptions gnss;
   MergeOptions merge;
-  FeatureRegistration<> features;
+  MergeRegistration merging;
   BackEndOptions back_end;
   Cauchy kernel{.width = 4.0};
 };

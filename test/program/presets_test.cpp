@@ -110,6 +110,8 @@ merge.max_candidates                 1
 merge.min_travel                     0
 merge.min_period                     0 0 3.3333333333333335 2.5
 merge.submap_radius                  20
+merge.submap_length                  0
+merge.method                         features
 merge.voxel_size                     1
 merge.normal_radius                  2 2 4 4
 merge.normal_neighbors               30

@@ -34,6 +34,23 @@ struct SubmapRange {
   return range;
 }
 
+/// The same, but for keyframes farther along the path from `center` than `max_length` metres; 0: however far.
+[[nodiscard]] inline SubmapRange submap_range(std::span<const Keyframe> keyframes, KeyframeId center, Index radius,
+                                              double max_length) {
+  const SubmapRange all = submap_range(keyframes, center, radius);
+  if (!(max_length > 0)) return all;
+  const auto step = [&](Index from) {
+    return (keyframes[static_cast<std::size_t>(from + 1)].T_odom_body.translation() -
+            keyframes[static_cast<std::size_t>(from)].T_odom_body.translation())
+        .norm();
+  };
+  SubmapRange range{center.value, center.value + 1};
+  double before = 0, after = 0;
+  while (range.begin > all.begin && (before += step(range.begin - 1)) <= max_length) --range.begin;
+  while (range.end < all.end && (after += step(range.end - 1)) <= max_length) ++range.end;
+  return range;
+}
+
 /// The scans of `range`, placed by their optimised poses and seen from `center`'s body, thinned to one point per voxel.
 ///
 /// @param voxel_size  metres.

@@ -85,7 +85,8 @@ struct GlobalAlignResult {
   Index consensus = 0;        ///< matches that the pose brings together
   double putative_ratio = 0;  ///< consensus over matches: what the paper's released program compares with its threshold
   GlobalAlignStatus status = GlobalAlignStatus::too_few_points;
-  Index iterations = 0;  ///< hypotheses tried
+  Index iterations = 0;   ///< hypotheses tried
+  bool verified = false;  ///< whether the clouds themselves were asked about the pose, and not the matches alone
 
   [[nodiscard]] bool found() const { return status == GlobalAlignStatus::found; }
 };

@@ -41,8 +41,7 @@ concept HypothesisEstimator = ConsensusEstimator<E> &&
 /// refined by ICP and checked by the clouds themselves; of those accepted the one that brings most matches together
 /// wins.
 ///
-/// Defaults are for LiDAR scans, voxels of 0.5 m. For other scales set `features.voxel_size` v and, as multiples of it:
-/// normals' radius 3, features' radius 5, distances 1 to 1.5.
+/// Defaults are for LiDAR scans, voxels of 0.5 m; `for_submaps` has those for submaps, of 1 m.
 template <class Estimator = GraphConsensus<>, class Refinement = CoarseToFine<Icp<PointToPlane, Huber>>,
           class Check = Verifier>
 struct VerifiedRegistration {
@@ -67,6 +66,23 @@ struct VerifiedRegistration {
       .fine = {.max_iterations = 15, .max_distance = 0.5, .degeneracy_threshold = 0.001, .kernel = {.width = 0.1}}};
   Check check{};
   std::optional<Viewpoints> viewpoints{};  ///< where both clouds were seen from one place each, as scans are
+
+  /// For submaps of several scans, seen from many places.
+  ///
+  /// Half submaps of a car among traffic (simulated, 32 lines, submaps of 60 m each way) and of a courtyard (real,
+  /// Livox Avia) sought in whole ones, with 1 m voxels: 112 of 114 poses are right, all with a plane rmse of at most
+  /// 0.206 m and seven of ten normals that agree; 74 wrong ones have 0.25 m and more, but for one.
+  /// @param voxel_size  metres.
+  [[nodiscard]] static VerifiedRegistration for_submaps(double voxel_size = 1.0) {
+    VerifiedRegistration registration;
+    registration.features.voxel_size = voxel_size;
+    registration.features.normals.radius = 3 * voxel_size;
+    registration.features.features.radius = 5 * voxel_size;
+    registration.features.estimator.max_distance = 1.5 * voxel_size;
+    registration.check.max_plane_rmse = 0.21;
+    registration.check.min_aligned_normals = 0.65;
+    return registration;
+  }
 
   /// See `FeatureRegistration::describe`.
   template <Cloud Points, Executor Exec = Serial>
@@ -149,6 +165,7 @@ struct VerifiedRegistration {
     pose.result.consensus = judged.consensus;
     pose.result.putative_ratio = points.size() > 0 ? static_cast<double>(judged.consensus) / points.size() : 0.0;
     pose.result.status = pose.verification.accepted() ? GlobalAlignStatus::found : GlobalAlignStatus::refused;
+    pose.result.verified = true;
     return pose;
   }
 

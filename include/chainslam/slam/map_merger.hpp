@@ -31,9 +31,11 @@ struct MergeOptions {
   double min_period = 0;    ///< seconds of the data between two attempts
   /// Keyframes n: up to 2n+1 of the earlier session, n+1 of the current one, which has no future.
   Index submap_radius = 20;
-  double voxel_size = 1.0;  ///< metres, of both submaps
-  /// Inliers over target points (tau_R), and over matched features. Of half submaps of four real sensors sought in
-  /// whole ones, 101 of 102 right poses meet both, and none of 474 wrong ones.
+  double submap_length = 60;  ///< metres along the path on each side, at most; 0: any (the paper)
+  double voxel_size = 1.0;    ///< metres, of both submaps
+  /// Inliers over target points (tau_R), and over matched features, of a registration that did not verify its pose. Of
+  /// half submaps of four real sensors sought in whole ones, 101 of 102 right poses meet both, and none of 474 wrong
+  /// ones.
   double min_fitness = 0.30;
   double min_putative = 0.05;
   double min_source_fitness = 0;  ///< inliers over source points (released: 0.5, by Open3D 0.15.1, which it builds)
@@ -183,10 +185,11 @@ template <class Candidates, class Registration>
 template <class Closer, Executor E>
 LoopClosure MapMerger<Candidates, Registration>::register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to,
                                                                   Closer& closer, const E& executor) const {
-  SubmapRange current = submap_range(map.keyframes, to, options_.submap_radius);
+  SubmapRange current = submap_range(map.keyframes, to, options_.submap_radius, options_.submap_length);
   current.end = to.value + 1;
   const auto source = assemble_submap(map.keyframes, to, current, options_.voxel_size);
-  const auto target = assemble_submap(map.keyframes, from, submap_range(map.keyframes, from, options_.submap_radius),
+  const auto target = assemble_submap(map.keyframes, from,
+                                      submap_range(map.keyframes, from, options_.submap_radius, options_.submap_length),
                                       options_.voxel_size);
   const GlobalAlignResult result = registration_.align(source, target, executor);
   LoopClosure closure{.from = from, .to = to, .T_from_to = result.T_target_source, .kind = ClosureKind::merge};
@@ -210,8 +213,10 @@ LoopClosure MapMerger<Candidates, Registration>::register_submaps(const SlamMap&
 template <class Candidates, class Registration>
 ClosureVerdict MapMerger<Candidates, Registration>::judge(const SlamMap& map, const LoopClosure& closure,
                                                           const GlobalAlignResult& result) const {
+  if (result.status == GlobalAlignStatus::refused) return ClosureVerdict::high_residual;
   if (!result.found()) return ClosureVerdict::not_converged;
-  if (!(result.fitness_target >= options_.min_fitness && result.putative_ratio >= options_.min_putative &&
+  if (!result.verified &&
+      !(result.fitness_target >= options_.min_fitness && result.putative_ratio >= options_.min_putative &&
         result.fitness_source >= options_.min_source_fitness))
     return ClosureVerdict::low_fitness;
   const SE3d T = T_frame_joined(map, closure);
