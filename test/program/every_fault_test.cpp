@@ -148,6 +148,25 @@ TEST_SUITE("program/every fault") {
     CHECK(refused > failures / 4);
   }
 
+  TEST_CASE("a signal that interrupts the opening of an input file only delays it") {
+    const ScratchFolder scratch("interrupted_opening");
+    const fs::path root = scratch.path(), log = root / "log";
+    write_keyframes(root / "data", 3, true, 5, 20);
+    REQUIRE(run_program(root, "map " + quoted(root / "data") + " --out " + quoted(root / "first")).exit_code == 0);
+    const std::string command = "map " + quoted(root / "data") + " --load " + quoted(root / "first") +
+                                " --overwrite --out " + quoted(root / "out");
+    for (const std::string file : {"times.txt", "odom_poses.txt", "gnss.txt", "000000.pcd", "first/map.cslam"}) {
+      CAPTURE(file);
+      fs::remove(log);
+      const ProgramResult result =
+          run_program(root, command, with_fault("open:" + file + ":" + std::to_string(EINTR) + ":0", log));
+      CAPTURE(result.errors);
+      CHECK(result.exit_code == 0);
+      CHECK_FALSE(contains(result.errors, "left out"));
+      CHECK(contains(read_text(log), file));
+    }
+  }
+
   TEST_CASE("a run ends whose map cannot be written any more when all data have been read") {
     const ScratchFolder scratch("late_fault");
     const fs::path root = scratch.path(), log = root / "log";

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -19,6 +18,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/io/detail/open_to_read.hpp"
 
 namespace chainslam {
 
@@ -29,7 +29,7 @@ class InputFile {
  public:
   /// @throws IoError if the file cannot be opened or is a folder.
   explicit InputFile(std::filesystem::path path) : path_(std::move(path)), buffer_(buffer_size) {
-    file_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
+    file_ = detail::open_to_read(path_);
     if (file_ < 0) fail_to_open(errno);
     struct stat information {};
     if (::fstat(file_, &information) == 0) {

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -19,6 +18,7 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/detail/map_chunk.hpp"
+#include "chainslam/io/detail/open_to_read.hpp"
 #include "chainslam/io/zstd_codec.hpp"
 
 namespace chainslam::detail {
@@ -36,7 +36,7 @@ class MapFileReader {
  public:
   /// @throws IoError if it cannot be read, is no map, or needs a newer version.
   explicit MapFileReader(std::filesystem::path path) : path_(std::move(path)) {
-    file_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
+    file_ = open_to_read(path_);
     if (file_ < 0)
       fail("", errno == ENOENT || errno == ENOTDIR ? "no such file" : std::generic_category().message(errno),
            "check the path, and that you may read it");

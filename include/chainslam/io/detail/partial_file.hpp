@@ -18,6 +18,7 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/printable.hpp"
 #include "chainslam/io/detail/final_name.hpp"
+#include "chainslam/io/detail/open_to_read.hpp"
 #include "chainslam/io/file_system.hpp"
 #include "chainslam/io/input_file.hpp"
 
@@ -150,7 +151,7 @@ class PartialFile {
 
   /// The partial file of a run that did not finish is never written over.
   void set_leftover_aside() {
-    const int leftover = ::open(partial_.c_str(), O_RDONLY | O_CLOEXEC);
+    const int leftover = open_to_read(partial_);
     if (leftover < 0) fail("looking at the file that is there", errno);
     const bool taken = ::flock(leftover, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
     ::close(leftover);
