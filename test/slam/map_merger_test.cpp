@@ -273,6 +273,15 @@ TEST_SUITE("slam/map_merger") {
     CHECK(verdicts([](Place& place) { place.fitness = 0.149; }, unrefined) == Verdicts{ClosureVerdict::low_fitness});
     CHECK(verdicts([](Place& place) { place.fitness = std::nan(""); }, unrefined) ==
           Verdicts{ClosureVerdict::low_fitness});
+    // What has asked the submaps themselves is not asked how many features agree.
+    CHECK(verdicts(
+              [](Place& place) {
+                place.verified = true;
+                place.fitness = place.putative_ratio = 0.01;
+              },
+              unrefined) == Verdicts{ClosureVerdict::accepted});
+    CHECK(verdicts([](Place& place) { place.status = GlobalAlignStatus::refused; }, unrefined) ==
+          Verdicts{ClosureVerdict::high_residual});
     MergeOptions released = unrefined;
     released.min_putative = 0.5;
     CHECK(verdicts([](Place&) {}, released) == Verdicts{ClosureVerdict::low_fitness});

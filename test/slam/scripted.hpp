@@ -97,6 +97,7 @@ struct Place {
   double source_fitness = 0.8;
   double inlier_rmse = 0.3;
   GlobalAlignStatus status = GlobalAlignStatus::found;
+  bool verified = false;
 };
 
 /// The places of a script in its order, and how many of the proposed ones were registered.
@@ -142,6 +143,7 @@ struct ScriptedRegistration {
     result.fitness_source = place.source_fitness;
     result.inlier_rmse = place.inlier_rmse;
     result.status = place.status;
+    result.verified = place.verified;
     return result;
   }
 };

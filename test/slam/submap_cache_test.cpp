@@ -41,6 +41,19 @@ TEST_SUITE("map/submap") {
     CHECK(submap_range(keyframes, KeyframeId{70}, 0) == SubmapRange{70, 71});
   }
 
+  TEST_CASE("a range ends where the path from the centre is longer than it may be") {
+    std::vector<SE3d> poses;
+    for (int i = 0; i < 30; ++i) poses.emplace_back(SO3d(), Eigen::Vector3d(i < 20 ? 2 * i : 40 + 7 * (i - 20), 0, 0));
+    const std::vector<Keyframe> keyframes = keyframes_at(poses);
+    CHECK(submap_range(keyframes, KeyframeId{10}, 8, 6.5) == SubmapRange{7, 14});
+    CHECK(submap_range(keyframes, KeyframeId{10}, 8, 6) == SubmapRange{7, 14});
+    CHECK(submap_range(keyframes, KeyframeId{10}, 2, 6) == SubmapRange{8, 13});
+    CHECK(submap_range(keyframes, KeyframeId{25}, 8, 15) == SubmapRange{23, 28});
+    CHECK(submap_range(keyframes, KeyframeId{25}, 8, 6) == SubmapRange{25, 26});
+    CHECK(submap_range(keyframes, KeyframeId{1}, 8, 100) == submap_range(keyframes, KeyframeId{1}, 8));
+    CHECK(submap_range(keyframes, KeyframeId{10}, 8, 0) == SubmapRange{2, 19});
+  }
+
   TEST_CASE("scans are placed by their optimised poses and seen from the centre") {
     std::vector<SE3d> poses{SE3d(SO3d::exp({0.1, 0.2, 1.0}), {10, -5, 2}),
                             SE3d(SO3d::exp({-0.3, 0, -2.0}), {12, 3, 1})};
