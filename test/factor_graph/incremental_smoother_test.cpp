@@ -16,6 +16,7 @@
 #include "support/property.hpp"
 #include "support/quick.hpp"
 #include "support/real_data.hpp"
+#include "support/street_walk.hpp"
 
 using namespace chainslam;
 using namespace chainslam::test;
@@ -333,6 +334,24 @@ TEST_SUITE("factor_graph/incremental_smoother") {
       REQUIRE(smoother.update().ok());
       CHECK(smoother[size].local(smoother[size - 1] * step).norm() < 1e-6);
     }
+  }
+
+  TEST_CASE("from far away, converge takes about as many steps as the batch optimiser, and knows where they end") {
+    PoseGraph graph = StreetWalk({.sessions = 1, .keyframes = 200, .blocks = 2}).graph();
+    Rng rng(7);
+    Values<SE3d> far = graph.values();
+    for (Key key = 1; key < far.size(); ++key) far[key] = far[key].retract(random_tangent<SE3d>(rng, 100.0, 0.4));
+    graph.set_values(far);
+    IncrementalSmoother<SE3d> smoother;
+    for (const SE3d& pose : far) smoother.add_value(pose);
+    graph.for_each_factor([&](const auto& factor) { smoother.add(factor); });
+    smoother.set_fixed(0);
+    const OptimizeReport batch = optimise(graph, LevenbergMarquardt{.max_iterations = 200});
+    REQUIRE(batch.status == OptimizeStatus::converged);
+    const ConvergeReport report = smoother.converge(ConvergeOptions<NoRestart>{.max_iterations = 50});
+    CHECK(report.converged);
+    CHECK(report.final_cost == doctest::Approx(batch.final_cost));
+    CHECK(report.iterations <= batch.iterations + 3);
   }
 
   TEST_CASE("converge never raises the cost, wherever the estimate starts") {

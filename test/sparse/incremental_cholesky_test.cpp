@@ -347,25 +347,47 @@ TEST_SUITE("sparse/incremental_cholesky") {
     IncrementalCholesky<1> damped = chain(size, true), with_terms = chain(size, true);
     std::vector<Index> terms;
     for (Index k = 0; k < size; ++k) terms.push_back(with_terms.add_term(std::array<Index, 1>{k}, 1));
-    Rng rng(3);
-    for (int round = 0; round < 3; ++round) {
-      std::vector<double> diagonal;
-      for (Index k = 0; k < size; ++k) diagonal.push_back(round == 1 ? 0.0 : rng.uniform());
+    for (const double factor : {0.7, 0.0, 0.2}) {
       damped.begin();
-      damped.set_damping(diagonal);
+      damped.set_damping(factor);
       with_terms.begin();
-      for (std::size_t k = 0; k < terms.size(); ++k) {
-        with_terms.change_term(terms[k]);
-        with_terms.jacobian(terms[k])[0] = std::sqrt(diagonal[k]);
+      for (Index k = 0; k < size; ++k) {
+        const Index term = terms[static_cast<std::size_t>(k)];
+        with_terms.change_term(term);
+        with_terms.jacobian(term)[0] = std::sqrt(factor * (k == size - 1 ? 1.0 : 2.0));  // of terms at each variable
       }
       REQUIRE(damped.factorize().ok());
       REQUIRE(with_terms.factorize().ok());
       damped.solve(true);
       with_terms.solve(true);
       CHECK(damped.lowered() == doctest::Approx(with_terms.lowered()));
-      for (Index k = 0; k < size; ++k)
+      for (Index k = 0; k < size; ++k) {
         CHECK(damped.solution(k)[0] == doctest::Approx(with_terms.solution(k)[0]).epsilon(1e-9));
+        CHECK(damped.diagonal(k)[0] == (k == size - 1 ? 1.0 : 2.0));
+      }
     }
+  }
+
+  TEST_CASE("what the solution lowers the error by is as exact as ever after errors of another size") {
+    constexpr Index size = 60;
+    const auto lowered = [](IncrementalCholesky<1>& solver) {
+      REQUIRE(solver.factorize().ok());
+      solver.solve(true);
+      return solver.lowered();
+    };
+    IncrementalCholesky<1> fresh = chain(size, true), used = chain(size, true);
+    const double expected = lowered(fresh);
+    const auto set_residuals = [&](double residual) {
+      used.begin();
+      for (Index term = 0; term < used.terms().count(); ++term) {
+        used.change_term(term);
+        used.residual(term)[0] = residual;
+      }
+    };
+    set_residuals(1e7 / 3.0);
+    CHECK(lowered(used) == doctest::Approx(expected * 1e14 / 9.0));
+    set_residuals(-1.0);
+    CHECK(lowered(used) == doctest::Approx(expected).epsilon(1e-12));
   }
 
   TEST_CASE("a chain that floats fails, however long") {

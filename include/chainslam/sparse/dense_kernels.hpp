@@ -166,6 +166,34 @@ void subtract_dots(Offset rows, const double* a, Offset a_stride, const double* 
   }
 }
 
+/// Replaces x by L^-1 x, in registers. L is lower triangular; `reciprocals` are those of its diagonal.
+template <int N>
+void substitute_block_forward(const double* l, Offset l_stride, const double* reciprocals, double* x) {
+  double y[N];
+  std::memcpy(y, x, sizeof y);
+#pragma GCC unroll 12
+  for (int c = 0; c < N; ++c) {
+    y[c] *= reciprocals[c];
+#pragma GCC unroll 12
+    for (int r = c + 1; r < N; ++r) y[r] -= l[c * l_stride + r] * y[c];
+  }
+  std::memcpy(x, y, sizeof y);
+}
+
+/// Replaces x by L^-T x, likewise.
+template <int N>
+void substitute_block_backward(const double* l, Offset l_stride, const double* reciprocals, double* x) {
+  double y[N];
+  std::memcpy(y, x, sizeof y);
+#pragma GCC unroll 12
+  for (int c = N - 1; c >= 0; --c) {
+#pragma GCC unroll 12
+    for (int r = c + 1; r < N; ++r) y[c] -= l[c * l_stride + r] * y[r];
+    y[c] *= reciprocals[c];
+  }
+  std::memcpy(x, y, sizeof y);
+}
+
 /// Cholesky factor of an N x N block in its own place (lower triangle) and the reciprocals of its diagonal.
 ///
 /// @param scale      diagonal of the matrix before elimination; a pivot below `tolerance * scale` counts as zero.

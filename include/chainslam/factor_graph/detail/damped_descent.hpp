@@ -1,7 +1,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -41,8 +40,6 @@ class DampedDescent {
       for (const auto& slot : system.terms().slots(term)) variables.push_back(slot.variable);
       copies_.push_back({term, solver_.add_term(variables, system.terms().rows(term))});
     }
-    diagonal_.resize(Offset{system.size()} * dof);
-    damping_.resize(diagonal_.size());
   }
 
   /// @param values  to start from; where it succeeds, those of the least cost that was found.
@@ -57,7 +54,7 @@ class DampedDescent {
     Values<Group> candidate = values;
     linearize(values);
     while (std::isfinite(cost)) {
-      damp(lambda);
+      solver_.set_damping(lambda);
       ++report.iterations;
       if (const FactorizationResult result = solver_.factorize(executor); !result.ok()) {
         report.status = OptimizeStatus::singular;
@@ -101,34 +98,11 @@ class DampedDescent {
     Index copy;  ///< of the one here
   };
 
-  /// Adds the squares of `rows` rows of `dof` numbers.
-  [[gnu::hot]] static void add_squares(const double* numbers, Offset stride, Index rows, double* to) {
-    std::array<double, dof> sum;
-    std::copy_n(to, dof, sum.begin());
-    for (Index row = 0; row < rows; ++row, numbers += stride)
-      for (std::size_t k = 0; k < dof; ++k) sum[k] += numbers[k] * numbers[k];
-    std::copy_n(sum.begin(), dof, to);
-  }
-
   void linearize(const Values<Group>& values) {
-    diagonal_.assign(diagonal_.size(), 0.0);
     for (const Copy& at : copies_) {
       solver_.change_term(at.copy);
-      const auto slots = solver_.terms().slots(at.copy);
-      double* block = solver_.jacobian(at.copy);
-      pools_.linearize(at.term, values, block, solver_.terms().size(at.copy));
-      const Offset stride = static_cast<Offset>(slots.size()) * dof;
-      for (const auto& slot : slots) {
-        add_squares(block, stride, solver_.terms().rows(at.copy), diagonal_.data() + Offset{slot.variable} * dof);
-        block += dof;
-      }
+      pools_.linearize(at.term, values, solver_.jacobian(at.copy), solver_.terms().size(at.copy));
     }
-  }
-
-  /// By a multiple of the diagonal of J^T J.
-  [[gnu::cold]] void damp(double lambda) {
-    for (Offset k = 0; k < diagonal_.size(); ++k) damping_[k] = lambda * diagonal_[k];
-    solver_.set_damping(damping_.all());
   }
 
   /// Moves all by the solver's solution.
@@ -138,7 +112,7 @@ class DampedDescent {
     for (Key key = 0; key < solver_.size(); ++key) {
       if (solver_.is_fixed(key)) continue;
       const typename Group::Tangent step = Eigen::Map<const typename Group::Tangent>(solver_.solution(key).data());
-      for (int k = 0; k < dof; ++k) sum += diagonal_[Offset{key} * dof + k] * step[k] * step[k];
+      for (int k = 0; k < dof; ++k) sum += solver_.diagonal(key)[k] * step[k] * step[k];
       to[key] = from[key].retract(step);
       if constexpr (requires(Group & group) { group.normalize(); }) to[key].normalize();
     }
@@ -148,8 +122,6 @@ class DampedDescent {
   const Pools& pools_;
   System solver_;
   Table<Copy> copies_;
-  Table<double> diagonal_;  ///< of J^T J
-  Table<double> damping_;
 };
 
 }  // namespace chainslam::detail

@@ -90,7 +90,9 @@ class Front {
     std::copy_n(right(), Offset{columns_} * B, own_right());
   }
 
-  /// First half of the backward substitution: subtracts what the rows' solution, behind the own part of `x`, takes.
+  /// Turns the own part of `x` into the solution, given the rows' behind it.
+  void substitute_backward(double* x) const { own().substitute_backward(x, rows_); }
+  /// First half of that: subtracts what the rows' solution, behind the own part of `x`, takes.
   void subtract_rows(double* x) const {
     for (Index j = 0; j < columns_ && rows_ > 0; ++j) {
       subtract_dots<B>(Offset{rows_} * B, panel() + Offset{j} * B * stride() + Offset{columns_} * B, stride(),

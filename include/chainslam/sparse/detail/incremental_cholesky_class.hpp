@@ -149,15 +149,18 @@ class IncrementalCholesky {
     std::fill_n(solution_.data() + Offset{variable} * BlockSize, BlockSize, 0.0);
   }
 
-  /// Adds a diagonal to the matrix from the next `factorize` on, an entry for each scalar row. For systems that are
-  /// never rolled back nor saved, nor asked for their squared error or excess: from here on changes cannot be undone,
-  /// and each `solve` is exact.
-  void set_damping(std::span<const double> diagonal) {
-    assert(static_cast<Offset>(diagonal.size()) == solution_.size());
+  /// Adds `factor` times its own diagonal to the matrix from the next `factorize` on (Marquardt 1963). For systems that
+  /// are never rolled back nor saved, get no more variables, and are not asked for their squared error or excess: from
+  /// here on changes cannot be undone, and each `solve` is exact.
+  void set_damping(double factor) {
     journal_.leave_numbers_out();
-    damping_.clear();
-    damping_.append(diagonal);
+    damping_ = factor;
+    diagonal_.resize(solution_.size(), 0.0);
     for (Index variable = 0; variable < size(); ++variable) mark(tree_.node_of(variable), Stale::numbers);
+  }
+  /// A variable's part of the diagonal of J^T J, as the last damped `factorize` found it; zeros where it is fixed.
+  [[nodiscard]] const double* diagonal(Index variable) const {
+    return diagonal_.data() + Offset{variable} * BlockSize;
   }
 
   /// All variables are ordered anew by the next `factorize`.
@@ -238,7 +241,7 @@ class IncrementalCholesky {
     Index nodes = 0;
   };
 
-  [[nodiscard]] bool damped() const { return !damping_.empty(); }
+  [[nodiscard]] bool damped() const { return !diagonal_.empty(); }
 
   void discount(Index term) {
     if (terms_.counted(term)) totals_.squared_residuals -= terms_.squared_residual(term);
@@ -302,8 +305,8 @@ class IncrementalCholesky {
   void order_affected();
   void create_nodes();
 
-  /// Adds the damping of a front's own columns to their diagonal.
-  void damp(Index node, const Front& front) const;
+  /// Adds the damping of a front's own columns, whose diagonal is complete, to it.
+  void damp(Index node, const Front& front);
 
   /// Assembles a node's front and factorises it.
   /// @param memory  null where no other thread computes.
@@ -370,10 +373,11 @@ class IncrementalCholesky {
   detail::Table<Index> recomputed_;  ///< nodes whose numbers a rollback has to compute again, last first,
   detail::Table<Index> restored_;    ///< and those that it brings back
   detail::Table<double> gathered_;
-  detail::Table<double> damping_;  ///< of each scalar row; empty: none
+  detail::Table<double> diagonal_;  ///< of J^T J, of each scalar row; empty: no damping
   Totals totals_;
   Totals totals_before_;
   double tolerated_ = 0.0;  ///< excess of one node
+  double damping_ = 0.0;
   FactorizationWork work_;
 };
 

@@ -43,15 +43,16 @@ void IncrementalCholesky<BlockSize>::forget_updates(Index node, std::mutex* memo
 }
 
 template <int BlockSize>
-void IncrementalCholesky<BlockSize>::damp(Index node, const Front& front) const {
+void IncrementalCholesky<BlockSize>::damp(Index node, const Front& front) {
   Index column = 0;
   for (const Index variable : tree_.columns(node)) {
     const auto block = front.block(column, column);
     double* const scale = front.scale(column++);
+    double* const diagonal = diagonal_.data() + Offset{variable} * BlockSize;
     for (int k = 0; k < BlockSize; ++k) {
-      const double entry = damping_[Offset{variable} * BlockSize + k];
-      block.data[k * (block.stride + 1)] += entry;
-      scale[k] += entry;
+      diagonal[k] = scale[k];
+      block.data[k * (block.stride + 1)] += damping_ * diagonal[k];
+      scale[k] += damping_ * diagonal[k];
     }
   }
 }
@@ -89,6 +90,8 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute_all(std::span<const 
     totals_.lowered -= tree_[node].lowered;
   }
   work_.multiplications += work;
+  // The rounding of what was large before would outweigh what is small now.
+  if (to_index(nodes.size()) == totals_.nodes) totals_.lowered = 0.0;
   FactorizationResult result;
   bool shared = false;
   if constexpr (!std::is_same_v<Exec, Serial>) {

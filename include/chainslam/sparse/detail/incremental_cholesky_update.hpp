@@ -1,7 +1,5 @@
 #pragma once
 
-#include <limits>
-
 #include "chainslam/core/table.hpp"
 #include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 
@@ -208,18 +206,24 @@ void IncrementalCholesky<BlockSize>::substitute(Index node) {
   double* const x = gathered_.data();
   double* const old = x + front.stride();
   std::copy_n(front.own_right(), own, x);
-  for (std::size_t k = 0; k < variables.size(); ++k)
-    std::copy_n(solution(variables[k]).data(), BlockSize, (k < columns ? old : x) + static_cast<Offset>(k) * BlockSize);
-  front.subtract_rows(x);
-  const double excess = damped() ? std::numeric_limits<double>::infinity() : front.excess(x, old);
-  const bool kept = excess <= tolerated_;
-  const double excess_before = tree_[node].excess;
-  totals_.excess += (kept ? excess : 0.0) - excess_before;
-  tree_[node].excess = kept ? excess : 0.0;
-  journal_.add_numbers(detail::Change::node_solution, node, {&excess_before, 1});
-  if (kept) return;
-  journal_.append_numbers({old, static_cast<std::size_t>(own)});
-  front.solve_columns(x);
+  for (std::size_t k = columns; k < variables.size(); ++k)
+    std::copy_n(solution(variables[k]).data(), BlockSize, x + static_cast<Offset>(k) * BlockSize);
+  if (damped()) {
+    front.substitute_backward(x);
+  } else {
+    for (std::size_t k = 0; k < columns; ++k)
+      std::copy_n(solution(variables[k]).data(), BlockSize, old + static_cast<Offset>(k) * BlockSize);
+    front.subtract_rows(x);
+    const double excess = front.excess(x, old);
+    const bool kept = excess <= tolerated_;
+    const double excess_before = tree_[node].excess;
+    totals_.excess += (kept ? excess : 0.0) - excess_before;
+    tree_[node].excess = kept ? excess : 0.0;
+    journal_.add_numbers(detail::Change::node_solution, node, {&excess_before, 1});
+    if (kept) return;
+    journal_.append_numbers({old, static_cast<std::size_t>(own)});
+    front.solve_columns(x);
+  }
   for (std::size_t k = 0; k < columns; ++k) {
     const Index variable = variables[k];
     std::copy_n(x + static_cast<Offset>(k) * BlockSize, BlockSize, solution_.data() + Offset{variable} * BlockSize);

@@ -45,10 +45,7 @@ struct Panel {
   void substitute_forward(double* x) const {
     for (Index j = 0; j < columns; ++j, x += B) {
       const double* const own = diagonal(j);
-      for (int c = 0; c < B; ++c) {
-        x[c] *= reciprocals[Offset{j} * B + c];
-        for (int r = c + 1; r < B; ++r) x[r] -= own[c * stride + r] * x[c];
-      }
+      substitute_block_forward<B>(own, stride, reciprocals + Offset{j} * B, x);
       subtract_product<1>(Offset{height - j - 1} * B, own + B, stride, x, 1, B, x + B, stride);
     }
   }
@@ -59,10 +56,7 @@ struct Panel {
       double* const x = solution + Offset{j} * B;
       const double* const own = diagonal(j);
       subtract_dots<B>(Offset{columns + known - j - 1} * B, own + B, stride, x + B, x);
-      for (int c = B - 1; c >= 0; --c) {
-        for (int r = c + 1; r < B; ++r) x[c] -= own[c * stride + r] * x[r];
-        x[c] *= reciprocals[Offset{j} * B + c];
-      }
+      substitute_block_backward<B>(own, stride, reciprocals + Offset{j} * B, x);
     }
   }
 };
