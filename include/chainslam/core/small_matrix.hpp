@@ -26,6 +26,14 @@ template <class Matrix>
   return I;
 }
 
+/// The matrix of these numbers, column by column.
+template <class Matrix>
+[[nodiscard]] Matrix matrix_of(const typename Matrix::Scalar* numbers) {
+  Matrix A;
+  for (int i = 0; i < Matrix::SizeAtCompileTime; ++i) A.data()[i] = numbers[i];
+  return A;
+}
+
 /// A with numbers of another type.
 template <class To, class Scalar, int Rows, int Columns>
 [[nodiscard]] Eigen::Matrix<To, Rows, Columns> converted(const Eigen::Matrix<Scalar, Rows, Columns>& A) {

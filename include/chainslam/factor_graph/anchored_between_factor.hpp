@@ -3,6 +3,7 @@
 #include <array>
 
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/values.hpp"
@@ -29,7 +30,7 @@ struct AnchoredBetweenFactor {
   Key anchor_to = 0;  ///< T_map_session of `to`; another one
   Key to = 0;
   Group measurement;  ///< T_from_to
-  SqrtInformation<Group::dof> sqrt_information = SqrtInformation<Group::dof>::Identity();
+  SqrtInformation<Group::dof> sqrt_information = identity<SqrtInformation<Group::dof>>();
   [[no_unique_address]] Kernel kernel{};
 
   [[nodiscard]] std::array<Key, arity> keys() const { return {anchor_from, from, anchor_to, to}; }

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/factor_graph/values.hpp"
@@ -51,7 +52,7 @@ struct BetweenFactor {
   Key from = 0;
   Key to = 0;
   Group measurement;  ///< T_from_to
-  SqrtInformation<Group::dof> sqrt_information = SqrtInformation<Group::dof>::Identity();
+  SqrtInformation<Group::dof> sqrt_information = identity<SqrtInformation<Group::dof>>();
   [[no_unique_address]] Kernel kernel{};
 
   [[nodiscard]] std::array<Key, arity> keys() const { return {from, to}; }

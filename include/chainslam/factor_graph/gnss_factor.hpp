@@ -4,6 +4,7 @@
 #include <array>
 
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/values.hpp"
@@ -25,7 +26,7 @@ struct GnssFactor {
   Key key = 0;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();   ///< p_map_antenna, metres
   Eigen::Vector3d lever_arm = Eigen::Vector3d::Zero();  ///< p_body_antenna, metres
-  SqrtInformation<3> sqrt_information = SqrtInformation<3>::Identity();
+  SqrtInformation<3> sqrt_information = identity<SqrtInformation<3>>();
   [[no_unique_address]] Kernel kernel{};
 
   [[nodiscard]] std::array<Key, arity> keys() const { return {key}; }

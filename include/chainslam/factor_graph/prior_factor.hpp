@@ -3,6 +3,7 @@
 #include <array>
 
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/factor_graph/values.hpp"
@@ -22,7 +23,7 @@ struct PriorFactor {
 
   Key key = 0;
   Group mean;
-  SqrtInformation<Group::dof> sqrt_information = SqrtInformation<Group::dof>::Identity();
+  SqrtInformation<Group::dof> sqrt_information = identity<SqrtInformation<Group::dof>>();
   [[no_unique_address]] Kernel kernel{};
 
   [[nodiscard]] std::array<Key, arity> keys() const { return {key}; }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 
@@ -31,7 +32,7 @@ struct LoopClosure {
   KeyframeId to;    ///< i, the keyframe whose scan was aligned
   SE3d T_from_to;   ///< T_j_i = x_j^-1 x_i
   /// Of T_from_to, tangent [translation; rotation]. Zero: known to no degree, and no factor in the graph.
-  SqrtInformation<6> sqrt_information = SqrtInformation<6>::Zero();
+  SqrtInformation<6> sqrt_information = zeros<SqrtInformation<6>>();
   ClosureKind kind = ClosureKind::direct;
   ClosureVerdict verdict = ClosureVerdict::accepted;
   double mean_squared_error = 0;  ///< m^2 over inlier correspondences (e_ij of the paper)

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 
@@ -18,7 +19,7 @@ struct Session {
   SessionId frame;
   /// What the graph knows of the first keyframe beforehand: where T_map_body is, and how well. Zero: nothing.
   SE3d prior;
-  SqrtInformation<6> prior_sqrt_information = SqrtInformation<6>::Zero();
+  SqrtInformation<6> prior_sqrt_information = zeros<SqrtInformation<6>>();
 
   [[nodiscard]] Index end_keyframe() const { return first_keyframe + keyframes; }
 };

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/map/frame_record.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
@@ -14,7 +15,7 @@ struct OdometryMeasurement {
   KeyframeId from;
   KeyframeId to;
   SE3d T_from_to;
-  SqrtInformation<6> sqrt_information = SqrtInformation<6>::Zero();  ///< tangent [translation; rotation]
+  SqrtInformation<6> sqrt_information = zeros<SqrtInformation<6>>();  ///< tangent [translation; rotation]
 };
 
 /// All that mapping found out: sessions, keyframes (ids are positions in `keyframes`) and what connects them.

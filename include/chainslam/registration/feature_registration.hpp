@@ -12,6 +12,7 @@
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/features/fpfh.hpp"
 #include "chainslam/features/matching.hpp"
 #include "chainslam/features/neighborhoods.hpp"
@@ -156,7 +157,7 @@ DescribedCloud FeatureRegistration<Estimator>::describe(ThinnedCloud thinned, co
   else
     detail::estimate_in_tree(cloud, thinned.tree, normals, Eigen::Vector3d::Zero(), executor);
   for (std::size_t i = 0; i < thinned.seen_sides.size(); ++i)
-    if (cloud.normals[i].dot(thinned.seen_sides[i]) < 0) cloud.normals[i] *= -1.0F;
+    if (cloud.normals[i].dot(thinned.seen_sides[i]) < 0) cloud.normals[i] = negative(cloud.normals[i]);
   FpfhFeatures described = estimate_fpfh(cloud, near, features.blend, executor);
   return {IndexedCloud<>(std::move(cloud), std::move(thinned.tree)), std::move(described)};
 }

@@ -59,9 +59,10 @@ template <Cloud Source, NearestNeighborSearch Target>
     points.target.push_back(q);
     if constexpr (OrientedCloud<Source> && OrientedSearch<Target>) {
       if (!normals) continue;
-      points.source_normals.push_back(
-          as_double(CloudTraits<Source>::normal(source, static_cast<std::size_t>(match.source))));
-      points.target_normals.push_back(as_double(target.normal(match.target)));
+      const Eigen::Vector3d m = as_double(CloudTraits<Source>::normal(source, static_cast<std::size_t>(match.source)));
+      const Eigen::Vector3d n = as_double(target.normal(match.target));
+      points.source_normals.push_back(m);
+      points.target_normals.push_back(n);
     }
   }
   return points;
@@ -78,7 +79,7 @@ struct AnyRotation {
     const JacobiEigen<double, 4> eigen = jacobi_eigen(detail::horn_matrix(S));
     if (!(eigen.values[3] - eigen.values[2] > least_gap * eigen.values[3])) return std::nullopt;
     const Eigen::Vector4d q = block_of<4, 1>(eigen.vectors, 0, 3);
-    return SO3d::from_quaternion(SO3d::Quaternion(q));
+    return SO3d::from_quaternion(SO3d::Quaternion(q[3], q[0], q[1], q[2]));
   }
 };
 
@@ -118,12 +119,12 @@ template <RotationModel Rotation = AnyRotation>
     target_mean += weights[i] * target[i];
   }
   if (!(total > 0)) return std::nullopt;
-  source_mean *= 1.0 / total;
-  target_mean *= 1.0 / total;
+  source_mean = scaled(1.0 / total, source_mean);
+  target_mean = scaled(1.0 / total, target_mean);
   Eigen::Matrix3d S = zeros<Eigen::Matrix3d>();
   for (std::size_t i = 0; i < weights.size(); ++i) {
     const Eigen::Vector3d p = source[i] - source_mean, q = target[i] - target_mean;
-    S += weights[i] * product_transposed(q, p);
+    S = sum_of(S, scaled(weights[i], product_transposed(q, p)));
   }
   const std::optional<SO3d> rotation = model.rotation(S);
   if (!rotation) return std::nullopt;

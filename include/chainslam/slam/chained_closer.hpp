@@ -95,7 +95,8 @@ class ChainedCloser {
     bool through_current_session;
 
     void discover(Index node) const {
-      if (node < loaded && node != j) found.push_back(KeyframeId{node});
+      const KeyframeId id{node};
+      if (node < loaded && node != j) found.push_back(id);
     }
     [[nodiscard]] BfsAction examine(Index node) const {
       return through_current_session || node < loaded ? BfsAction::expand : BfsAction::skip;

@@ -165,8 +165,9 @@ std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::searc
   const SE3d& here = keyframes[static_cast<std::size_t>(query.value)].T_map_body;
   for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
     const SE3d guess = keyframes[static_cast<std::size_t>(candidate.value)].T_map_body.inverse() * here;
-    tried.push_back(align(keyframes, candidate, query, guess, executor));
-    if (tried.back().verdict == ClosureVerdict::accepted) break;
+    const LoopClosure closure = align(keyframes, candidate, query, guess, executor);
+    tried.push_back(closure);
+    if (closure.verdict == ClosureVerdict::accepted) break;
   }
   return tried;
 }

@@ -75,8 +75,10 @@ class SubmapCache {
                                                                       KeyframeId center, SubmapRange range) {
     const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
     std::vector<SE3d> poses;
-    for (Index i = range.begin; i < range.end; ++i)
-      poses.push_back(T_center_map * keyframes[static_cast<std::size_t>(i)].T_map_body);
+    for (Index i = range.begin; i < range.end; ++i) {
+      const SE3d T_center_keyframe = T_center_map * keyframes[static_cast<std::size_t>(i)].T_map_body;
+      poses.push_back(T_center_keyframe);
+    }
     return poses;
   }
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/optimize_report.hpp"
@@ -58,7 +59,7 @@ class DampedDescent {
       ++report.iterations;
       if (const FactorizationResult result = solver_.factorize(executor); !result.ok()) {
         report.status = OptimizeStatus::singular;
-        report.variables = {result.block_column};
+        report.variables.push_back(result.block_column);
         return report;
       }
       solver_.solve(true);
@@ -111,7 +112,7 @@ class DampedDescent {
     double sum = 0.0;
     for (Key key = 0; key < solver_.size(); ++key) {
       if (solver_.is_fixed(key)) continue;
-      const typename Group::Tangent step = Eigen::Map<const typename Group::Tangent>(solver_.solution(key).data());
+      const auto step = matrix_of<typename Group::Tangent>(solver_.solution(key).data());
       for (int k = 0; k < dof; ++k) sum += solver_.diagonal(key)[k] * step[k] * step[k];
       to[key] = from[key].retract(step);
       if constexpr (requires(Group & group) { group.normalize(); }) to[key].normalize();

@@ -73,7 +73,7 @@ template <class Group>
     constexpr int axes = decltype(R)::RowsAtCompileTime;
     part.translations = axes;
     const auto turn = [&](double* vector) {
-      const Eigen::Matrix<double, axes, 1> before = Eigen::Map<const Eigen::Matrix<double, axes, 1>>(vector);
+      const auto before = matrix_of<Eigen::Matrix<double, axes, 1>>(vector);
       for (int row = 0; row < axes; ++row) {
         vector[row] = 0.0;
         for (int k = 0; k < axes; ++k) vector[row] += R(row, k) * before[k];

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
@@ -246,7 +247,7 @@ class IncrementalSmoother {
   [[nodiscard]] UpdateReport update_to(bool exact, const Exec& executor);
   /// Derivative of a right perturbation of the estimate with respect to the linear system's step.
   [[nodiscard]] typename Group::Jacobian at_estimate(Key key) const {
-    return Group::right_jacobian(Eigen::Map<const Tangent>(solver_.solution(key).data()));
+    return Group::right_jacobian(matrix_of<Tangent>(solver_.solution(key).data()));
   }
   template <class Archive>
   static void visit_options(SmootherOptions& options, Archive&& archive);
@@ -335,7 +336,7 @@ class IncrementalSmoother {
   std::vector<Group> origins_before_;         ///< of those that were moved, in their order
   detail::Table<double> multipliers_before_;  ///< of constraints that were tightened since the last update
   std::vector<Key> keys_;                     ///< of the term at hand
-  std::vector<double> numbers_;               ///< of the term at hand, or its residual
+  detail::Table<double> numbers_;             ///< of the term at hand, or its residual
   detail::HeldComponents<Group> components_;
   bool components_outdated_ = false;
   Key oldest_ = 0;  ///< none before it is kept by `SmootherOptions::lag`

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <utility>
 
 #include "chainslam/factor_graph/chordal_initialization.hpp"
 #include "chainslam/factor_graph/constrained_factor.hpp"
@@ -111,10 +112,10 @@ ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const Conv
   Values<Group> best = values();
   for (;;) {
     relinearize_all();
-    const UpdateReport step = update_to(true, executor);
+    UpdateReport step = update_to(true, executor);
     report.status = step.status;
-    report.variables = step.variables;
-    report.free = step.free;
+    report.variables = std::move(step.variables);
+    report.free = std::move(step.free);
     if (!step.ok()) return report;
     ++report.iterations;
     report.gap = solver_.lowered();
@@ -166,9 +167,9 @@ void IncrementalSmoother<Group, Extra...>::damped_descent(Values<Group> start, c
     for (Key key = 0; key < size(); ++key) {
       if (!solver_.is_fixed(key)) relinearize_at(key, start[key]);
     }
-    const UpdateReport step = update_to(true, executor);
+    UpdateReport step = update_to(true, executor);
     report.status = step.status;
-    report.variables = step.variables;
+    report.variables = std::move(step.variables);
     report.gap = solver_.lowered();
     const double now = cost();
     if (!step.ok() || now <= (1.0 + 1e-12) * report.final_cost + options.absolute_tolerance) {

@@ -39,7 +39,7 @@ void IncrementalSmoother<Group, Extra...>::marginalize(std::span<const Key> keys
     detail::DenseElimination elimination(dof, key, stays);
     for (const Index term : terms) {
       list_keys(term, keys_);
-      numbers_.resize(static_cast<std::size_t>(solver_.terms().size(term)));
+      numbers_.resize(solver_.terms().size(term));
       pools_.linearize(term, estimates_, numbers_.data(), solver_.terms().size(term));
       elimination.add(keys_, solver_.terms().rows(term), numbers_.data());
       remove_term(term);
@@ -47,7 +47,8 @@ void IncrementalSmoother<Group, Extra...>::marginalize(std::span<const Key> keys
     for (const auto& prior : left) {
       if (!concerns(prior)) continue;
       known = true;
-      numbers_ = detail::linearization(prior, estimates_, detail::Kernels::applied);
+      numbers_.clear();
+      numbers_.append(detail::linearization(prior, estimates_, detail::Kernels::applied));
       elimination.add(prior.variables, detail::rows_of(prior), numbers_.data());
     }
     std::erase_if(left, concerns);

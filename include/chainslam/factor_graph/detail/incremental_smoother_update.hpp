@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 #include "chainslam/factor_graph/detail/open_directions.hpp"
@@ -34,7 +35,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update_to(bool exact, const E
       report.status = UpdateStatus::not_finite;
     } else if (const FactorizationResult result = solver_.factorize(executor); !result.ok()) {
       report.status = UpdateStatus::singular;
-      report.variables = {result.block_column};
+      report.variables.push_back(result.block_column);
       report.free = open_parts();
     }
   }
@@ -145,7 +146,8 @@ std::vector<Key> IncrementalSmoother<Group, Extra...>::find_floating() {
   std::vector<Key> floating;
   for (const Change& change : changes_) {
     if (change.kind != ChangeKind::value_added || components_.is_held(change.id)) continue;
-    floating.push_back(components_.find(change.id));
+    const Key root = components_.find(change.id);
+    floating.push_back(root);
   }
   detail::sort_unique(floating);
   return floating;
@@ -171,7 +173,7 @@ void IncrementalSmoother<Group, Extra...>::tie(Index term) {
   components_.connect(keys_);
   if (keys_.empty() || !traits(term).holds_in_place || components_.is_held(keys_.front())) return;
   const auto place = pools_.place(term);
-  numbers_.resize(static_cast<std::size_t>(solver_.terms().size(term)));
+  numbers_.resize(solver_.terms().size(term));
   pools_.pool(place.type).linearize(place.slot, origins_, detail::Kernels::left_out, numbers_.data());
   components_.hold(keys_, solver_.terms().rows(term), numbers_.data(), origins_);
 }
@@ -254,8 +256,7 @@ void IncrementalSmoother<Group, Extra...>::set_off(Index term, double off) {
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::estimate(Key key) {
-  const Tangent step = Eigen::Map<const Tangent>(solver_.solution(key).data());
-  estimates_[key] = origins_[key].retract(step);
+  estimates_[key] = origins_[key].retract(matrix_of<Tangent>(solver_.solution(key).data()));
 }
 
 /// Moves the point at which a variable's factors are linearised, and its estimate with it.
@@ -355,7 +356,7 @@ void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report)
 template <class Group, class... Extra>
 double IncrementalSmoother<Group, Extra...>::misprediction(Index term) {
   const Index rows = solver_.terms().rows(term);
-  numbers_.resize(static_cast<std::size_t>(rows));
+  numbers_.resize(rows);
   pools_.residual(term, estimates_, numbers_.data(), rows);
   const double* predicted = solver_.terms().residual(term);
   const double* jacobian = solver_.terms().jacobian(term);

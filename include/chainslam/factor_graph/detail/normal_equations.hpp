@@ -7,6 +7,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"
@@ -141,8 +142,7 @@ class NormalEquations : public NormalSystem<Graph::Value::dof> {
   void retract(const Eigen::VectorXd& step, const Values<Group>& from, Values<Group>& to) const {
     for (Index column = 0; column < this->size(); ++column) {
       const Key moved = this->key(column);
-      const typename Group::Tangent part =
-          Eigen::Map<const typename Group::Tangent>(step.data() + Offset{column} * dof);
+      const auto part = matrix_of<typename Group::Tangent>(step.data() + Offset{column} * dof);
       to[moved] = from[moved].retract(part);
       if constexpr (requires(Group & group) { group.normalize(); }) to[moved].normalize();
     }

@@ -234,7 +234,7 @@ class IcpRun {
 
   /// Takes tangents at T_target_source to motions of the pivot and about it, in the target's axes.
   [[nodiscard]] Matrix6d tangent_from_source(const SO3d& rotation) const {
-    return SE3d(rotation, rotation * Eigen::Vector3d(-source_.pivot)).adjoint();
+    return SE3d(rotation, rotation * negative(source_.pivot)).adjoint();
   }
   /// The inverse of that.
   [[nodiscard]] Matrix6d tangent_to_source(const SO3d& rotation) const {

@@ -11,6 +11,7 @@
 #include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/registration/detail/quad.hpp"
@@ -129,7 +130,8 @@ template <Cloud Source>
     columns.pivot += p;
   }
   columns.count = to_index(finite.size(), "cloud");
-  columns.pivot *= wants.about_centroid ? 1.0 / std::max(1.0, static_cast<double>(columns.count)) : 0.0;
+  columns.pivot =
+      scaled(wants.about_centroid ? 1.0 / std::max(1.0, static_cast<double>(columns.count)) : 0.0, columns.pivot);
   columns.positions = Columns<double, 3>(columns.count);
   if (wants.normals) columns.normals = Columns<float, 3>(columns.count);
   if (wants.covariances) columns.covariances = Columns<float, 6>(columns.count);

@@ -51,7 +51,8 @@ class TreeLeaves {
         const auto& node = tree_->nodes_[here.node];
         const std::uint32_t axis = node.axis();
         if (axis == Tree::leaf_axis) {
-          out.push_back(static_cast<Index>(node.link()));
+          const auto leaf = static_cast<Index>(node.link());
+          out.push_back(leaf);
           break;
         }
         const Scalar below = low[axis] - node.split, above = node.split - high[axis];

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
@@ -244,19 +245,19 @@ class QuotientGraph {
       element_count_[i] = to_index(variables - start_[i]) + 1;
       length_[i] = to_index(write - start_[i]) + 1;
       degree_[i] = std::min(degree_[i], outside);
-      hashes_.push_back(hash << 32 | static_cast<std::uint64_t>(i));
+      hashes_.push_back({static_cast<double>(hash), i});
     });
   }
 
   /// Variables with the same neighbours stay so to the end: they are joined, and eliminated together.
   void join_indistinguishable() {
-    std::sort(hashes_.begin(), hashes_.end());
+    sort_ranked(hashes_.all());
     for (Offset a = 0; a < hashes_.size(); ++a) {
-      const auto i = static_cast<Index>(hashes_[a] & 0xffff'ffffU);
+      const Index i = hashes_[a].index;
       if (weight_[i] == 0) continue;
       bool marked = false;
-      for (Offset b = a + 1; b < hashes_.size() && hashes_[b] >> 32 == hashes_[a] >> 32; ++b) {
-        const auto j = static_cast<Index>(hashes_[b] & 0xffff'ffffU);
+      for (Offset b = a + 1; b < hashes_.size() && hashes_[b].rank == hashes_[a].rank; ++b) {
+        const Index j = hashes_[b].index;
         if (weight_[j] == 0 || length_[j] != length_[i] || element_count_[j] != element_count_[i]) continue;
         if (waits(i) != waits(j)) continue;
         if (!marked) mark_list(i);
@@ -341,7 +342,7 @@ class QuotientGraph {
   Table<Index> last_member_;
   Table<Index> list_;
   Table<std::int64_t> marks_;
-  Table<std::uint64_t> hashes_;  ///< of lists, 32 bits, before their variables
+  Table<Ranked> hashes_;  ///< variables by their lists' hashes
   Table<Index> pivots_;
   Table<Index> dense_;
   std::int64_t base_ = 0;
