@@ -69,7 +69,11 @@ class NoiseModel {
   }
 
   /// The same standard deviation in all directions.
-  [[nodiscard]] static NoiseModel from_sigma(double sigma) { return from_sigmas(Vector(Vector::Constant(sigma))); }
+  [[nodiscard]] static NoiseModel from_sigma(double sigma) {
+    Vector sigmas;
+    std::fill_n(sigmas.data(), Dof, sigma);
+    return from_sigmas(sigmas);
+  }
 
   [[nodiscard]] const SqrtInformation<Dof>& sqrt_information() const { return sqrt_information_; }
   [[nodiscard]] Matrix information() const { return sqrt_information_.transpose() * sqrt_information_; }

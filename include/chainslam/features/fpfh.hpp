@@ -14,6 +14,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/lanes.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/features/detail/pair_histogram.hpp"
 #include "chainslam/features/neighborhoods.hpp"
 #include "chainslam/search/concepts.hpp"
@@ -84,7 +85,7 @@ template <class Scalar, Executor Exec>
       for (const Neighbor<Scalar>& neighbor : neighborhoods[i]) {
         const auto j = static_cast<std::size_t>(neighbor.index);
         if (oriented[j] != 0 && neighbor.squared_distance > 0)
-          histogram.add(cloud.positions[j] - cloud.positions[at], cloud.normals[j]);
+          histogram.add(difference_of(cloud.positions[j], cloud.positions[at]), cloud.normals[j]);
       }
       const std::int32_t pairs = histogram.count(cloud.normals[at], counts);
       if (pairs > 0) histograms.set(at, counts, pairs);

@@ -159,13 +159,8 @@ class HeldComponents {
     std::vector<FreePart> parts;
     for (const Key key : floating) {
       const Index held = partial_of_[key];
-      const Index variables = sizes[key];
-      if (held == -1) {
-        parts.push_back(free_part(key, variables, key, values[key], Eigen::MatrixXd(Information::Identity())));
-      } else {
-        const Partial& partial = partial_[held];
-        parts.push_back(free_part(key, variables, partial.at, partial.value, free_directions(partial.information)));
-      }
+      const Partial partial = held == -1 ? Partial{key, key, values[key], zeros<Information>()} : partial_[held];
+      parts.push_back(free_part(key, sizes[key], partial.at, partial.value, free_directions(partial.information)));
     }
     return parts;
   }
@@ -196,7 +191,7 @@ class HeldComponents {
       // exp(xi) x is x exp(Ad(x^-1) xi)
       Partial& known = partial_[partial_of_[key]];
       const Information turn = (partial.value.inverse() * known.value).adjoint();
-      known.information += transposed_product(turn, product(partial.information, turn));
+      known.information = sum_of(known.information, transposed_product(turn, product(partial.information, turn)));
     }
     // What is not a number is left for the numbers to find.
     const Information& information = partial_[partial_of_[key]].information;
@@ -220,7 +215,7 @@ class HeldComponents {
     const Group& value = values[keys.front()];
     Table<Information> turns;  // of each variable, as a motion of the first one turns it
     for (const Key key : keys) turns.push_back((values[key].inverse() * value).adjoint());
-    Partial partial{-1, keys.front(), value, Information::Zero()};
+    Partial partial{-1, keys.front(), value, zeros<Information>()};
     for (Index row = 0; row < rows; ++row) {
       std::array<double, dof> sum{}, size{};
       for (const Information& turn : turns) {

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
@@ -80,7 +81,7 @@ class OpenDirections {
     }
     Matrix give;
     for (int k = 0; k < Dof; ++k) {
-      Vector pull = Vector::Zero();
+      auto pull = zeros<Vector>();
       pull[k] = root[k];
       const std::vector<double> moved = system_.solve(column, pull.data());
       for (int r = 0; r < Dof; ++r) give(r, k) = root[r] * moved[row(column) + static_cast<std::size_t>(r)];

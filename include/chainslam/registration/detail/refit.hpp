@@ -104,7 +104,8 @@ class RefitTable {
     if (sums.count == 0) return std::nullopt;
     const double share = 1.0 / sums.count;
     const Eigen::Vector3d source = share * sums.source, target = share * sums.target;
-    const std::optional<SO3d> rotation = model.rotation(difference_of(sums.target_source, product_transposed(sums.target, source)));
+    const std::optional<SO3d> rotation =
+        model.rotation(difference_of(sums.target_source, product_transposed(sums.target, source)));
     if (!rotation) return std::nullopt;
     const Eigen::Vector3d source_mean = source_middle_ + source, target_mean = target_middle_ + target;
     const Eigen::Vector3d turned_mean = *rotation * source_mean;

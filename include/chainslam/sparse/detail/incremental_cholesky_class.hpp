@@ -159,9 +159,7 @@ class IncrementalCholesky {
     for (Index variable = 0; variable < size(); ++variable) mark(tree_.node_of(variable), Stale::numbers);
   }
   /// A variable's part of the diagonal of J^T J, as the last damped `factorize` found it; zeros where it is fixed.
-  [[nodiscard]] const double* diagonal(Index variable) const {
-    return diagonal_.data() + Offset{variable} * BlockSize;
-  }
+  [[nodiscard]] const double* diagonal(Index variable) const { return diagonal_.data() + Offset{variable} * BlockSize; }
 
   /// All variables are ordered anew by the next `factorize`.
   void reorder_all() {
