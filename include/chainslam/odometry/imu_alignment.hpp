@@ -146,7 +146,7 @@ inline void ImuAlignment::solve(std::size_t count) {
                                    .poses = std::span(poses_.data(), count),
                                    .ends = ends,
                                    .old = old_,
-                                   .lever_arm = options_.T_body_lidar.translation(),
+                                   .imu_position = options_.T_body_lidar.inverse().translation(),
                                    .given = given(),
                                    .given_information = given_information(any_rotation),
                                    .max_offset = options_.max_time_offset};

@@ -12,7 +12,7 @@ struct ImuAlignmentOptions {
   double time_offset = 0;              ///< s, given or assumed: stamp of an IMU measurement less its true time
   double time_offset_deviation = 0.1;  ///< s
   double max_time_offset = 0.25;       ///< s, either way
-  SE3d T_body_lidar;                   ///< given; its translation is taken as it is
+  SE3d T_body_lidar;                   ///< given; where the IMU sits in the LiDAR's frame is taken as it is
   double rotation_deviation = 0.05;    ///< rad, of the given rotation about each axis; infinite if it is not known
   double gyro_bias_deviation = 0.05;   ///< rad/s
   double accel_bias_deviation = 0.3;   ///< m/s^2

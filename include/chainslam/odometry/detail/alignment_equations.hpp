@@ -86,17 +86,17 @@ using TrackPoints = std::vector<std::optional<TrackPoint>>;
   return points[first] && points[last] && points[first]->run == points[last]->run;
 }
 
-/// Equations of poses at a state. Derivatives by the time offset are differences over `2 * nudge`, so that the IMU's
-/// noise does not look like motion by which to tell the time.
+/// Equations of poses at a state, with the IMU's position in the LiDAR's frame (metres). Derivatives by the time offset
+/// are differences over `2 * nudge`, so that the IMU's noise does not look like motion by which to tell the time.
 class ImuAlignmentEquations {
  public:
   static constexpr double nudge = 0.025;  ///< s
 
   ImuAlignmentEquations(const ImuTrack& track, std::span<const AlignmentPose> poses, const AlignmentState& x,
-                        const Eigen::Vector3d& lever_arm)
+                        const Eigen::Vector3d& imu_position)
       : poses_(poses),
         x_(x),
-        lever_arm_(lever_arm),
+        imu_position_(imu_position),
         now_(track_points(track, poses, x.time_offset)),
         early_(track_points(track, poses, x.time_offset - nudge)),
         late_(track_points(track, poses, x.time_offset + nudge)) {}
@@ -129,12 +129,8 @@ class ImuAlignmentEquations {
       return body_force(*points[i], *points[j], *points[k], before, after);
     };
     // The IMU's own acceleration: the LiDAR's and that of the lever arm.
-    const Eigen::Vector3d arm = product(R_lidar_body_, lever_arm_);
-    const Eigen::Vector3d accel = difference_of(pose.accel, product(pose.lever, arm));
+    const Eigen::Vector3d accel = sum_of(pose.accel, product(pose.lever, imu_position_));
     AlignmentResidual residual = turned_to_lidar(difference_of(force_of(now_), x_.accel_bias), accel);
-    const Eigen::Matrix3d by_arm = product(pose.lever, SO3d::hat(arm));
-    const Eigen::Matrix3d by_rotation = sum_of(block_of<3, 3>(residual.by_state, 0, 1), by_arm);
-    set_block(residual.by_state, 0, 1, by_rotation);
     set_block(residual.by_state, 0, 7, negative(R_lidar_body_));
     const Eigen::Vector3d change = difference_of(force_of(late_), force_of(early_));
     set_block(residual.by_state, 0, 0, product(R_lidar_body_, scaled(0.5 / nudge, change)));
@@ -157,7 +153,7 @@ class ImuAlignmentEquations {
 
   std::span<const AlignmentPose> poses_;
   AlignmentState x_;
-  Eigen::Vector3d lever_arm_;
+  Eigen::Vector3d imu_position_;
   Eigen::Matrix3d R_lidar_body_ = x_.R_body_lidar.inverse().matrix();
   TrackPoints now_, early_, late_;
 };

@@ -24,7 +24,7 @@ struct AlignmentProblem {
   std::span<const AlignmentPose> poses;
   std::span<const std::size_t> ends;      ///< one past the last pose of each block
   const std::deque<AlignmentBlock>& old;  ///< equations of poses before these
-  Eigen::Vector3d lever_arm;              ///< of the LiDAR in the body frame
+  Eigen::Vector3d imu_position;           ///< metres, in the LiDAR's frame
   AlignmentState given;
   AlignmentMatrix given_information;
   bool rotation_given = false;  ///< otherwise its information limits the deviation, but draws the rotation nowhere
@@ -62,7 +62,7 @@ struct AlignmentSolution {
 constexpr int wide_steps = 3;
 
 inline void linearize(const AlignmentProblem& problem, AlignmentSolution& solution, int step) {
-  const ImuAlignmentEquations equations(problem.track, problem.poses, solution.state, problem.lever_arm);
+  const ImuAlignmentEquations equations(problem.track, problem.poses, solution.state, problem.imu_position);
   solution.residuals.clear();
   std::size_t first = 0;
   for (const std::size_t end : problem.ends) {
