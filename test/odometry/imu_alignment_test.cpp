@@ -464,20 +464,33 @@ TEST_SUITE("odometry/imu_alignment") {
     });
   }
 
-  // Taken along the axes that the IMU turned out to have, the arm was up to 2 m off: on raw sweeps of KITTI 00 with axes
-  // turned by 180 degrees about (0, 1, 1) they were known to 4 degrees after 14 s, and 2.5 degrees off at the end.
+  // A car turns about one axis: of the rotation about that, forces alone tell, and in turns the lever arm's are among
+  // them. Taken along the axes that the IMU turned out to have, the arm was up to 2 m off: on raw sweeps of KITTI 00
+  // with axes turned by 180 degrees about (0, 1, 1) they were uncertain by 4 degrees after 14 s, and 2.5 degrees off at
+  // the end.
   TEST_CASE("an IMU with other axes than the given ones is still where it was said to be") {
     test::for_all(10, [](Rng& rng, int) {
-      const SE3d given(any_rotation(rng), {0.8, -0.3, 0.8});
+      const SE3d given(SO3d::exp({0, 0, rng.uniform(-3, 3)}), {0.8, -0.3, 0.8});
       const SO3d R_imu_body = any_rotation(rng);
       const SE3d T_imu_lidar = SE3d(R_imu_body, Eigen::Vector3d::Zero()) * given;
-      const Recording recording = simulated(handheld(rng, 1), T_imu_lidar, 0.05, 12, 10, {}, rng);
+      Waves car = handheld(rng, 1);
+      for (const std::size_t axis : {2U, 3U, 4U}) car.waves[axis] = {};
+      Recording recording = simulated(car, given, 0.05, 20, 10, {}, rng);
+      const auto deviation = [](const ImuAlignmentEstimate& e) { return std::sqrt(e.rotation_covariance.trace()); };
       ImuAlignmentOptions options;
       options.T_body_lidar = given;
+      options.rotation_deviation = std::numeric_limits<double>::infinity();
+      const double as_given = deviation(fed(recording, options).estimate());
+      options.rotation_deviation = ImuAlignmentOptions{}.rotation_deviation;
+      for (ImuSample& sample : recording.imu) {
+        sample.gyro = R_imu_body * sample.gyro;
+        sample.accel = R_imu_body * sample.accel;
+      }
+      recording.T_body_lidar = T_imu_lidar;
       const ImuAlignmentEstimate e = fed(recording, options).estimate();
       CHECK(e.contradicted);
-      CHECK(angle_off(e, recording) < 0.4 * degree);
-      CHECK(e.rotation_known);
+      CHECK(angle_off(e, recording) < 0.6 * degree);
+      CHECK(deviation(e) < 1.5 * as_given);
     });
   }
 
