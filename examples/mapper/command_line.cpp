@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -273,24 +274,58 @@ void add_recover(CLI::App& program, int& exit_code) {
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
+/// The camera and where it sits, as `--camera` and `--body-camera` say. @throws CLI::ValidationError
+void set_camera(const ExportArguments& arguments, ColmapExport& colmap) {
+  if (const auto& c = arguments.camera; !c.empty()) {
+    const auto is_size = [](double pixels) { return pixels >= 1 && pixels <= 1e5 && pixels == std::floor(pixels); };
+    if (!is_size(c[0]) || !is_size(c[1])) throw CLI::ValidationError("--camera", "WIDTH and HEIGHT are whole numbers");
+    if (!(c[2] > 0 && c[3] > 0)) throw CLI::ValidationError("--camera", "FX and FY are positive");
+    for (const double value : c)
+      if (!std::isfinite(value)) throw CLI::ValidationError("--camera", "a number that is not finite");
+    colmap.camera = {static_cast<int>(c[0]), static_cast<int>(c[1]), c[2], c[3], c[4], c[5]};
+  }
+  if (const auto& p = arguments.T_body_camera; !p.empty()) {
+    const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
+    const bool finite = std::ranges::all_of(p, [](double value) { return std::isfinite(value); });
+    if (!finite || !(std::abs(q.norm() - 1) < 1e-3))
+      throw CLI::ValidationError("--body-camera", "QX QY QZ QW is a unit quaternion");
+    colmap.T_body_camera = SE3d(SO3d::from_quaternion(q), {p[0], p[1], p[2]});
+  }
+}
+
 void add_export(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<ExportArguments>();
   CLI::App* verb = program.add_subcommand("export", "write a map in another program's format");
   verb->footer(
       "tum, kitti: PATH is a folder, with a trajectory for each session and a joint one. g2o, ply, pcd: PATH is a "
       "file.\n"
-      "Sessions that were not merged have frames of their own: each gets its own joint trajectory or cloud.");
+      "colmap: PATH is a folder with cameras.txt, images.txt and points3D.txt; a map has no images, so that a camera "
+      "is\n"
+      "assumed at each keyframe, whose image is called SESSION/NANOSECONDS.png.\n"
+      "Sessions that were not merged have frames of their own: each gets its own joint trajectory, cloud or folder.");
   verb->add_option("MAP", arguments->map, "map file (.cslam)")->required()->option_text(" ");
-  verb->add_option("--format", arguments->format, "tum, kitti, g2o, ply or pcd")
+  verb->add_option("--format", arguments->format, "tum, kitti, g2o, ply, pcd or colmap")
       ->required()
-      ->check(CLI::IsMember({"tum", "kitti", "g2o", "ply", "pcd"}))
+      ->check(CLI::IsMember({"tum", "kitti", "g2o", "ply", "pcd", "colmap"}))
       ->option_text("FORMAT");
   verb->add_option("--out", arguments->out, "folder or file to write")->required()->option_text("PATH");
   verb->add_option("--voxel", arguments->options.voxel_size, "metres, of clouds; 0 keeps all points; default 0.2")
       ->check(CLI::Range(0.0, 10.0))
       ->option_text("SIZE");
+  verb->add_option("--camera", arguments->camera,
+                   "of colmap: pixels, no distortion; default 1280 720 640 640 640 360, 90 degrees wide")
+      ->expected(6)
+      ->option_text("WIDTH HEIGHT FX FY CX CY");
+  verb->add_option("--body-camera", arguments->T_body_camera,
+                   "of colmap: T_body_camera, camera x right, y down, z forward;\n"
+                   "default: at the body's origin, looking along its x axis")
+      ->expected(7)
+      ->option_text("X Y Z QX QY QZ QW");
   verb->add_flag("--overwrite", arguments->options.overwrite, "if PATH is there, keep that as PATH~1");
-  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+  verb->callback([arguments, &exit_code] {
+    set_camera(*arguments, arguments->options.colmap);
+    exit_code = run(*arguments);
+  });
 }
 
 /// An option that takes one of several words.

@@ -10,11 +10,9 @@ namespace chainslam::mapper {
 
 namespace {
 
-const std::map<std::string, ExportFormat> formats = {{"tum", ExportFormat::tum},
-                                                     {"kitti", ExportFormat::kitti},
-                                                     {"g2o", ExportFormat::g2o},
-                                                     {"ply", ExportFormat::ply},
-                                                     {"pcd", ExportFormat::pcd}};
+const std::map<std::string, ExportFormat> formats = {{"tum", ExportFormat::tum}, {"kitti", ExportFormat::kitti},
+                                                     {"g2o", ExportFormat::g2o}, {"ply", ExportFormat::ply},
+                                                     {"pcd", ExportFormat::pcd}, {"colmap", ExportFormat::colmap}};
 
 }  // namespace
 
@@ -22,7 +20,8 @@ int run(const ExportArguments& arguments) {
   const EndOnInterrupt interrupt(arguments.out);
   ExportOptions options = arguments.options;
   options.format = formats.at(arguments.format);
-  const bool scans = options.format == ExportFormat::ply || options.format == ExportFormat::pcd;
+  const bool scans = options.format == ExportFormat::ply || options.format == ExportFormat::pcd ||
+                     options.format == ExportFormat::colmap;
   const LoadedMap loaded = open_map(arguments.map, {.scans = scans});
   return export_map(loaded.map, arguments.out, options);
 }

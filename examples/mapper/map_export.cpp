@@ -77,14 +77,42 @@ int export_graph(const SlamMap& map, const fs::path& out, const ExportOptions& o
   return output.exit_code(exit_good);
 }
 
+/// `out` itself if there is one frame, else with the frame's number in its name.
+fs::path path_of(const FrameGroup& group, std::size_t groups, const fs::path& out) {
+  if (groups == 1) return out;
+  fs::path path = out.has_filename() ? out : out.parent_path();  // DIR/ is DIR
+  return path.replace_filename(path.stem().string() + "_frame_" + std::to_string(group.frame.value) +
+                               path.extension().string());
+}
+
+int export_colmap(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+  int exit_code = exit_good;
+  const std::vector<FrameGroup> groups = frames_of(map);
+  for (const FrameGroup& group : groups) {
+    OutputFolder folder(path_of(group, groups.size(), out), options.overwrite);
+    folder.drop_all_unless_committed();
+    const PointCloud<float> cloud = assembled_cloud(map, group.sessions, options.voxel_size);
+    const SE3d& T_body_camera = options.colmap.T_body_camera;
+    const bool whole = folder.file("cameras.txt", [&](const auto& file) {
+      write_colmap_cameras(file, options.colmap.camera);
+    }) && folder.file("images.txt", [&](const auto& file) {
+      write_colmap_images(file, map, group.sessions, T_body_camera);
+    }) && folder.file("points3D.txt", [&](const auto& file) { write_colmap_points(file, cloud); });
+    if (!whole) {
+      exit_code = folder.exit_code(exit_output);
+      continue;
+    }
+    folder.commit();
+    for (const char* name : {"cameras.txt", "images.txt", "points3D.txt"}) print_written(folder.target() / name);
+  }
+  return exit_code;
+}
+
 int export_clouds(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
   const std::vector<FrameGroup> groups = frames_of(map);
   Output output(options.overwrite);
   for (const FrameGroup& group : groups) {
-    fs::path path = out;
-    if (groups.size() > 1)
-      path.replace_filename(out.stem().string() + "_frame_" + std::to_string(group.frame.value) +
-                            out.extension().string());
+    const fs::path path = path_of(group, groups.size(), out);
     const PointCloud<float> cloud = assembled_cloud(map, group.sessions, options.voxel_size);
     const auto write = [&](const FileTarget& target) {
       if (options.format == ExportFormat::ply)
@@ -156,6 +184,8 @@ int export_map(const SlamMap& map, const fs::path& out, const ExportOptions& opt
     case ExportFormat::ply:
     case ExportFormat::pcd:
       return export_clouds(map, out, options);
+    case ExportFormat::colmap:
+      return export_colmap(map, out, options);
   }
   return exit_good;
 }

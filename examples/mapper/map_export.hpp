@@ -6,15 +6,17 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
+#include "colmap_export.hpp"
 
 namespace chainslam::mapper {
 
-enum class ExportFormat { tum, kitti, g2o, ply, pcd };
+enum class ExportFormat { tum, kitti, g2o, ply, pcd, colmap };
 
 struct ExportOptions {
   ExportFormat format = ExportFormat::tum;
   double voxel_size = 0.2;  ///< metres, of clouds; 0 keeps all points
   bool overwrite = false;
+  ColmapExport colmap{};
 };
 
 /// Sessions that share a frame: those that were merged. `frame` is the session whose start defines it.
@@ -38,7 +40,8 @@ struct FrameGroup {
 ///   and `frames.csv` with the health of every frame if the map has them
 /// - g2o: keyframes, odometry and closures with their information; the first keyframe of each frame is fixed
 /// - ply, pcd: all scans, thinned, in one file
-/// Where sessions were not merged, each frame has a file of its own, `..._frame_N`, but for g2o's.
+/// - colmap: a folder with `cameras.txt`, `images.txt` and `points3D.txt`: all of them or none
+/// Where sessions were not merged, each frame has a file or model of its own, `..._frame_N`, but for g2o's.
 /// What cannot be written is reported, and the rest is written.
 /// @returns what to tell the shell. @throws IoError if nothing can be written.
 [[nodiscard]] int export_map(const SlamMap& map, const std::filesystem::path& out, const ExportOptions& options);

@@ -91,6 +91,7 @@ struct ExportArguments {
   std::filesystem::path map, out;
   std::string format;
   ExportOptions options;
+  std::vector<double> camera{}, T_body_camera{};  ///< width height fx fy cx cy, and x y z qx qy qz qw; or the defaults
 };
 
 enum class Associate { automatic, time, index, interpolate };

@@ -40,6 +40,7 @@ class FaultyVerbs {
     fs::create_directories(root / "old");
     write_text(root / "old/map.cslam", "an older map");
     write_text(root / "old/joint.tum", "an older trajectory");
+    write_text(root / "old/images.txt", "older views");
     write_text(root / "old.file", "an older file");
     const std::string small = quoted(root / "small/map.cslam"), out = " --overwrite --out " + quoted(root / "out");
     const std::string left = quoted(root / "killed.partial");
@@ -50,7 +51,8 @@ class FaultyVerbs {
               {"recover", "recover " + left + out, root / "out", ""},
               {"export tum", "export " + small + " --format tum" + out, root / "out", "joint.tum"},
               {"export g2o", "export " + small + " --format g2o" + out, root / "out", ""},
-              {"export pcd", "export " + small + " --format pcd" + out, root / "out", ""}};
+              {"export pcd", "export " + small + " --format pcd" + out, root / "out", ""},
+              {"export colmap", "export " + small + " --format colmap" + out, root / "out", "images.txt"}};
   }
 
   [[nodiscard]] const std::vector<FaultyVerb>& verbs() const { return verbs_; }
