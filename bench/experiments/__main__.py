@@ -15,6 +15,7 @@ from .worlds import NAMES, SIZES, WorldError, is_data
 TABLES = {
     "1": "pose errors",
     "2": "registration of streets",
+    "3": "viewpoints",
     "graph": "many worlds drawn from what runs have measured",
     "4": "efficiency",
     "5": "growth with sessions",
@@ -46,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
                          help="default: build/experiments")
     command.add_argument("--readme", action="store_true",
                          help="also put the tables into README.md, between its markers")
-    for hidden in ("--program", "--lamm", "--graph-seeds", "--street-registration"):
+    for hidden in ("--program", "--lamm", "--graph-seeds", "--street-registration", "--viewpoints"):
         command.add_argument(hidden, type=Path, help=argparse.SUPPRESS)
     command.add_argument("--check", action="store_true", help=argparse.SUPPRESS)
     return command

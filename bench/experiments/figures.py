@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -124,3 +125,26 @@ def box_plots(results: Sequence[Result], world: str, folder: Path) -> None:
     axes[0].invert_yaxis()
     figure.suptitle(f"{world}: over seeds", y=1.0 + 0.4 / figure.get_figheight())
     _save(figure, folder, world, "seeds")
+
+
+def panoramas(views: Mapping[str, Mapping[str, Any]], world: str, folder: Path) -> None:
+    """One held-out keyframe: its scan, and what is rendered from each row's map where the map has it.
+
+    @param views  by row what `viewpoints` shows.
+    """
+    def image(view: Mapping[str, Any], key: str) -> Array:
+        pixels = np.array(view[key], dtype=float).reshape(view["rows"], view["columns"])
+        return np.where(pixels < 0, np.nan, pixels / 255 * 50)
+
+    first = next(iter(views.values()))
+    images = {"scan": image(first, "scan")} | {row: image(view, "rendered") for row, view in views.items()}
+    figure, axes = plt.subplots(len(images), 1, figsize=(9, 1.5 * len(images)), squeeze=False)
+    drawn = None
+    for axis, (row, values_) in zip(axes[:, 0], images.items(), strict=True):
+        drawn = axis.imshow(values_, vmin=0, vmax=50, cmap="viridis", extent=(180, -180, -30, 15), aspect="auto")
+        axis.set_title(row, fontsize="small", loc="left")
+        axis.set_xticks([])
+        axis.set_yticks([-30, 0, 15])
+    figure.colorbar(drawn, ax=axes[:, 0].tolist(), label="metres")
+    figure.suptitle(f"{world}, seed 1, session {first['session']}: a keyframe that is not in the map", y=0.99)
+    _save(figure, folder, world, "viewpoints")

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from . import figures, graph_table, readme, table1, table2, table4
+from . import figures, graph_table, readme, table1, table2, table3, table4
 from .plan import GRAPH_SOURCES, GROWTH_SESSIONS, TIMED_SCANS, Plan, Programs, Run
 from .results import Result, back_end, errors, load, number, options_hash, recording_figures, resources, stage
 from .rows import MAIN_ROWS, Row, ablations, chosen
@@ -42,7 +42,8 @@ class Maker:
         self.arguments = arguments
         self.out: Path = arguments.out.resolve()
         self.programs = Programs(
-            arguments.program, arguments.lamm, arguments.graph_seeds, arguments.street_registration
+            arguments.program, arguments.lamm, arguments.graph_seeds, arguments.street_registration,
+            arguments.viewpoints,
         )
         self.plan = Plan(self.programs)
         self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED), self.programs.names())
@@ -65,7 +66,7 @@ class Maker:
 
     def make(self) -> int:
         with locked(self.out) as self.runner.lock:
-            made = {"1": self.table1, "graph": self.graph, "2": self.table2, "4": self.table4, "5": self.table5}
+            made = {"1": self.table1, "graph": self.graph, "2": self.table2, "3": self.table3, "4": self.table4, "5": self.table5}
             for name in self.arguments.tables:
                 made[name]()
         if self.failed:
@@ -147,6 +148,25 @@ class Maker:
             floors.setdefault(run.world.name, (len(written["streets"]), table2.true_thickness(written)))
         notes = [self.note(world) for world in self.worlds]
         self.write("2", table2.markdown(results, notes, floors), notes, results, {})
+
+    def table3(self) -> None:
+        say("table 3", "views, from the maps of table 1")
+        runs = [self.plan.viewpoints(w, seed, row) for w in self.worlds for seed in self.seeds(w) for row in self.rows]
+        self.run([run.task for run in runs])
+        results: list[Result] = []
+        shown: dict[str, dict[str, Any]] = {}  # of the first seed of each world, by row
+        for run in self.done(runs):
+            written = load(self.runner.path(run.task) / "viewpoints.json")
+            results.append(Result(run.world.name, run.row.name, run.seed, table3.figures(written)))
+            if run.seed == 1 and "shown" in written:
+                shown.setdefault(run.world.name, {})[run.row.name] = written["shown"]
+        notes = [self.note(world) for world in self.worlds]
+        compared = table3.compare(results, notes)
+        self.write("3", table3.markdown(results, notes, compared), notes, results, compared)
+        pictures = self.out / "figures"
+        pictures.mkdir(exist_ok=True)
+        for world, views in shown.items():
+            figures.panoramas(views, world, pictures)
 
     def graph(self) -> None:
         say("graph", "worlds drawn from what the runs of chained and best have measured")

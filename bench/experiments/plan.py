@@ -31,6 +31,7 @@ class Programs:
     lamm: Path | None = None
     graph_seeds: Path | None = None
     street_registration: Path | None = None
+    viewpoints: Path | None = None
 
     def path(self, program: str) -> Path:
         path: Path | None = getattr(self, program)
@@ -122,14 +123,21 @@ class Plan:
 
     def streets(self, world: World, seed: int, row: Row) -> Run:
         """Clouds of streets by the poses of a map, against those by true ones."""
+        return self._of_map(world, seed, row, "street_registration", "streets")
+
+    def viewpoints(self, world: World, seed: int, row: Row) -> Run:
+        """Views rendered from a map where keyframes were held out, against their scans."""
+        return self._of_map(world, seed, row, "viewpoints", "viewpoints")
+
+    def _of_map(self, world: World, seed: int, row: Row, program: str, label: str) -> Run:
+        """A program that reads a map's trajectories and the recordings, and writes one JSON file."""
         mapped = self.map(world, seed, row).task
         sets = self.sets(world, seed, row)
-        command: tuple[str, ...] = ("{python}", "-m", f"{__package__}.streets", "{street_registration}")
-        command += ("{0}/map", f"{OUT}/streets.json", THREADS)
+        command: tuple[str, ...] = ("{python}", "-m", f"{__package__}.of_map", f"{{{program}}}")
+        command += ("{0}/map", f"{OUT}/{label}.json", THREADS)
         command += tuple(f"{{{i + 1}}}/set" for i in range(len(sets)))
-        depends = (self.programs.identity("street_registration"),)
-        name = f"{world.name}/seed{seed}/streets-{row.name}"
-        return Run(world, seed, row, Task(name, (command,), (mapped, *sets), depends))
+        depends = (self.programs.identity(program),)
+        return Run(world, seed, row, Task(f"{world.name}/seed{seed}/{label}-{row.name}", (command,), (mapped, *sets), depends))
 
     def graph_seeds(self, world: World, row: Row, source: Row) -> Run:
         """Worlds that are drawn from what the first run of `source` has measured, mapped as `row` does."""

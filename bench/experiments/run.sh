@@ -15,8 +15,9 @@ install_packages $packages_build $packages_program $packages_bench $packages_exp
 # As examples/run.sh builds it, and in the same folder.
 configure_and_build release "the program" chainslam_program -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ \
   -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=12 -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF
-configure_and_build bench "LAMM, drawn graphs, streets" "graph_seeds street_registration lamm" \
+configure_and_build bench "LAMM, drawn graphs, streets, views" "graph_seeds street_registration viewpoints lamm" \
   -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER=g++ -DCHAINSLAM_BUILD_TESTS=OFF
 unpack_data
 exec "$python" -m experiments "$@" --program "$build/release/examples/chainslam" --lamm "$build/bench/bench/lamm" \
-  --graph-seeds "$build/bench/bench/graph_seeds" --street-registration "$build/bench/bench/street_registration"
+  --graph-seeds "$build/bench/bench/graph_seeds" --street-registration "$build/bench/bench/street_registration" \
+  --viewpoints "$build/bench/bench/viewpoints"

@@ -8,7 +8,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-from experiments import graph_table, table1, table2
+from experiments import figures, graph_table, table1, table2, table3
 from experiments.__main__ import TABLES, checked
 from experiments.evaluate import file_tags, frames, trajectories
 from experiments.markdown import figure, interval, spread
@@ -90,7 +90,7 @@ class FiguresOfARun(Scratch):
         self.assertEqual(options_hash(self.root), "0123abcd")
 
 
-class WholeTable(unittest.TestCase):
+class WholeTable(Scratch):
     def results(self) -> list[Result]:
         of = {"unchained": [2.0, 4.0, 3.0], "chained": [1.0, 3.0, math.nan]}
         return [Result("w", row, seed + 1, {"ape_3d_m": value, "direct": 12})
@@ -133,6 +133,19 @@ class WholeTable(unittest.TestCase):
         text = graph_table.markdown(results, worlds_, graph_table.compare(results, worlds_), measured)
         self.assertRegex(text, r"chained - unchained +\| 3-D m +\| 20 +\| 20 / 0 +\| 0\.00000191 ")
         self.assertRegex(text, r"chained +\| closures +\| 200 +\| 50 +\| 3 +\| 0\.100 +\| - ")
+
+    def test_views_are_those_that_the_program_wrote_and_one_is_drawn_for_each_row(self) -> None:
+        written = {"views": 12, "psnr_db": 21.5, "loss": 0.05, "uncovered": 0.125}
+        found = table3.figures(written)
+        self.assertEqual(found, {"views": 12, "psnr_db": 21.5, "loss": 0.05, "uncovered": 0.125})
+        note = WorldNote("w", "", 2, 1)
+        text = table3.markdown([Result("w", "best", 1, found)], [note], {})
+        self.assertIn("| best | 21.50", text)
+        self.assertIn("12", text.splitlines()[-1])
+        self.assertTrue(math.isnan(table3.figures({"views": 0})["psnr_db"]))
+        view = {"session": 2, "time_ns": 1, "rows": 2, "columns": 3, "scan": [-1, 0, 255, 1, 2, 3], "rendered": [5] * 6}
+        figures.panoramas({"best": view, "chained": view}, "nclt-hard/small", self.root)
+        self.assertTrue((self.root / "nclt-hard-small-viewpoints.png").stat().st_size > 0)
 
     def test_streets_are_averaged_over_clouds_and_then_over_streets(self) -> None:
         def cloud(ransac: float | None, icp: float | None) -> dict[str, object]:
@@ -286,7 +299,7 @@ class CommandLine(unittest.TestCase):
         self.assertEqual(checked(["1", "--size", "medium"]).seeds, 3)
 
     def test_what_is_not_there_is_said(self) -> None:
-        self.assertIn("there is no table 9; tables: 1, 2, graph", self.refused("9"))
+        self.assertIn("there is no table 9; tables: 1, 2, 3, graph", self.refused("9"))
         self.assertIn("no world and no folder", self.refused("--world", "nowhere"))
         self.assertIn("at least 1", self.refused("--seeds", "0"))
 

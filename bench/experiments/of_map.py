@@ -1,4 +1,7 @@
-"""Runs `street_registration` on a map. Usage: python3 -m experiments.streets PROGRAM MAP OUT THREADS SET..."""
+"""Runs a program that reads a map's trajectories and its recordings.
+
+Usage: python3 -m experiments.of_map PROGRAM MAP OUT THREADS SET...
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from pathlib import Path
 from .evaluate import sessions_of
 
 
-def register(program: Path, folder: Path, out: Path, threads: str, sets: list[Path]) -> None:
+def run(program: Path, folder: Path, out: Path, threads: str, sets: list[Path]) -> None:
     """Writes what the program finds to `out`."""
     words: list[str] = []
     for recording, trajectory, frame in sessions_of(folder, sets):
@@ -18,4 +21,4 @@ def register(program: Path, folder: Path, out: Path, threads: str, sets: list[Pa
 
 
 if __name__ == "__main__":
-    register(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4], [Path(word) for word in sys.argv[5:]])
+    run(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4], [Path(word) for word in sys.argv[5:]])

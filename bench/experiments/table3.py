@@ -1,0 +1,49 @@
+"""Table 3: views rendered from a map at the estimated poses of keyframes that are not in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from .results import Figures, Result, number
+from .table import Column, Compared, WorldNote, comparisons, markdown_comparisons, markdown_rows
+from .table1 import neighbours
+
+TITLE = "Table 3: viewpoints"
+INTRODUCTION = """\
+The tenth part of each session's keyframes (the 6th, 16th, 26th ...) is held out. At the pose that the map has for one, the scans of all
+others in its frame are rendered as a panorama of ranges, and compared with the scan that was taken there: 360 x 45 pixels of
+1 degree, elevations from -30 to 15 degrees, the nearest point of a pixel is seen. The map's scans are downsampled to 0.2 m, and their points
+are drawn 0.3 m large, so that near surfaces have no holes. Values are ranges divided by 50 m, what is farther is nothing. Compared are the
+pixels in which the scan has a return; where the map has none, its value is 1 (uncovered: their share). PSNR: 10 log10(1 / mean squared
+difference), dB. Loss: 0.8 mean absolute difference + 0.2 (1 - SSIM), as 3-D Gaussian splatting has it, SSIM with windows of 11 x 11
+pixels over those that count. Means over views.
+"""
+COLUMNS = (
+    Column("psnr_db", "PSNR dB", 4),
+    Column("loss", "loss"),
+    Column("uncovered", "uncovered %", 2, 100.0),
+    Column("views", "views", 4),
+)
+COMPARED = ("psnr_db", "loss")
+HEADS = {"psnr_db": "PSNR dB", "loss": "loss"}
+
+
+def figures(document: Mapping[str, Any]) -> Figures:
+    """Of one map, from what `viewpoints` has written."""
+    return {column.key: number(document, column.key) for column in COLUMNS}
+
+
+def compare(results: Sequence[Result], worlds: Sequence[WorldNote]) -> Compared:
+    pairs = neighbours(list(dict.fromkeys(result.row for result in results)))
+    return {world.name: comparisons(results, world.name, pairs, COMPARED) for world in worlds if world.seeds > 1}
+
+
+def markdown(results: Sequence[Result], worlds: Sequence[WorldNote], compared: Compared) -> str:
+    text = f"# {TITLE}\n\n{INTRODUCTION}"
+    for world in worlds:
+        text += f"\n## {world.name}\n\n{world.line()}\n\n" + markdown_rows(results, world.name, COLUMNS)
+        if compared.get(world.name):
+            text += "\nDifferences, seed by seed; a larger PSNR and a smaller loss are better:\n\n"
+            text += markdown_comparisons(compared[world.name], HEADS)
+    return text

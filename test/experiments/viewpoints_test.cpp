@@ -1,0 +1,121 @@
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+
+#include "viewpoints/panorama.hpp"
+
+namespace chainslam::experiments {
+namespace {
+
+PointCloud<float> one_point(double x, double y, double z) {
+  PointCloud<float> cloud;
+  cloud.positions.emplace_back(Eigen::Vector3d(x, y, z).cast<float>());
+  return cloud;
+}
+
+std::size_t pixels_in(const Panorama& image) {
+  std::size_t count = 0;
+  for (const float value : image.values) count += std::isnan(value) ? 0 : 1;
+  return count;
+}
+
+/// A room of 20 m by 12 m, its walls in steps of 0.1 m.
+PointCloud<float> room() {
+  PointCloud<float> cloud;
+  const auto add = [&](double x, double y, double z) {
+    cloud.positions.emplace_back(Eigen::Vector3d(x, y, z).cast<float>());
+  };
+  for (double z = -1.5; z < 4; z += 0.1) {
+    for (double x = -10; x < 10; x += 0.1) add(x, 6, z), add(x, -6, z);
+    for (double y = -6; y < 6; y += 0.1) add(10, y, z), add(-10, y, z);
+  }
+  return cloud;
+}
+
+}  // namespace
+
+TEST_SUITE("experiments/viewpoints") {
+  TEST_CASE("a point is drawn where its angles are, with its distance") {
+    const PanoramaOptions options;
+    Panorama image(options);
+    // Elevation atan(-1/10) = -5.71 degrees: row floor(15 + 5.71) = 20; straight ahead is the border between columns
+    // 179 and 180, a little to the right of it is 180.
+    draw(image, options, one_point(10, -0.01, -1), SE3d(), 0.0);
+    CHECK(pixels_in(image) == 1);
+    CHECK(image.values[image.at(20, 180)] == doctest::Approx(std::sqrt(101.0) / 50).epsilon(1e-3));
+    // To the left is a quarter of the turn before it: column 180 - 90, as the cloud is turned by 90 degrees.
+    draw(image, options, one_point(20, -0.01, -2), SE3d(SO3d::exp({0, 0, std::numbers::pi / 2}), {0, 0, 0}), 0.0);
+    CHECK(image.values[image.at(20, 90)] == doctest::Approx(std::sqrt(404.0) / 50).epsilon(1e-3));
+    // Behind the first, and farther than the range: not seen. In front of it: seen.
+    draw(image, options, one_point(30, -0.03, -3), SE3d(), 0.0);
+    draw(image, options, one_point(60, -0.06, 0), SE3d(), 0.0);
+    CHECK(pixels_in(image) == 2);
+    CHECK(image.values[image.at(20, 180)] == doctest::Approx(std::sqrt(101.0) / 50).epsilon(1e-3));
+    draw(image, options, one_point(5, -0.005, -0.5), SE3d(), 0.0);
+    CHECK(image.values[image.at(20, 180)] == doctest::Approx(std::sqrt(25.25) / 50).epsilon(1e-3));
+  }
+
+  TEST_CASE("points are as large as they are drawn, and go around the seam") {
+    const PanoramaOptions options;
+    Panorama image(options);
+    draw(image, options, one_point(-5.0, -0.01, 0), SE3d(), 0.3);
+    // 0.3 m at 5 m: 3.4 degrees, 4 or 5 pixels each way.
+    CHECK(pixels_in(image) >= 16);
+    CHECK(pixels_in(image) <= 25);
+    CHECK(!std::isnan(image.values[image.at(15, 0)]));
+    CHECK(!std::isnan(image.values[image.at(15, 359)]));
+  }
+
+  TEST_CASE("errors are those of their definitions") {
+    PanoramaOptions options;
+    options.columns = 8;
+    options.rows = 2;
+    Panorama scan(options), rendered(options);
+    for (std::size_t i = 0; i < 4; ++i) scan.values[i] = 0.5F, rendered.values[i] = 0.6F;
+    scan.values[4] = 0.2F;      // the map has nothing there: 1
+    rendered.values[5] = 0.1F;  // the scan has nothing there: not compared
+    const ViewErrors errors = compare(scan, rendered);
+    CHECK(errors.pixels == 5);
+    CHECK(errors.uncovered == doctest::Approx(0.2));
+    CHECK(errors.psnr == doctest::Approx(-10 * std::log10((4 * 0.01 + 0.64) / 5)).epsilon(1e-5));
+    CHECK(errors.loss > 0.8 * (4 * 0.1 + 0.8) / 5);         // and something for a structure that is not alike
+    CHECK(errors.loss < 0.8 * (4 * 0.1 + 0.8) / 5 + 0.41);  // 1 - SSIM is at most 2
+    const ViewErrors same = compare(scan, scan);
+    CHECK(same.psnr == 100);
+    CHECK(same.loss == doctest::Approx(0).epsilon(1e-9));
+    CHECK(compare(Panorama(options), rendered).pixels == 0);
+  }
+
+  TEST_CASE("similarity of two constant images is that of their means") {
+    PanoramaOptions options;
+    options.columns = 30;
+    options.rows = 30;
+    Panorama a(options), b(options);
+    for (float& value : a.values) value = 0.5F;
+    for (float& value : b.values) value = 0.25F;
+    // (2 * 0.125 + 1e-4) / (0.25 + 0.0625 + 1e-4): the second factor is 1.
+    const double ssim = (0.25 + 1e-4) / (0.3125 + 1e-4);
+    CHECK(compare(a, b).loss == doctest::Approx(0.8 * 0.25 + 0.2 * (1 - ssim)).epsilon(1e-4));
+  }
+
+  TEST_CASE("the farther a pose is from the truth, the worse its view") {
+    const PanoramaOptions options;
+    const PointCloud<float> walls = room();
+    Panorama scan(options);
+    draw(scan, options, walls, SE3d(), 0.0);
+    double before = 1e9;
+    for (const double error : {0.0, 0.1, 0.4, 1.5}) {
+      Panorama rendered(options);
+      draw(rendered, options, walls, SE3d(SO3d::exp({0, 0, 0.1 * error}), {error, error, 0}), options.point_size);
+      const ViewErrors errors = compare(scan, rendered);
+      CAPTURE(error);
+      CHECK(errors.psnr < before);
+      before = errors.psnr;
+    }
+    CHECK(before < 35);
+  }
+}
+
+}  // namespace chainslam::experiments
