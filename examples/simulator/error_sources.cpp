@@ -39,10 +39,13 @@ using Lidar = LidarOptions;
 using Imu = InertialOptions;
 using Others = TrafficOptions;
 
-constexpr std::array<ErrorSource, 26> sources{{
+constexpr std::array<ErrorSource, 27> sources{{
     {"laser-angles", "lasers point higher or lower than their data sheet says, all together and each by itself",
      "KITTI's HDL-64E: 0.205 degrees as a whole (Deschaud 2018 found it, KISS-ICP corrects it by that)",
      copy_members<&Preset::lidar, &Lidar::elevation_offset_deg, &Lidar::elevation_error_deg>},
+    {"encoder", "the circle that azimuths are read from is not centred: they are off by a cosine over the turn",
+     "the effect: Lichti and Licht 2006; its size is chosen: 0.035 mm off the centre of a circle of 80 mm",
+     copy_members<&Preset::lidar, &Lidar::encoder_eccentricity_deg>},
     {"laser-ranges", "every laser has a constant error of its own in range",
      "data sheets: accuracy of 2 cm (HDL-32E), 3 cm (VLS-128)", copy_members<&Preset::lidar, &Lidar::range_bias>},
     {"laser-warm-up", "both drift while the sensor warms up",

@@ -87,6 +87,7 @@ Preset mars_hard(PresetSize size) {
   add_hard_errors(preset);
   preset.lidar.clock_offset = 0.02;  // of a car that is not wired for it
   preset.lidar.clock_jitter = 0.015;
+  preset.lidar.encoder_eccentricity_deg = 0.05;
   preset.traffic.companions = 9;
   preset.traffic.gap = 9.0;
   preset.traffic.on_both_sides = true;
@@ -94,6 +95,7 @@ Preset mars_hard(PresetSize size) {
   preset.town.alike = 0.4;
   if (size == PresetSize::small || size == PresetSize::full) return preset;
   // Wide enough for a drive to be far from where it was: all that is within 500 m is in FAST-LIO2's map, and holds it.
+  preset.lidar.firings_per_revolution = 312;  // every sixth
   preset.town.streets.columns = 5;
   preset.town.streets.rows = 4;
   preset.town.streets.block = size == PresetSize::medium ? 300.0 : 520.0;

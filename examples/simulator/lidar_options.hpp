@@ -23,14 +23,16 @@ struct LidarOptions {
 
   double elevation_offset_deg = 0.0;  ///< all lasers point higher than their data sheet says by this
   double elevation_error_deg = 0.1;   ///< each laser is off by 0.2 to 1 times this, either way
-  double range_bias = 0.02;           ///< each laser is off by 0.5 to 1.5 times this, either way, metres
-  double elevation_drift_deg = 0.0;   ///< as it warms up each laser drifts by 0.2 to 1 times this, either way, ...
-  double range_drift = 0.0;           ///< ... and by 0.5 to 1.5 times this, either way, metres, ...
-  double warm_up_time = 900.0;        ///< ... 63 % of it in this time, seconds
-  double incidence_bias = 0.003;      ///< range grows by this times (1 / cos(incidence) - 1), at most 10 times, metres
-  double intensity_bias = 0.0;        ///< range grows by this where no light returns, by nothing at half, metres
-  double mount_angle_deg = 0.3;       ///< the true mounting is turned by this about a random axis
-  double mount_shift = 0.02;          ///< ... and shifted by this in a random direction, metres
+  double encoder_eccentricity_deg =
+      0.0;                           ///< azimuths are reported too large by this ahead, too small behind: by its cosine
+  double range_bias = 0.02;          ///< each laser is off by 0.5 to 1.5 times this, either way, metres
+  double elevation_drift_deg = 0.0;  ///< as it warms up each laser drifts by 0.2 to 1 times this, either way, ...
+  double range_drift = 0.0;          ///< ... and by 0.5 to 1.5 times this, either way, metres, ...
+  double warm_up_time = 900.0;       ///< ... 63 % of it in this time, seconds
+  double incidence_bias = 0.003;     ///< range grows by this times (1 / cos(incidence) - 1), at most 10 times, metres
+  double intensity_bias = 0.0;       ///< range grows by this where no light returns, by nothing at half, metres
+  double mount_angle_deg = 0.3;      ///< the true mounting is turned by this about a random axis
+  double mount_shift = 0.02;         ///< ... and shifted by this in a random direction, metres
   double beam_width_deg =
       0.0;                    ///< of the spot, along the turn: at edges of up to 1 m in depth a return may lie between
   double clock_offset = 0.0;  ///< stamps are early by this, seconds, ...

@@ -114,19 +114,21 @@ void add(Lines& lines, const DriveOptions& options) {
 
 void add(Lines& lines, const LidarOptions& options) {
   const auto& [kind, T_body_lidar, firings_per_revolution, period, max_range, min_range, range_noise, lost_returns,
-               lost_packets, lost_scans, elevation_offset_deg, elevation_error_deg, range_bias, elevation_drift_deg,
-               range_drift, warm_up_time, incidence_bias, intensity_bias, mount_angle_deg, mount_shift, beam_width_deg,
-               clock_offset, clock_drift, clock_jitter, mirrored, wind, drops, dimming] = options;
+               lost_packets, lost_scans, elevation_offset_deg, elevation_error_deg, encoder_eccentricity_deg,
+               range_bias, elevation_drift_deg, range_drift, warm_up_time, incidence_bias, intensity_bias,
+               mount_angle_deg, mount_shift, beam_width_deg, clock_offset, clock_drift, clock_jitter, mirrored, wind,
+               drops, dimming] = options;
   lines.add("lidar",
             "kind T_body_lidar firings_per_revolution period max_range min_range range_noise lost_returns lost_packets "
-            "lost_scans elevation_offset_deg elevation_error_deg range_bias elevation_drift_deg range_drift "
+            "lost_scans elevation_offset_deg elevation_error_deg encoder_eccentricity_deg range_bias "
+            "elevation_drift_deg range_drift "
             "warm_up_time incidence_bias "
             "intensity_bias mount_angle_deg mount_shift beam_width_deg clock_offset clock_drift clock_jitter mirrored "
             "wind drops dimming",
             kind, T_body_lidar, firings_per_revolution, period, max_range, min_range, range_noise, lost_returns,
-            lost_packets, lost_scans, elevation_offset_deg, elevation_error_deg, range_bias, elevation_drift_deg,
-            range_drift, warm_up_time, incidence_bias, intensity_bias, mount_angle_deg, mount_shift, beam_width_deg,
-            clock_offset, clock_drift, clock_jitter, mirrored, wind, drops, dimming);
+            lost_packets, lost_scans, elevation_offset_deg, elevation_error_deg, encoder_eccentricity_deg, range_bias,
+            elevation_drift_deg, range_drift, warm_up_time, incidence_bias, intensity_bias, mount_angle_deg,
+            mount_shift, beam_width_deg, clock_offset, clock_drift, clock_jitter, mirrored, wind, drops, dimming);
 }
 
 void add(Lines& lines, const InertialOptions& options) {

@@ -132,6 +132,10 @@ void SpinningLidar::fire(Surroundings& around, Shot shot, std::vector<LidarRetur
   const double azimuth = std::numbers::pi * (1.0 - part);
   const double cosine = std::cos(azimuth);
   const double sine = std::sin(azimuth);
+  // With no eccentricity the reported azimuth is the true one, bit for bit.
+  const double reported = azimuth + options_.encoder_eccentricity_deg * degree * cosine;
+  const double reported_cosine = std::cos(reported);
+  const double reported_sine = std::sin(reported);
   const double azimuth_before = azimuth + 2.0 * std::numbers::pi / options_.firings_per_revolution;
   const double cosine_before = std::cos(azimuth_before);
   const double sine_before = std::sin(azimuth_before);
@@ -167,7 +171,7 @@ void SpinningLidar::fire(Surroundings& around, Shot shot, std::vector<LidarRetur
         measure(options_, {hit->material, distance, incidence, laser.range_bias, model_->range_of_tenth}, shot.rng);
     if (!range) continue;
     returns.push_back(
-        {.position = (*range * turned(cosine, sine, laser.nominal)).cast<float>(),
+        {.position = (*range * turned(reported_cosine, reported_sine, laser.nominal)).cast<float>(),
          .firing = static_cast<std::uint16_t>(shot.firing),
          .laser = static_cast<std::uint8_t>(i),
          .intensity = static_cast<std::uint8_t>(255.0 * reflectivity(hit->material) * std::sqrt(incidence)),

@@ -158,6 +158,30 @@ TEST_SUITE("simulator/error_sources") {
     CHECK(compared > 3000);
   }
 
+  TEST_CASE("a circle off its centre is read too far on ahead, too little behind, and right at the sides") {
+    const RayCaster world(walls(Material::metal));
+    const auto azimuths_of = [&](const LidarOptions& options) {
+      std::map<std::pair<int, int>, double> azimuths;
+      for (const LidarReturn& hit : SpinningLidar(options, Rng(1)).turn(world, Parked(), 0).returns)
+        azimuths[{hit.firing, hit.laser}] =
+            std::atan2(static_cast<double>(hit.position.y()), static_cast<double>(hit.position.x()));
+      return azimuths;
+    };
+    LidarOptions options = ideal_lidar();
+    const auto exact = azimuths_of(options);
+    options.encoder_eccentricity_deg = 0.5;
+    const auto off = azimuths_of(options);
+    REQUIRE(off.size() == exact.size());  // nothing else is changed
+    CHECK(off.size() > 5000);
+    for (const auto& [ray, azimuth] : off) {
+      const double truth = exact.at(ray);
+      const double error = std::remainder(azimuth - truth, 2.0 * std::numbers::pi);
+      CHECK(error == doctest::Approx(0.5 * std::numbers::pi / 180.0 * std::cos(truth)).epsilon(1e-3).scale(0.01));
+    }
+    // Only angles are: ranges stay.
+    for (const double added : added_by(options, world)) CHECK(std::abs(added) < 1e-5);
+  }
+
   TEST_CASE("lasers drift as the sensor warms up") {
     const RayCaster world(walls(Material::wall));
     LidarOptions options = ideal_lidar();
