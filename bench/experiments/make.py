@@ -12,12 +12,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from . import figures, graph_table, readme, table1, table2, table3, table4
+from . import cost, figures, graph_table, readme, table1, table2, table3, table4
 from .plan import GRAPH_SOURCES, GROWTH_SESSIONS, TIMED_SCANS, Plan, Programs, Run
 from .results import Result, back_end, errors, load, number, options_hash, recording_figures, resources, stage
 from .rows import MAIN_ROWS, Row, ablations, chosen
 from .table import Column, Compared, WorldNote, document, write_json, write_text
-from .tasks import Runner, Task, TaskFailed, content_digest, locked, say
+from .tasks import Runner, Task, TaskFailed, content_digest, in_order, locked, say
 from .worlds import World, worlds
 
 GOAL_MISSED = 5  # exit code of a run that has saved its map and missed a goal
@@ -63,12 +63,14 @@ class Maker:
             if row not in self.rows:
                 say("skipped", f"row {row.name}: the program lamm is not built")
         self.failed: dict[str, str] = {}
+        self.asked: dict[str, Task] = {}  # by their folders
 
     def make(self) -> int:
         with locked(self.out) as self.runner.lock:
             made = {"1": self.table1, "graph": self.graph, "2": self.table2, "3": self.table3, "4": self.table4, "5": self.table5}
             for name in self.arguments.tables:
                 made[name]()
+            self.cost()
         if self.failed:
             say("failed", f"{len(self.failed)} tasks; the tables are without what they would have shown")
             return 1
@@ -79,6 +81,7 @@ class Maker:
         return range(1, world.seeds + 1)
 
     def run(self, tasks: Sequence[Task]) -> None:
+        self.asked |= {task.folder: task for task in in_order(tasks)}
         self.failed |= self.runner.run(tasks)
 
     def done(self, runs: Sequence[Run]) -> list[Run]:
@@ -240,6 +243,12 @@ class Maker:
             results.append(Result(result.world, f"drawn: {result.row}", result.seed, result.figures))
         self.write("5", text, notes, results, {})
 
+    def cost(self) -> None:
+        done = [(task, self.runner.path(task)) for task in self.asked.values() if self.runner.is_done(task)]
+        entries = cost.costs(done)
+        write_json(self.out / "cost.json", {"size": self.arguments.size, "costs": entries})
+        self.write_markdown("cost", cost.markdown(entries))
+
     def efficiency(self, run: Run, recordings: Sequence[Path]) -> dict[str, float]:
         folder = self.runner.path(run.task)
         summary = load(folder / "map/summary.json")
@@ -267,6 +276,9 @@ class Maker:
     ) -> None:
         file = f"table{name}" if name.isdigit() else name
         write_json(self.out / f"{file}.json", document(name, self.about(), notes, results, compared))
+        self.write_markdown(file, text)
+
+    def write_markdown(self, file: str, text: str) -> None:
         write_text(self.out / f"{file}.md", text)
         say("written", str(self.out / f"{file}.md"))
         if self.arguments.readme:

@@ -8,7 +8,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-from experiments import figures, graph_table, table1, table2, table3
+from experiments import cost, figures, graph_table, table1, table2, table3
 from experiments.__main__ import TABLES, checked
 from experiments.evaluate import file_tags, frames, trajectories
 from experiments.markdown import figure, interval, spread
@@ -17,7 +17,7 @@ from experiments.readme import MarkerError, with_result
 from experiments.results import Result, back_end, errors, options_hash, stage
 from experiments.rows import MAIN_ROWS, RowError, ablations, chosen, subject_of
 from experiments.table import WorldNote, document, plain, values
-from experiments.tasks import TaskFailed
+from experiments.tasks import Task, TaskFailed
 from experiments.worlds import WorldError, simulated, worlds
 
 
@@ -146,6 +146,28 @@ class WholeTable(Scratch):
         view = {"session": 2, "time_ns": 1, "rows": 2, "columns": 3, "scan": [-1, 0, 255, 1, 2, 3], "rendered": [5] * 6}
         figures.panoramas({"best": view, "chained": view}, "nclt-hard/small", self.root)
         self.assertTrue((self.root / "nclt-hard-small-viewpoints.png").stat().st_size > 0)
+
+    def test_costs_are_added_up_by_world_and_kind(self) -> None:
+        tasks = []
+        for name, seconds in (("w/small/seed1/odometry-fast_lio2-1", 60.0), ("w/small/seed2/odometry-fast_lio2-2", 180.0),
+                              ("w/small/seed1/odometry-fast_lio2-timed-3", 1.0), ("w/small/seed1/best", 6.0),
+                              ("w/small/seed1/best-session2", 7.0), ("w/small/graph-best", 8.0),
+                              ("w/small/seed1/streets-best", 9.0), ("v/small/seed1/lamm-as-released-timed", 10.0)):
+            folder = self.root / name.replace("/", "-")
+            folder.mkdir()
+            write(folder / "task.json", {"commands": [{"processor_seconds": seconds, "peak_memory_bytes": 2e6},
+                                                      {"processor_seconds": 0.0, "peak_memory_bytes": 5e6}]})
+            tasks.append((Task(name, ()), folder))
+        entries = {(entry["world"], entry["kind"]): entry for entry in cost.costs(tasks)}
+        odometry = entries["w/small", "odometry fast_lio2"]
+        self.assertEqual((odometry["tasks"], odometry["seconds"], odometry["longest_s"]), (2, 240.0, 180.0))
+        self.assertEqual(odometry["peak_memory_bytes"], 5e6)
+        self.assertEqual([kind for world, kind in entries if world == "w/small"],
+                         ["odometry fast_lio2", "timed odometry", "map best", "timed maps", "drawn graphs", "streets"])
+        self.assertIn(("v/small", "timed maps"), entries)
+        text = cost.markdown(list(entries.values()))
+        self.assertIn("## w/small: 4.52 minutes", text)
+        self.assertRegex(text, r"odometry fast_lio2 +\| 2 +\| 4 +\| 3 +\| 5 ")
 
     def test_streets_are_averaged_over_clouds_and_then_over_streets(self) -> None:
         def cloud(ransac: float | None, icp: float | None) -> dict[str, object]:
