@@ -41,7 +41,8 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--seeds", type=int, metavar="N", help="worlds of each kind (default: medium 3, else 1)")
     command.add_argument("--sessions", type=int, metavar="N", help="of simulated worlds (default: small 3, else 5)")
     command.add_argument("--rows", nargs="+", metavar="ROW", default=[],
-                         help="names, main (default) or ablations: best with what the paper does, one subject at a time")
+                         help="names, main (default; all but best-own), or ablations: best with what the paper does, one "
+                         "subject at a time")
     build = Path(os.environ.get("CHAINSLAM_BUILD_DIR") or Path(__file__).parents[2] / "build")
     command.add_argument("--out", type=Path, metavar="DIR", default=build / "experiments",
                          help="default: build/experiments")

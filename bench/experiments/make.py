@@ -15,7 +15,7 @@ from typing import Any
 from . import cost, figures, graph_table, readme, table1, table2, table3, table4
 from .plan import GRAPH_SOURCES, GROWTH_SESSIONS, TIMED_SCANS, Plan, Programs, Run
 from .results import Result, back_end, errors, load, number, options_hash, recording_figures, resources, stage
-from .rows import MAIN_ROWS, Row, ablations, chosen
+from .rows import MAIN_ROWS, OWN_ROW, Row, ablations, chosen
 from .table import Column, Compared, WorldNote, document, write_json, write_text
 from .tasks import Runner, Task, TaskFailed, content_digest, in_order, locked, say
 from .worlds import World, worlds
@@ -258,7 +258,8 @@ class Maker:
 
     def definitions(self) -> str:
         lines = [f"- `{row.name}`: {row.definition}" for row in self.rows]
-        return "\nRows; all but `best-own` read the same recording of FAST-LIO2's odometry:\n" + "\n".join(lines) + "\n"
+        shared = "Rows; all but `best-own` read" if OWN_ROW in self.rows else "Rows; all read"
+        return f"\n{shared} the same recording of FAST-LIO2's odometry:\n" + "\n".join(lines) + "\n"
 
     def write_plain(
         self, name: str, title: str, introduction: str, columns: Sequence[Column], results: Sequence[Result]
