@@ -73,13 +73,17 @@ View view_of(const MappedKeyframe& held, const std::vector<MappedKeyframe>& keyf
   View view{&held, Panorama(options), Panorama(options), {}};
   draw(view.scan, options, held.cloud, SE3d(), 0.0);
   const SE3d T_body_map = held.T_map_body.inverse();
+  Layers layers(options);
   for (const MappedKeyframe& other : keyframes) {
     if (other.held_out || other.frame != held.frame) continue;
     const SE3d T = T_body_map * other.T_map_body;
     constexpr double reach = 150.0;  // metres: farther than any of its points that is within the view's range
-    if (T.translation().norm() <= options.most_range + reach)
-      draw(view.rendered, options, other.cloud, T, options.point_size);
+    if (T.translation().norm() > options.most_range + reach) continue;
+    Panorama one(options);
+    draw(one, options, other.cloud, T, options.point_size);
+    layers.add(one);
   }
+  view.rendered = layers.nearest_surfaces();
   view.errors = compare(view.scan, view.rendered);
   return view;
 }

@@ -1,7 +1,10 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <numbers>
 
 #include "viewpoints/panorama.hpp"
@@ -66,6 +69,28 @@ TEST_SUITE("experiments/viewpoints") {
     CHECK(pixels_in(image) <= 25);
     CHECK(!std::isnan(image.values[image.at(15, 0)]));
     CHECK(!std::isnan(image.values[image.at(15, 359)]));
+  }
+
+  TEST_CASE("a surface is what two scans have, and what one has alone is seen only where there is no other") {
+    PanoramaOptions options;
+    options.columns = 4;
+    options.rows = 1;
+    const float nothing = std::numeric_limits<float>::quiet_NaN();
+    Layers layers(options);
+    // In parts of 50 m: half a metre is 0.01. A passer-by at 5 m that one scan has, before a wall at 20 m; a wall whose
+    // two scans are 0.4 m apart, before one that three have; nothing but one scan; nothing.
+    for (const auto& values : {std::array{0.1F, 0.3F, 0.7F, nothing}, std::array{0.4F, 0.308F, nothing, nothing},
+                               std::array{0.402F, 0.5F, nothing, nothing}, std::array{nothing, 0.5F, nothing, nothing},
+                               std::array{nothing, 0.5F, nothing, nothing}}) {
+      Panorama one(options);
+      std::ranges::copy(values, one.values.begin());
+      layers.add(one);
+    }
+    const Panorama image = layers.nearest_surfaces();
+    CHECK(image.values[0] == doctest::Approx(0.401));
+    CHECK(image.values[1] == doctest::Approx(0.304));
+    CHECK(image.values[2] == doctest::Approx(0.7));
+    CHECK(std::isnan(image.values[3]));
   }
 
   TEST_CASE("errors are those of their definitions") {

@@ -21,6 +21,9 @@ struct PanoramaOptions {
   double highest_deg = 15.0, lowest_deg = -30.0;
   double most_range = 50.0;  ///< metres: the value 1; what is farther is as good as nothing
   double point_size = 0.3;   ///< metres, across: a map's points are drawn this large, so that it has no holes
+  /// A surface is what so many scans have within this of each other, metres: what passed by once is not in the way.
+  std::size_t scans_of_surface = 2;
+  double depth_of_surface = 0.5;
 };
 
 /// Ranges as values from 0 (here) to 1 (`most_range` and more), row by row; NaN where there is no return.
@@ -76,6 +79,41 @@ inline void draw(Panorama& image, const PanoramaOptions& options, const PointClo
       }
   }
 }
+
+/// What several scans show of a view, pixel by pixel.
+class Layers {
+ public:
+  explicit Layers(const PanoramaOptions& options) : options_(options), values_(Panorama(options).values.size()) {}
+
+  /// Adds what one scan shows.
+  void add(const Panorama& one) {
+    for (std::size_t i = 0; i < values_.size(); ++i)
+      if (!std::isnan(one.values[i])) values_[i].push_back(one.values[i]);
+  }
+
+  /// The nearest surface of each pixel: the middle of those values that make it one. Where there is none, the nearest.
+  [[nodiscard]] Panorama nearest_surfaces() {
+    Panorama image(options_);
+    const auto depth = static_cast<float>(options_.depth_of_surface / options_.most_range);
+    const std::size_t least = options_.scans_of_surface;
+    for (std::size_t i = 0; i < values_.size(); ++i) {
+      std::vector<float>& values = values_[i];
+      if (values.empty()) continue;
+      std::ranges::sort(values);
+      image.values[i] = values.front();
+      for (std::size_t k = 0; k + least <= values.size(); ++k)
+        if (values[k + least - 1] - values[k] <= depth) {
+          image.values[i] = 0.5F * (values[k + (least - 1) / 2] + values[k + least / 2]);
+          break;
+        }
+    }
+    return image;
+  }
+
+ private:
+  PanoramaOptions options_;
+  std::vector<std::vector<float>> values_;  ///< of each pixel, one a scan
+};
 
 /// How a rendered view differs from the scan that was taken there, over the pixels in which the scan has a return.
 struct ViewErrors {
