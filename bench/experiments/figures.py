@@ -141,7 +141,8 @@ def panoramas(views: Mapping[str, Mapping[str, Any]], world: str, folder: Path) 
     figure, axes = plt.subplots(len(images), 1, figsize=(9, 1.5 * len(images)), squeeze=False)
     drawn = None
     for axis, (row, values_) in zip(axes[:, 0], images.items(), strict=True):
-        drawn = axis.imshow(values_, vmin=0, vmax=50, cmap="viridis", extent=(180, -180, -30, 15), aspect="auto")
+        drawn = axis.imshow(values_, vmin=0, vmax=50, cmap="viridis", extent=(180, -180, -30, 15), aspect="auto",
+                            interpolation="nearest")
         axis.set_title(row, fontsize="small", loc="left")
         axis.set_xticks([])
         axis.set_yticks([-30, 0, 15])

@@ -96,12 +96,15 @@ json pixels_of(const Panorama& image) {
   return pixels;
 }
 
-json shown(const View& view) {
+/// For a picture: the scan's points as large as the map's.
+json shown(const View& view, const PanoramaOptions& options) {
+  Panorama scan(options);
+  draw(scan, options, view.keyframe->cloud, SE3d(), options.point_size);
   return {{"session", view.keyframe->session + 1},
           {"time_ns", view.keyframe->time.nanoseconds()},
           {"rows", view.scan.rows},
           {"columns", view.scan.columns},
-          {"scan", pixels_of(view.scan)},
+          {"scan", pixels_of(scan)},
           {"rendered", pixels_of(view.rendered)}};
 }
 
@@ -135,7 +138,7 @@ json run(const Arguments& arguments) {
   std::vector<std::size_t> last;
   for (std::size_t i = 0; i < views.size(); ++i)
     if (views[i]->keyframe->session == views.back()->keyframe->session) last.push_back(i);
-  result["shown"] = shown(*views[last[last.size() / 2]]);
+  result["shown"] = shown(*views[last[last.size() / 2]], options);
   return result;
 }
 
