@@ -41,7 +41,7 @@ def world_of(name: str) -> str:
 
 
 def costs(tasks: Sequence[tuple[Task, Path]]) -> list[dict[str, Any]]:
-    """By world and kind the number of tasks, seconds of processor time in all and of the longest, peak memory.
+    """By world and kind the number of tasks, seconds of processor time in all and of the longest.
 
     @param tasks  those that are done, with their folders.
     """
@@ -49,20 +49,17 @@ def costs(tasks: Sequence[tuple[Task, Path]]) -> list[dict[str, Any]]:
     for task, folder in tasks:
         commands = load(folder / "task.json")["commands"]
         seconds = sum(float(command["processor_seconds"]) for command in commands)
-        memory = max(float(command["peak_memory_bytes"]) for command in commands)
         key = (world_of(task.name), kind_of(task.name))
-        entry = found.setdefault(key, {"world": key[0], "kind": key[1], "tasks": 0, "seconds": 0.0, "longest_s": 0.0,
-                                       "peak_memory_bytes": 0.0})
+        entry = found.setdefault(key, {"world": key[0], "kind": key[1], "tasks": 0, "seconds": 0.0, "longest_s": 0.0})
         entry["tasks"] += 1
         entry["seconds"] += seconds
         entry["longest_s"] = max(entry["longest_s"], seconds)
-        entry["peak_memory_bytes"] = max(entry["peak_memory_bytes"], memory)
     return list(found.values())
 
 
 def markdown(entries: Sequence[Mapping[str, Any]]) -> str:
     def cells(entry: Mapping[str, Any]) -> list[str]:
-        numbers = (entry["seconds"] / 60, entry["longest_s"] / 60, entry["peak_memory_bytes"] / 1e6)
+        numbers = (entry["seconds"] / 60, entry["longest_s"] / 60)
         return [entry["kind"], str(entry["tasks"]), *(figure(number, 2) for number in numbers)]
 
     text = f"# {TITLE}\n\n{INTRODUCTION}"
@@ -70,5 +67,5 @@ def markdown(entries: Sequence[Mapping[str, Any]]) -> str:
         own = [entry for entry in entries if entry["world"] == world]
         minutes = sum(entry["seconds"] for entry in own) / 60
         text += f"\n## {world}: {figure(minutes, 3)} minutes\n\n"
-        text += table(["", "tasks", "minutes", "longest", "memory MB"], [cells(entry) for entry in own])
+        text += table(["", "tasks", "minutes", "longest"], [cells(entry) for entry in own])
     return text

@@ -136,11 +136,11 @@ def back_end(summary: dict[str, Any], scans: float) -> Figures:
 
 
 def resources(task: Path) -> Figures:
-    """Peak memory of the commands of a task, bytes, and the size of the map that they wrote, if any."""
+    """Peak memory of a task's mapping by its own account, bytes, and the size of the map that it wrote, if any."""
     record = load(task / "task.json")
     size = task / "map/map.cslam"
     return {
-        "peak_memory_bytes": max(float(command["peak_memory_bytes"]) for command in record["commands"]),
+        "peak_memory_bytes": number(load(task / "map/summary.json"), "peak_memory_bytes"),
         "wall_s": sum(float(command["wall_seconds"]) for command in record["commands"]),
         "map_bytes": float(size.stat().st_size) if size.is_file() else math.nan,
     }

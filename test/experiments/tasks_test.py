@@ -146,7 +146,7 @@ Runner(Path({str(self.root)!r}), 2, say).run(tasks)
         task = shell("t", "true")
         self.runner().run([task])
         text = (self.root / task.folder / "task.json").read_text()
-        self.assertIn("peak_memory_bytes", text)
+        self.assertIn("processor_seconds", text)
 
 
 if __name__ == "__main__":
