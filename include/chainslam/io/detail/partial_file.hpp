@@ -183,9 +183,9 @@ class PartialFile {
 
   [[noreturn]] void fail(const std::string& place, int error) {
     broken_ = true;  // after a failed sync the system may have dropped what it could not write: never try again
-    const std::string saved =
-        synced_ ? "; what had been committed is in " + printable(partial_.native()) + ": `chainslam recover` reads it"
-                : "";
+    const std::string saved = synced_ ? "; what had been committed is kept: `chainslam recover " +
+                                            printable(partial_.native()) + " -o NEW.cslam` saves it"
+                                      : "";
     throw_output_error(target_.string(), place, reason(error), output_remedy(error, folder()) + saved);
   }
 
