@@ -44,7 +44,8 @@ constexpr std::array<ErrorSource, 27> sources{{
      "KITTI's HDL-64E: 0.205 degrees as a whole (Deschaud 2018 found it, KISS-ICP corrects it by that)",
      copy_members<&Preset::lidar, &Lidar::elevation_offset_deg, &Lidar::elevation_error_deg>},
     {"encoder", "the circle that azimuths are read from is not centred: they are off by a cosine over the turn",
-     "the effect: Lichti and Licht 2006; its size is chosen: 0.035 mm off the centre of a circle of 80 mm",
+     "the effect: Muralikrishnan et al. 2015 (Precision Engineering 40); its size is chosen: 0.035 mm off the centre "
+     "of a circle of 80 mm",
      copy_members<&Preset::lidar, &Lidar::encoder_eccentricity_deg>},
     {"laser-ranges", "every laser has a constant error of its own in range",
      "data sheets: accuracy of 2 cm (HDL-32E), 3 cm (VLS-128)", copy_members<&Preset::lidar, &Lidar::range_bias>},
