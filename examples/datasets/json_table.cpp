@@ -1,11 +1,11 @@
 #include "datasets/json_table.hpp"
 
 #include <algorithm>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/finite.hpp"
+#include "chainslam/io/detail/input_stream.hpp"
 
 namespace chainslam::datasets {
 namespace {
@@ -75,7 +75,7 @@ const std::vector<double>* JsonRow::find(const std::string& name, std::size_t co
 }
 
 void read_json_table(const std::filesystem::path& path, const std::function<void(const JsonRow&)>& row) {
-  std::ifstream file(path, std::ios::binary);
+  auto file = detail::input_stream(path);
   if (!file || std::filesystem::is_directory(path))
     throw_input_error(path.string(), "", "no file that can be read", "check the path and that you may read it");
   RowMaker maker(path, row);

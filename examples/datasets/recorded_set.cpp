@@ -1,6 +1,5 @@
 #include <cstdint>
 #include <deque>
-#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -9,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/io/detail/input_stream.hpp"
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/pcd.hpp"
@@ -53,7 +53,7 @@ RecordingInfo info_of(const nlohmann::json& json) {
 }
 
 RecordingInfo read_info(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
+  auto file = detail::input_stream(path);
   const nlohmann::json json = nlohmann::json::parse(file, nullptr, false);
   if (!json.is_object() || json.value("format", nlohmann::json()) != recording_format)
     throw_input_error(

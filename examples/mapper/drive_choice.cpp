@@ -2,11 +2,11 @@
 
 #include <array>
 #include <cmath>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/io/detail/input_stream.hpp"
 #include "simulator/lidar_model.hpp"
 
 namespace chainslam::mapper {
@@ -68,7 +68,7 @@ std::string text_of(const DriveChoice& choice) {
 
 DriveChoice read_choice(const std::filesystem::path& path) {
   try {
-    std::ifstream file(path);
+    auto file = detail::input_stream(path);
     return choice_of(nlohmann::json::parse(file));
   } catch (const std::out_of_range& error) {
     throw_input_error(path.string(), "", error.what(), "simulate the drive again");

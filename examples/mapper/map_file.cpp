@@ -9,6 +9,7 @@
 #include <system_error>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/io/detail/input_stream.hpp"
 #include "chainslam/io/map_archive.hpp"
 
 namespace chainslam::mapper {
@@ -29,7 +30,7 @@ bool is_map_file(const fs::path& path) {
       "CSLAM\r\n";
   if (!fs::is_regular_file(path)) return false;
   std::string begin(mark.size(), '\0');
-  std::ifstream file(path, std::ios::binary);
+  auto file = detail::input_stream(path);
   return file.read(begin.data(), static_cast<std::streamsize>(begin.size())) && begin == mark;
 }
 

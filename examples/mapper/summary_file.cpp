@@ -1,9 +1,9 @@
 #include "summary_file.hpp"
 
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/io/detail/input_stream.hpp"
 
 namespace chainslam::mapper {
 
@@ -25,7 +25,7 @@ void add_figures(const nlohmann::ordered_json& json, const std::string& table, F
 
 Figures read_summary(const std::filesystem::path& path) {
   constexpr int deepest = 16;  // more levels than summaries have; what takes them one by one has a stack that ends
-  std::ifstream file(path);
+  auto file = detail::input_stream(path);
   const auto shallow = [&](int depth, auto /*event*/, auto& /*parsed*/) {
     if (depth > deepest)
       throw_input_error(path.string(), "", "more than " + std::to_string(deepest) + " levels",

@@ -6,13 +6,13 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <iterator>
 #include <optional>
 #include <tuple>
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/printable.hpp"
+#include "chainslam/io/detail/input_stream.hpp"
 
 namespace chainslam::support {
 namespace {
@@ -210,7 +210,7 @@ std::string read_file(const std::filesystem::path& path) {
   if (size > largest_file)
     throw ConfigError(name, "is too large for a configuration", std::to_string(size) + " bytes",
                       "give a TOML file of at most 1 MiB");
-  std::ifstream stream(path, std::ios::binary);
+  auto stream = detail::input_stream(path);
   std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   if (!stream) throw ConfigError(name, "cannot be read", "a failure of the file", "check its access rights");
   return text;

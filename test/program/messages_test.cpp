@@ -290,6 +290,14 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
   cases.push_back({"export @/none --format tum --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back(
       {"export @/map.cslam --format las --out @/out", 2, "chainslam export", "las", "`chainslam export --help`"});
+  const auto camera = [&](const std::string& options, const std::string& found) {
+    cases.push_back({"export @/map.cslam --format colmap --out @/out " + options, 2, "chainslam export", found,
+                     "`chainslam export --help`"});
+  };
+  camera("--camera 640.5 480 500 500 320 240", "WIDTH and HEIGHT are whole numbers");
+  camera("--camera 640 480 500 0 320 240", "FX and FY are positive");
+  camera("--camera 640 480 500 500 320 inf", "a number that is not finite");
+  camera("--body-camera 0 0 0 1 1 0 0", "QX QY QZ QW is a unit quaternion");
   const auto eval = [&](const std::string& options, const std::string& a, const std::string& b,
                         const std::string& place, const std::string& found, const std::string& remedy) {
     cases.push_back({"eval @/a.txt @/b.txt " + options, 3, place, found, remedy, {{"a.txt", a}, {"b.txt", b}}});
