@@ -11,7 +11,7 @@ from .markdown import figure, table
 from .results import load
 from .tasks import Task
 
-TITLE = "What it costs"
+TITLE = "Cost of the tasks"
 INTRODUCTION = """\
 Processor time of this run's tasks, whenever they were run. What is timed for tables 4 and 5 runs alone, two threads
 where it can; all else runs by itself on one.
