@@ -15,6 +15,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/search/concepts.hpp"
+#include "chainslam/search/indexed_cloud.hpp"
 
 namespace chainslam {
 
@@ -112,11 +113,13 @@ template <Cloud Source, OrientedSearch Target>
 
 /// How far a cloud's points lie off each other's planes: root mean square of the distances from points to the plane at
 /// the nearest other point, metres; infinite if no two are near each other.
-/// @param target, options  as in `surface_fit`.
-template <OrientedSearch Target>
-[[nodiscard]] [[gnu::cold]] double surface_noise(const Target& target, const SurfaceFitOptions& options = {}) {
+/// @param target  points with normals.
+/// @throws std::invalid_argument if an option makes no sense.
+template <class Search>
+[[nodiscard]] [[gnu::cold]] double surface_noise(const IndexedCloud<Search>& target,
+                                                 const SurfaceFitOptions& options = {}) {
   detail::check(options);
-  const auto count = static_cast<std::size_t>(target.cloud().size());
+  const std::size_t count = target.cloud().size();
   const std::size_t stride = detail::stride_of(count, options.max_points);
   detail::PlaneDistances near;
   for (std::size_t i = 0; i < count; i += stride) {
