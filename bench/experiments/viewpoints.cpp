@@ -1,5 +1,5 @@
 // How views rendered from a map, at the estimated poses of keyframes that are not in it, agree with what was scanned
-// there: see README.md beside this file.
+// there: see README.md in this folder.
 
 #include <CLI/CLI.hpp>
 #include <cmath>
