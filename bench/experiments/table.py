@@ -94,6 +94,24 @@ def markdown_comparisons(found: Sequence[tuple[str, str, str, Paired]], heads: d
     return table(head, rows)
 
 
+def markdown_with_differences(
+    head: str,
+    results: Sequence[Result],
+    worlds: Sequence[WorldNote],
+    columns: Sequence[Column],
+    compared: Compared,
+    heads: dict[str, str],
+    differences: str,
+) -> str:
+    """The rows of each world and, if it has several seeds, how neighbouring rows differ; `differences` introduces that."""
+    text = head
+    for world in worlds:
+        text += f"\n## {world.name}\n\n{world.line()}\n\n" + markdown_rows(results, world.name, columns)
+        if compared.get(world.name):
+            text += f"\n{differences}:\n\n" + markdown_comparisons(compared[world.name], heads)
+    return text
+
+
 def plain(value: Any) -> Any:
     """Without NaN, which JSON does not have."""
     if isinstance(value, float) and not math.isfinite(value):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .results import Result
-from .table import Column, Compared, WorldNote, comparisons, markdown_comparisons, markdown_rows
+from .table import Column, Compared, WorldNote, comparisons, markdown_with_differences
 
 TITLE = "Table 1: pose errors"
 INTRODUCTION = """\
@@ -47,17 +47,18 @@ def neighbours(rows: Sequence[str]) -> list[tuple[str, str]]:
     return [*NEIGHBOURS, *(("best", row) for row in rows if row.startswith("ablation-"))]
 
 
+def compare_neighbours(results: Sequence[Result], worlds: Sequence[WorldNote], figures: Sequence[str]) -> Compared:
+    """Figures of neighbouring rows, of each world that has several seeds."""
+    pairs = neighbours(list(dict.fromkeys(result.row for result in results)))
+    return {world.name: comparisons(results, world.name, pairs, figures) for world in worlds if world.seeds > 1}
+
+
 def compare(results: Sequence[Result], worlds: Sequence[WorldNote]) -> Compared:
-    rows = [result.row for result in results]
-    pairs = neighbours(list(dict.fromkeys(rows)))
-    return {world.name: comparisons(results, world.name, pairs, COMPARED) for world in worlds if world.seeds > 1}
+    return compare_neighbours(results, worlds, COMPARED)
 
 
 def markdown(results: Sequence[Result], worlds: Sequence[WorldNote], compared: Compared) -> str:
-    text = f"# {TITLE}\n\n{INTRODUCTION}"
-    for world in worlds:
-        text += f"\n## {world.name}\n\n{world.line()}\n\n" + markdown_rows(results, world.name, COLUMNS)
-        if compared.get(world.name):
-            text += "\nDifferences of neighbouring rows, seed by seed; negative where the first has the smaller error:\n\n"
-            text += markdown_comparisons(compared[world.name], HEADS)
-    return text
+    differences = "Differences of neighbouring rows, seed by seed; negative where the first has the smaller error"
+    return markdown_with_differences(
+        f"# {TITLE}\n\n{INTRODUCTION}", results, worlds, COLUMNS, compared, HEADS, differences
+    )

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .results import Figures, Result, number
-from .table import Column, Compared, WorldNote, comparisons, markdown_comparisons, markdown_rows
-from .table1 import neighbours
+from .table import Column, Compared, WorldNote, markdown_with_differences
+from .table1 import compare_neighbours
 
 TITLE = "Table 3: viewpoints"
 INTRODUCTION = """\
@@ -37,15 +37,11 @@ def figures(document: Mapping[str, Any]) -> Figures:
 
 
 def compare(results: Sequence[Result], worlds: Sequence[WorldNote]) -> Compared:
-    pairs = neighbours(list(dict.fromkeys(result.row for result in results)))
-    return {world.name: comparisons(results, world.name, pairs, COMPARED) for world in worlds if world.seeds > 1}
+    return compare_neighbours(results, worlds, COMPARED)
 
 
 def markdown(results: Sequence[Result], worlds: Sequence[WorldNote], compared: Compared) -> str:
-    text = f"# {TITLE}\n\n{INTRODUCTION}"
-    for world in worlds:
-        text += f"\n## {world.name}\n\n{world.line()}\n\n" + markdown_rows(results, world.name, COLUMNS)
-        if compared.get(world.name):
-            text += "\nDifferences, seed by seed; a larger PSNR and a smaller loss are better:\n\n"
-            text += markdown_comparisons(compared[world.name], HEADS)
-    return text
+    differences = "Differences, seed by seed; a larger PSNR and a smaller loss are better"
+    return markdown_with_differences(
+        f"# {TITLE}\n\n{INTRODUCTION}", results, worlds, COLUMNS, compared, HEADS, differences
+    )
