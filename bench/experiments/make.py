@@ -43,7 +43,7 @@ class Maker:
         self.out: Path = arguments.out.resolve()
         self.programs = Programs(
             arguments.program, arguments.lamm, arguments.graph_seeds, arguments.street_registration,
-            arguments.viewpoints,
+            arguments.viewpoints, arguments.recorder and arguments.recorder.resolve(),
         )
         self.plan = Plan(self.programs)
         self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED), self.programs.names())
@@ -114,6 +114,7 @@ class Maker:
         return {
             "size": self.arguments.size,
             "program": content_digest(self.programs.chainslam),
+            "recorder": self.programs.identity("recorder"),
             "rows": [asdict(row) for row in self.rows],
         }
 

@@ -32,9 +32,12 @@ class Programs:
     graph_seeds: Path | None = None
     street_registration: Path | None = None
     viewpoints: Path | None = None
+    recorder: Path | None = None  # the build of chainslam that records odometry; None: `chainslam`
 
     def path(self, program: str) -> Path:
         path: Path | None = getattr(self, program)
+        if program == "recorder":
+            path = path or self.chainslam
         if path is None:
             raise TaskFailed(f"{program} is not built; run bench/experiments/run.sh, which builds it")
         return path
@@ -48,6 +51,7 @@ class Programs:
         for field in fields(self):
             if path := getattr(self, field.name):
                 found[field.name] = str(path)
+        found["recorder"] = str(self.path("recorder"))
         return found
 
 
@@ -87,23 +91,24 @@ class Plan:
     ) -> Task:
         after = (self.drive(world, seed, session),) if world.recipes else ()
         data = "simulate:{0}/drive" if after else world.data(seed)[session]
+        program = "chainslam" if alone else "recorder"
         command = (
-            ("{chainslam}", "odometry", data, "--out", f"{OUT}/set", "--threads", THREADS)
+            (f"{{{program}}}", "odometry", data, "--out", f"{OUT}/set", "--threads", THREADS)
             + settings(preset + (f"platform={world.platform}",) + ACCEPT_LOSSES)
         )
         most = min(filter(None, (world.max_scans, TIMED_SCANS if alone else 0)), default=0)
         if most:
             command += ("--max-scans", str(most))
         name = f"{world.name}/seed{seed}/odometry-{label}-{session + 1}"
-        depends = (self.programs.identity("chainslam"), world.identity)
+        depends = (self.programs.identity(program), world.identity)
         return Task(name, (command,), after, depends, alone, ("set/Scans/*",) if alone else ())
 
     def drive(self, world: World, seed: int, session: int) -> Task:
         """What scans are simulated from, on a recorded drive."""
         words = (*world.recipes[session], "--no-scans", "--seed", str(seed), "--out", f"{OUT}/drive")
-        depends = (self.programs.identity("chainslam"), world.identity)
+        depends = (self.programs.identity("recorder"), world.identity)
         name = f"{world.name}/seed{seed}/drive-{session + 1}"
-        return Task(name, (("{chainslam}", "simulate", *words),), depends=depends)
+        return Task(name, (("{recorder}", "simulate", *words),), depends=depends)
 
     def sets(self, world: World, seed: int, row: Row) -> tuple[Task, ...]:
         return tuple(self.odometry(world, seed, i, row.odometry) for i in range(len(world.sessions)))

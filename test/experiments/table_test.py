@@ -291,6 +291,19 @@ class RowsAndWorlds(Scratch):
         with self.assertRaisesRegex(TaskFailed, "lamm is not built"):
             plan.map(world, 1, rows["lamm"])
 
+    def test_recordings_of_an_earlier_build_are_kept(self) -> None:
+        earlier, later = self.root / "earlier", self.root / "later"
+        earlier.write_text("1")
+        later.write_text("2")
+        world = simulated("nclt-hard", "small", 1, 2)
+        before = Plan(Programs(earlier)).map(world, 1, MAIN_ROWS[-1]).task
+        plan = Plan(Programs(later, recorder=earlier))
+        after = plan.map(world, 1, MAIN_ROWS[-1]).task
+        self.assertEqual(after.after, before.after)
+        self.assertNotEqual(after.digest, before.digest)
+        self.assertEqual(plan.timed_odometry(world, 1, "fast_lio2").commands[0][0], "{chainslam}")
+        self.assertEqual(Programs(later).names()["recorder"], str(later))
+
     def test_each_session_of_a_sequence_loads_the_map_before(self) -> None:
         program = self.root / "chainslam"
         program.touch()
