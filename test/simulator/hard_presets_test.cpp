@@ -40,8 +40,8 @@ TEST_SUITE("simulator/hard_presets") {
       return options_hash(without_errors(with_only_errors(*preset(name, size), "all"), ""));
     };
     CHECK(hash_of("nclt-hard", PresetSize::small) == "3f56c72bf79fa1e1");
-    CHECK(hash_of("nclt-hard", PresetSize::medium) == "e85b8e92db0eaa0f");
-    CHECK(hash_of("nclt-hard", PresetSize::large) == "c6b0a3f92a03cdf8");
+    CHECK(hash_of("nclt-hard", PresetSize::medium) == "1a70bbe41fd0882d");
+    CHECK(hash_of("nclt-hard", PresetSize::large) == "4888eade287da9d8");
     CHECK(hash_of("mars-hard", PresetSize::small) == "90f49d0536af9ce2");
     CHECK(hash_of("mars-hard", PresetSize::medium) == "62c14ad40ac4d755");
     CHECK(hash_of("mars-hard", PresetSize::large) == "e626e53b0d21f1dd");
