@@ -96,6 +96,37 @@ TEST_SUITE("cloud/quantize") {
     CHECK(result.normals.empty());
   }
 
+  TEST_CASE("intensities are the means of the points rounded to a place, which are those without them") {
+    for_all(50, [](Rng& rng, int size) {
+      const double metres = size % 3 == 0 ? 300 : 0.05;  // a coarser grid; many points to a place
+      PointCloud<float> cloud = random_points(rng, 5 * size, metres);
+      cloud.positions[0] = {std::numeric_limits<float>::quiet_NaN(), 0, 0};
+      for (std::size_t i = 0; i < cloud.size(); ++i)
+        cloud.intensities.push_back(static_cast<float>(rng.uniform_index(256)));
+      const PointCloud<float> plain = quantized(cloud), result = quantized_with_intensities(cloud);
+      CHECK(result.positions == plain.positions);
+      REQUIRE(result.intensities.size() == result.size());
+      std::vector<double> sums(result.size()), counts(result.size());
+      for (std::size_t i = 1; i < cloud.size(); ++i) {
+        std::size_t nearest = 0;
+        for (std::size_t k = 0; k < result.size(); ++k)
+          if ((result.positions[k] - cloud.positions[i]).norm() <
+              (result.positions[nearest] - cloud.positions[i]).norm())
+            nearest = k;
+        sums[nearest] += static_cast<double>(cloud.intensities[i]);
+        counts[nearest] += 1;
+      }
+      for (std::size_t k = 0; k < result.size(); ++k)
+        CHECK(result.intensities[k] == static_cast<float>(sums[k] / counts[k]));
+    });
+    PointCloud<float> bare;
+    bare.positions = {{1, 2, 3}};
+    CHECK(quantized_with_intensities(bare).positions == bare.positions);
+    CHECK(quantized_with_intensities(bare).intensities.empty());
+    CHECK(quantized_with_intensities(PointCloud<float>{}).empty());
+    CHECK(quantized_with_intensities(std::vector<Eigen::Vector3f>{{1, 2, 3}}).size() == 1);
+  }
+
   TEST_CASE("Morton's codes lead back to their numbers and order neighbours together") {
     for_all(1000, [](Rng& rng, int) {
       std::array<std::int16_t, 3> numbers{};

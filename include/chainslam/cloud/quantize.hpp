@@ -8,8 +8,10 @@
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
+#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/finite.hpp"
@@ -57,6 +59,11 @@ struct PositionGrid {
 template <Cloud Points>
 [[nodiscard]] PointCloud<float> quantized(const Points& cloud, double step = 0.01);
 
+/// The points of `quantized(cloud, step)` in their order, each with the mean intensity of those rounded to it; without
+/// intensities if the cloud has none.
+template <Cloud Points>
+[[nodiscard]] PointCloud<float> quantized_with_intensities(const Points& cloud, double step = 0.01);
+
 namespace detail {
 
 inline constexpr int coarsest_grid = 4;  ///< doublings of the step
@@ -94,11 +101,38 @@ inline constexpr int coarsest_grid = 4;  ///< doublings of the step
   return numbers;
 }
 
+/// Place of the grid point nearest a position on that curve; nothing if the grid does not reach so far.
+[[nodiscard]] inline std::optional<std::uint64_t> morton_code(const PositionGrid& grid, const Eigen::Vector3d& p) {
+  const auto x = grid.nearest(p[0]), y = grid.nearest(p[1]), z = grid.nearest(p[2]);
+  if (!x || !y || !z) return std::nullopt;
+  return morton_code({*x, *y, *z});
+}
+
+[[nodiscard]] inline Eigen::Vector3f grid_point(const PositionGrid& grid, std::uint64_t code) {
+  const auto numbers = morton_numbers(code);
+  return {grid.coordinate(numbers[0]), grid.coordinate(numbers[1]), grid.coordinate(numbers[2])};
+}
+
 /// The finest grid whose numbers reach to `farthest`, or the coarsest there is.
 [[nodiscard]] inline PositionGrid grid_reaching(double farthest, double step) {
   PositionGrid grid{step};
   for (int doubling = 0; doubling < coarsest_grid && !grid.nearest(farthest); ++doubling) grid.step *= 2;
   return grid;
+}
+
+/// The grid that reaches all points of a cloud that any grid can.
+template <Cloud Points>
+[[nodiscard]] PositionGrid grid_reaching(const Points& cloud, double step) {
+  if (!is_finite(step) || !(step > 0)) throw std::invalid_argument("quantized: the step is not positive and finite");
+  const double reach = step * PositionGrid::most * (1 << coarsest_grid);
+  const auto farthest_of = [&](std::size_t i) {
+    const Eigen::Vector3d p = position(cloud, i);
+    return is_finite(p) ? std::max({std::abs(p[0]), std::abs(p[1]), std::abs(p[2])}) : 2 * reach;
+  };
+  double farthest = 0;
+  for (std::size_t i = 0; i < cloud_size(cloud); ++i)
+    if (const double distance = farthest_of(i); distance <= reach) farthest = std::max(farthest, distance);
+  return grid_reaching(farthest, step);
 }
 
 }  // namespace detail
@@ -116,33 +150,38 @@ inline std::optional<PositionGrid> grid_of(const PointCloud<float>& cloud, doubl
 
 template <Cloud Points>
 PointCloud<float> quantized(const Points& cloud, double step) {
-  if (!is_finite(step) || !(step > 0)) throw std::invalid_argument("quantized: the step is not positive and finite");
-  const double reach = step * PositionGrid::most * (1 << detail::coarsest_grid);
-  const auto farthest_of = [&](std::size_t i) {
-    const Eigen::Vector3d p = position(cloud, i);
-    return is_finite(p) ? std::max({std::abs(p[0]), std::abs(p[1]), std::abs(p[2])}) : 2 * reach;
-  };
-  double farthest = 0;
-  for (std::size_t i = 0; i < cloud_size(cloud); ++i)
-    if (const double distance = farthest_of(i); distance <= reach) farthest = std::max(farthest, distance);
-  const PositionGrid grid = detail::grid_reaching(farthest, step);
-
+  const PositionGrid grid = detail::grid_reaching(cloud, step);
   std::vector<std::uint64_t> codes;
   codes.reserve(cloud_size(cloud));
-  for (std::size_t i = 0; i < cloud_size(cloud); ++i) {
-    const Eigen::Vector3d p = position(cloud, i);
-    const auto x = grid.nearest(p[0]), y = grid.nearest(p[1]), z = grid.nearest(p[2]);
-    if (x && y && z) codes.push_back(detail::morton_code({*x, *y, *z}));
-  }
+  for (std::size_t i = 0; i < cloud_size(cloud); ++i)
+    if (const auto code = detail::morton_code(grid, position(cloud, i))) codes.push_back(*code);
   std::sort(codes.begin(), codes.end());
   codes.erase(std::unique(codes.begin(), codes.end()), codes.end());
 
   PointCloud<float> result;
   result.positions.reserve(codes.size());
-  for (const std::uint64_t code : codes) {
-    const auto numbers = detail::morton_numbers(code);
-    result.positions.emplace_back(grid.coordinate(numbers[0]), grid.coordinate(numbers[1]),
-                                  grid.coordinate(numbers[2]));
+  for (const std::uint64_t code : codes) result.positions.push_back(detail::grid_point(grid, code));
+  return result;
+}
+
+template <Cloud Points>
+PointCloud<float> quantized_with_intensities(const Points& cloud, double step) {
+  if (!carries_intensities(cloud)) return quantized(cloud, step);
+  const PositionGrid grid = detail::grid_reaching(cloud, step);
+  std::vector<std::pair<std::uint64_t, std::size_t>> codes;  // points of one code stay in their order
+  codes.reserve(cloud_size(cloud));
+  for (std::size_t i = 0; i < cloud_size(cloud); ++i)
+    if (const auto code = detail::morton_code(grid, position(cloud, i))) codes.emplace_back(*code, i);
+  std::sort(codes.begin(), codes.end());
+
+  PointCloud<float> result;
+  for (auto first = codes.begin(); first != codes.end();) {
+    const auto last = std::find_if(first, codes.end(), [&](const auto& next) { return next.first != first->first; });
+    double sum = 0;
+    for (auto i = first; i != last; ++i) sum += static_cast<double>(intensity(cloud, i->second));
+    result.positions.push_back(detail::grid_point(grid, first->first));
+    result.intensities.push_back(static_cast<float>(sum / static_cast<double>(last - first)));
+    first = last;
   }
   return result;
 }
