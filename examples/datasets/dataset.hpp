@@ -59,6 +59,7 @@ struct DatasetOptions {
   double scan_rate = 10;                ///< Hz, of folders of clouds whose times nothing states
   PointTimeHints point_time{};          ///< what is known of the time field of points in PCD, PLY and ROS messages
   bool times_from_azimuth = true;       ///< of nuScenes' and MARS's points, which have none
+  bool recorded_intensities = false;    ///< of recorded odometry: scans with intensities, which maps leave out
   double kitti_raise_deg = 0.205;       ///< KITTI odometry: points are turned up by this, 0 leaves them as they are
   std::string lidar_topic{};            ///< of ROS recordings; the one with most points at the start if empty; HeLiPR's
   std::string imu_topic{};              ///< the same, with most messages

@@ -212,7 +212,8 @@ class PacketStatistics {
   std::map<GnssQuality, std::size_t> qualities_;
 };
 
-Inspection inspect_dataset(const std::filesystem::path& path, const DatasetOptions& options) {
+Inspection inspect_dataset(const std::filesystem::path& path, DatasetOptions options) {
+  options.recorded_intensities = true;
   const std::unique_ptr<Dataset> dataset = open_dataset(path, options);
   PacketStatistics statistics;
   while (const auto packet = dataset->next()) statistics.add(*packet);

@@ -18,6 +18,7 @@
 // A recording of odometry: a keyframe set that other programs can read as well, and beside it what mapping needs to
 // give the same map as the data themselves.
 //   Scans/%06d.pcd, times.txt, odom_poses.txt   of the keyframes, as in any keyframe set
+//                  (x y z of the points that the map keeps, and their intensity if the data have it)
 //   frames.csv     every frame: time, keyframe or -1, health, T_odom_body, covariance (upper triangle as floats)
 //   fixes.csv      GNSS fixes, each with the number of frames before it
 //   truth.tum      T_map_body, if it is known
@@ -66,7 +67,8 @@ class OdometryRecording {
 /// Whether a folder holds a recording, by the names in it.
 [[nodiscard]] bool is_recorded_odometry(const std::filesystem::path& folder);
 
-/// Opens a recording; the frames that are no keyframes have no scan. @throws IoError naming file, line and field.
+/// Opens a recording; the frames that are no keyframes have no scan. Scans are the map's, bit for bit: intensities are
+/// given if `options.recorded_intensities` asks for them. @throws IoError naming file, line and field.
 [[nodiscard]] std::unique_ptr<Dataset> open_recorded_odometry(const std::filesystem::path& folder,
                                                               const DatasetOptions& options);
 

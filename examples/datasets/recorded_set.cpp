@@ -104,6 +104,7 @@ class RecordedSet final : public Dataset {
  public:
   RecordedSet(const fs::path& folder, const DatasetOptions& options)
       : recording_(read_info(folder / recording_description)),
+        intensities_(options.recorded_intensities || !(recording_.keyframes.scan_step > 0)),
         scans_(files_in(folder / "Scans", {".pcd"})),
         frames_(folder / "frames.csv", frame_table_head(), read_frame_row) {
     info_.kind = DatasetKind::keyframes;
@@ -176,7 +177,9 @@ class RecordedSet final : public Dataset {
           frames_.file().place_of_line() + ", field keyframe", std::to_string(keyframe),
           "keyframes are numbered from 0 on, and each has its scan in Scans/: copy the recording again");
     ++next_keyframe_;
-    return read_pcd(scans_[static_cast<std::size_t>(keyframe)]);
+    PointCloud<float> scan = read_pcd(scans_[static_cast<std::size_t>(keyframe)]);
+    if (!intensities_) scan.intensities = {};
+    return scan;
   }
 
   /// @throws IoError if the recording lost its end.
@@ -189,6 +192,7 @@ class RecordedSet final : public Dataset {
   }
 
   RecordingInfo recording_;
+  bool intensities_;  ///< whether scans are given with them: rounded points of a map have none
   std::vector<fs::path> scans_;
   RecordedTable<FrameRow> frames_;
   std::optional<RecordedTable<FixRow>> fixes_;

@@ -71,9 +71,9 @@ void add_odometry(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<OdometryArguments>();
   CLI::App* verb = program.add_subcommand("odometry", "run odometry alone, and record it as a data set to map from");
   verb->footer(
-      "SET gets Scans/*.pcd, times.txt and odom_poses.txt of the keyframes, as other programs read keyframe sets;\n"
-      "frames.csv (pose, covariance and health of every scan), fixes.csv, truth.tum, odometry.json, config.toml and\n"
-      "summary.json (times, memory, errors against the truth).\n"
+      "SET gets Scans/*.pcd (with intensities if DATA have them), times.txt and odom_poses.txt of the keyframes, as\n"
+      "other programs read keyframe sets; frames.csv (pose, covariance and health of every scan), fixes.csv,\n"
+      "truth.tum, odometry.json, config.toml and summary.json (times, memory, errors against the truth).\n"
       "`chainslam map SET --config SET/config.toml` gives the same map, bit for bit, as mapping DATA; with other "
       "settings\n"
       "of closures, chain, merge and graph it takes seconds. Keyframes are kept as keyframes.distance, angle and\n"

@@ -7,6 +7,8 @@
 #include <string>
 #include <utility>
 
+#include "chainslam/cloud/quantize.hpp"
+#include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/printable.hpp"
 #include "chainslam/io/atomic_file.hpp"
@@ -41,14 +43,23 @@ std::unique_ptr<datasets::Dataset> open_data(const OdometryArguments& arguments,
   return dataset;
 }
 
+/// The points that a map keeps of a scan (see `KeyframeSelector`), with their intensities, which a map does not keep.
+PointCloud<float> recorded_scan(const PointCloud<float>& scan, const KeyframeOptions& options) {
+  const PointCloud<float> kept = options.scan_voxel > 0 ? voxel_downsample(scan, options.scan_voxel) : scan;
+  return options.scan_step > 0 ? quantized_with_intensities(kept, options.scan_step) : kept;
+}
+
+/// Keyframes as the options pick them, with their whole scans.
+KeyframeSelector whole_keyframes(KeyframeOptions options) {
+  options.scan_voxel = options.scan_step = 0;
+  return KeyframeSelector(options);
+}
+
 /// Runs odometry on a data set; frames and what is kept of them go to the recording, all but scans to a map.
 class Recorder {
  public:
   Recorder(datasets::Dataset& dataset, const MappingRun& run, datasets::OdometryRecording& recording)
-      : dataset_(dataset),
-        run_(run),
-        recording_(recording),
-        select_(keyframe_options(dataset.info(), run.options.keyframes)) {
+      : dataset_(dataset), run_(run), recording_(recording), select_(whole_keyframes(run.options.keyframes)) {
     state_.stage = "odometry of " + dataset.info().name;
     state_.total = expected_scans(dataset.info(), run.max_scans);
   }
@@ -88,6 +99,9 @@ class Recorder {
     FrameRecord record = record_of(frame);
     record.session = session;
     std::optional<Keyframe> keyframe = select_(frame);
+    if (keyframe)
+      keyframe->cloud =
+          std::make_shared<const PointCloud<float>>(recorded_scan(*keyframe->cloud, run_.options.keyframes));
     {
       const auto measurement = run_.times.measure("write");
       recording_.add(record, keyframe);

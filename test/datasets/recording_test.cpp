@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "chainslam/io/pcd.hpp"
 #include "datasets/odometry_recording.hpp"
 #include "support/files.hpp"
 #include "support/property.hpp"
@@ -171,6 +172,33 @@ TEST_SUITE("datasets/recording") {
       check_fixes(drive.frames.size());
       CHECK(fix == drive.fixes.size());
     });
+  }
+
+  TEST_CASE("intensities of rounded scans are given to those who ask, and to no map") {
+    for (const double step : {0.01, 0.0}) {
+      const TemporaryFolder folder;
+      PointCloud<float> scan;
+      scan.positions = {{1, 2, 3}, {4, 5, 6}};
+      scan.intensities = {7, 0.1F};
+      Keyframe keyframe;
+      keyframe.cloud = std::make_shared<const PointCloud<float>>(scan);
+      OdometryRecording recording(folder.path());
+      recording.add(FrameRecord{}, keyframe);
+      recording.finish({.session = "drive", .odometry = "lidar", .scans = 1, .keyframes = {.scan_step = step}}, {});
+
+      const PointCloud<float> file = read_pcd(folder / "Scans/000000.pcd");
+      CHECK(file.positions == scan.positions);
+      CHECK(file.intensities == scan.intensities);
+      const auto read = [&](const DatasetOptions& options) {
+        return open_dataset(folder.path(), options)->next_frame();
+      };
+      const std::optional<Frame> plain = read({}), asked = read({.recorded_intensities = true});
+      REQUIRE((plain && asked));
+      CHECK(plain->cloud.positions == scan.positions);
+      CHECK(plain->cloud.intensities == (step > 0 ? std::vector<float>() : scan.intensities));  // else the map has them
+      CHECK(asked->cloud.positions == scan.positions);
+      CHECK(asked->cloud.intensities == scan.intensities);
+    }
   }
 
   TEST_CASE("a damaged recording is refused with file, line and field") {

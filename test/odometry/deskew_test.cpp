@@ -59,13 +59,15 @@ TEST_SUITE("odometry/deskew") {
   TEST_CASE("a constant twist carries every point by exp((t - end) twist)") {
     for_all(20, [](Rng& rng, int size) {
       const double duration = 0.1;
-      const PointCloud<float> sweep = random_sweep(rng, size, duration);
+      PointCloud<float> sweep = random_sweep(rng, size, duration);
+      for (int i = 0; i < size; ++i) sweep.intensities.push_back(static_cast<float>(rng.uniform_index(256)));
       const Vector6d twist = twist_of(rng.uniform(-30, 30), rng.uniform(-3, 3), rng.uniform(-1, 1), rng.uniform(-2, 2),
                                       rng.uniform(-2, 2), rng.uniform(-4, 4));
       const SE3d T_body_lidar = SE3d::exp(twist_of(0.5, -0.2, 1.1, 0.1, -0.3, 1.4));
       const PointCloud<float> corrected = deskew(sweep, SweepMotion::constant_twist(duration, twist), T_body_lidar);
       REQUIRE(corrected.size() == sweep.size());
       CHECK(corrected.time_offsets == sweep.time_offsets);
+      CHECK(corrected.intensities == sweep.intensities);
       for (std::size_t i = 0; i < sweep.size(); ++i) {
         const SE3d T_end_body = SE3d::exp((sweep.time_offsets[i] - duration) * twist);
         const Eigen::Vector3d expected = T_end_body * (T_body_lidar * sweep.positions[i].cast<double>());

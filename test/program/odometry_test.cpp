@@ -1,7 +1,11 @@
 #include <doctest/doctest.h>
 
+#include <cmath>
+#include <cstdio>
+#include <iterator>
 #include <string>
 
+#include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"
 #include "support/real_data.hpp"
 
@@ -21,13 +25,14 @@ ProgramResult good(const ScratchFolder& scratch, const std::string& arguments) {
 }
 
 /// Records, maps both ways with the same settings, and compares the bytes.
-void check_same_map(const std::string& data, const std::string& settings) {
+void check_same_map(const std::string& data, const std::string& settings, bool intensities) {
   const ScratchFolder scratch("odometry");
   const fs::path set = scratch.path() / "set", direct = scratch.path() / "direct",
                  recorded = scratch.path() / "recorded";
   good(scratch, "odometry " + data + settings + " --out " + quoted(set));
   good(scratch, "map " + data + settings + " --out " + quoted(direct));
   good(scratch, "map " + quoted(set) + settings + " --threads 1 --out " + quoted(recorded));
+  CHECK(read_pcd(set / "Scans/000000.pcd").has_intensities() == intensities);
   CHECK(read_text(direct / "map.cslam").size() > 100'000);
   CHECK(read_text(direct / "map.cslam") == read_text(recorded / "map.cslam"));
   CHECK(read_text(direct / "odometry.tum") == read_text(recorded / "odometry.tum"));
@@ -36,17 +41,60 @@ void check_same_map(const std::string& data, const std::string& settings) {
     CHECK(rmse(summary_of(direct), "odometry") == rmse(summary_of(recorded), "odometry"));
 }
 
+/// Linear in a point's place, so that the mean over a voxel belongs to the mean of its points.
+float intensity_at(const Eigen::Vector3f& p) { return 100 + p.x() + 2 * p.y() + 4 * p.z(); }
+
+/// A folder of ten clouds, 0.5 m apart in a walled place.
+void write_clouds_with_intensities(const fs::path& folder) {
+  fs::create_directories(folder);
+  Rng rng(3);
+  const std::vector<Eigen::Vector3f> place = walled_place(rng, 400);
+  for (int i = 0; i < 10; ++i) {
+    PointCloud<float> cloud = transformed(place, SE3d(SO3d(), {-0.5 * i, 0, 0}));
+    for (const Eigen::Vector3f& p : cloud.positions) cloud.intensities.push_back(intensity_at(p));
+    char name[32];
+    std::snprintf(name, sizeof name, "%06d.pcd", i);
+    write_pcd(folder / name, cloud);
+  }
+}
+
 }  // namespace
 
 TEST_SUITE("program/odometry") {
+  TEST_CASE("a recording has each point's intensity, of whole scans and of downsampled ones") {
+    const ScratchFolder scratch("intensities");
+    const fs::path clouds = scratch.path() / "clouds";
+    write_clouds_with_intensities(clouds);
+    for (const std::string settings : {"--set odometry.source=lidar --set keyframes.voxel_size=0.4",
+                                       "--set odometry.source=lidar_inertial --set keyframes.voxel_size=0"}) {
+      CAPTURE(settings);
+      const fs::path set = scratch.path() / "set";
+      fs::remove_all(set);
+      good(scratch, "odometry " + quoted(clouds) + " " + settings + " --set keyframes.distance=1 --out " + quoted(set));
+      int scans = 0;
+      for (const auto& file : fs::directory_iterator(set / "Scans")) {
+        const PointCloud<float> scan = read_pcd(file.path());
+        CHECK(scan.size() > 3'000);
+        REQUIRE(scan.has_intensities());
+        float worst = 0;
+        for (std::size_t i = 0; i < scan.size(); ++i)
+          worst = std::max(worst, std::abs(scan.intensities[i] - intensity_at(scan.positions[i])));
+        CHECK(worst < 7 * 0.005F + 1e-3F);  // coordinates are rounded to 0.01 m
+        ++scans;
+      }
+      CHECK(scans >= 4);
+      CHECK(contains(good(scratch, "inspect " + quoted(set)).output, "intensities"));
+    }
+  }
+
   TEST_CASE("a map of recorded odometry is the map of the data, bit for bit: simulated, with fixes") {
-    check_same_map("simulate:nclt-like/small/1", " --max-scans 250 --set odometry.source=lidar");
+    check_same_map("simulate:nclt-like/small/1", " --max-scans 250 --set odometry.source=lidar", true);
   }
 
   TEST_CASE("a map of recorded odometry is the map of the data, bit for bit: KITTI with its IMU" *
             doctest::skip(quick())) {
     if (const auto data = real_data("kitti00_keyframes_imu/kitti00_keyframes_imu/kitti00_keyframes_imu"))
-      check_same_map(quoted(*data), " --max-scans 80");
+      check_same_map(quoted(*data), " --max-scans 80", false);
   }
 
   TEST_CASE("a recording is inspected, mapped with other settings, and not recorded again") {
