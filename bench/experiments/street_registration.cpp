@@ -1,10 +1,8 @@
 // How clouds of single streets, put together by a map's poses, lie on those put together by the true ones: see
 // README.md beside this file.
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -21,24 +19,17 @@
 #include "chainslam/io/tum.hpp"
 #include "chainslam/trajectory/interpolation.hpp"
 #include "datasets/dataset.hpp"
+#include "session_arguments.hpp"
 #include "streets/cloud_errors.hpp"
 #include "streets/streets.hpp"
-#include "table_file.hpp"
 
 namespace chainslam::experiments {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr double voxel_size = 0.3;  ///< metres, of both clouds
 constexpr double reach = 25.0;      ///< metres around a street within which points count
-
-struct Arguments {
-  std::vector<std::vector<std::string>> sessions;  ///< recording, trajectory, number of the frame
-  fs::path out;
-  int threads = 1;
-};
 
 /// A session's keyframes with true and estimated poses.
 struct MappedSession {
@@ -47,14 +38,13 @@ struct MappedSession {
   std::vector<PointCloud<float>> clouds;  ///< of the body, thinned
 };
 
-MappedSession read_session(const std::vector<std::string>& words) {
-  const fs::path set = words[0];
-  const auto dataset = datasets::open_dataset(set, {});
+MappedSession read_session(const MapSession& files) {
+  const auto dataset = datasets::open_dataset(files.recording);
   const std::optional<Trajectory> truth = dataset->truth();
-  if (!truth) throw_input_error(set.string(), "", "no truth", "give recordings of data with truth");
-  const Trajectory mapped = read_tum(words[1]);
+  if (!truth) throw_input_error(files.recording.string(), "", "no truth", "give recordings of data with truth");
+  const Trajectory mapped = read_tum(files.trajectory);
   MappedSession session;
-  session.frame = std::stoi(words[2]);
+  session.frame = files.frame;
   while (const auto frame = dataset->next_frame()) {
     if (frame->cloud.empty()) continue;
     const auto T_truth = pose_at(*truth, frame->time, seconds(2.0)), T_map = pose_at(mapped, frame->time, seconds(2.0));
@@ -106,12 +96,12 @@ json figures_of(const CloudErrors& errors) {
 }
 
 /// Sessions that lie in one frame make one cloud; those in others make others, each of which counts.
-json run(const Arguments& arguments) {
+json run(const SessionArguments& arguments) {
   const ThreadPool threads(to_index(arguments.threads));
   std::vector<MappedSession> sessions;
   std::vector<Trajectory> truths;
-  for (const auto& words : arguments.sessions) {
-    sessions.push_back(read_session(words));
+  for (const MapSession& files : arguments.sessions) {
+    sessions.push_back(read_session(files));
     truths.push_back(sessions.back().truth);
   }
   std::map<int, std::vector<const MappedSession*>> frames;
@@ -144,17 +134,7 @@ json run(const Arguments& arguments) {
 }  // namespace chainslam::experiments
 
 int main(int count, char** words) {
-  using namespace chainslam;
-  experiments::Arguments arguments;
-  CLI::App app("How clouds of single streets lie on those by true poses");
-  app.add_option("--session", arguments.sessions,
-                 "recording, its trajectory in the map, number of the frame it lies in")
-      ->required()
-      ->expected(3)
-      ->option_text("SET FILE FRAME");
-  app.add_option("--out", arguments.out, "JSON file to write")->required();
-  app.add_option("--threads", arguments.threads, "changes the time, not the result")->check(CLI::Range(1, 1024));
-  CLI11_PARSE(app, count, words);
-  return bench::write_table("street_registration", arguments.out,
-                            [&] { return experiments::run(arguments).dump(1) + "\n"; });
+  using namespace chainslam::experiments;
+  return run_on_sessions(count, words, "street_registration", "How clouds of single streets lie on those by true poses",
+                         [](const SessionArguments& arguments) { return run(arguments).dump(1) + "\n"; });
 }
