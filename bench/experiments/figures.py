@@ -128,24 +128,32 @@ def box_plots(results: Sequence[Result], world: str, folder: Path) -> None:
 
 
 def panoramas(views: Mapping[str, Mapping[str, Any]], world: str, folder: Path) -> None:
-    """One held-out keyframe: its scan, and what is rendered from each row's map where the map has it.
+    """One held-out keyframe: its scan, and what is rendered from each row's map where the map has it; ranges, and beside
+    them intensities if all have them.
 
     @param views  by row what `viewpoints` shows.
     """
-    def image(view: Mapping[str, Any], key: str) -> Array:
-        pixels = np.array(view[key], dtype=float).reshape(view["rows"], view["columns"])
-        return np.where(pixels < 0, np.nan, pixels / 255 * 50)
-
     first = next(iter(views.values()))
-    images = {"scan": image(first, "scan")} | {row: image(view, "rendered") for row, view in views.items()}
-    figure, axes = plt.subplots(len(images), 1, figsize=(9, 1.5 * len(images)), squeeze=False)
-    drawn = None
-    for axis, (row, values_) in zip(axes[:, 0], images.items(), strict=True):
-        drawn = axis.imshow(values_, vmin=0, vmax=50, cmap="viridis", extent=(180, -180, -30, 15), aspect="auto",
-                            interpolation="nearest")
-        axis.set_title(row, fontsize="small", loc="left")
-        axis.set_xticks([])
-        axis.set_yticks([-30, 0, 15])
-    figure.colorbar(drawn, ax=axes[:, 0].tolist(), label="metres")
+    kinds = [("", 50.0, "viridis", "metres")]
+    if all("scan_intensities" in view for view in views.values()):
+        kinds.append(("_intensities", 1.0, "gray", "intensity / 99th percentile of the scan"))
+
+    def image(view: Mapping[str, Any], key: str, most: float) -> Array:
+        pixels = np.array(view[key], dtype=float).reshape(view["rows"], view["columns"])
+        return np.where(pixels < 0, np.nan, pixels / 255 * most)
+
+    lines = len(views) + 1
+    figure, axes = plt.subplots(lines, len(kinds), figsize=(9 * len(kinds), 1.5 * lines), squeeze=False)
+    for column, (kind, most, colours, label) in zip(axes.T, kinds, strict=True):
+        images = {"scan": image(first, "scan" + kind, most)}
+        images |= {row: image(view, "rendered" + kind, most) for row, view in views.items()}
+        for axis, (row, values_) in zip(column, images.items(), strict=True):
+            drawn = axis.imshow(values_, vmin=0, vmax=most, cmap=colours, extent=(180, -180, -30, 15), aspect="auto",
+                                interpolation="nearest")
+            axis.set_facecolor("tab:blue" if kind else "white")  # where there is nothing
+            axis.set_title(row, fontsize="small", loc="left")
+            axis.set_xticks([])
+            axis.set_yticks([-30, 0, 15])
+        figure.colorbar(drawn, ax=column.tolist(), label=label)
     figure.suptitle(f"{world}, seed 1, session {first['session']}: a keyframe that is not in the map", y=0.99)
     _save(figure, folder, world, "viewpoints")

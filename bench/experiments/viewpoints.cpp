@@ -1,9 +1,8 @@
 // How views rendered from a map, at the estimated poses of keyframes that are not in it, agree with what was scanned
 // there: see README.md in this folder.
 
-#include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -11,29 +10,21 @@
 #include <vector>
 
 #include "chainslam/cloud/voxel_grid.hpp"
-#include "chainslam/core/error.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/io/tum.hpp"
 #include "chainslam/trajectory/interpolation.hpp"
 #include "datasets/dataset.hpp"
-#include "table_file.hpp"
+#include "session_arguments.hpp"
 #include "viewpoints/panorama.hpp"
 
 namespace chainslam::experiments {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr std::size_t every = 10;      ///< one keyframe in so many is held out ...
 constexpr std::size_t first_held = 5;  ///< ... from this one of each session on
 constexpr double voxel_size = 0.2;     ///< metres, of the map's scans
-
-struct Arguments {
-  std::vector<std::vector<std::string>> sessions;  ///< recording, trajectory, number of the frame
-  fs::path out;
-  int threads = 1;
-};
 
 struct MappedKeyframe {
   std::size_t session = 0;
@@ -44,9 +35,9 @@ struct MappedKeyframe {
   PointCloud<float> cloud;  ///< of the body; thinned if it is in the map
 };
 
-void read_session(const std::vector<std::string>& words, std::size_t session, std::vector<MappedKeyframe>& keyframes) {
-  const auto dataset = datasets::open_dataset(words[0], {});
-  const Trajectory mapped = read_tum(words[1]);
+void read_session(const MapSession& files, std::size_t session, std::vector<MappedKeyframe>& keyframes) {
+  const auto dataset = datasets::open_dataset(files.recording, {.recorded_intensities = true});
+  const Trajectory mapped = read_tum(files.trajectory);
   std::size_t number = 0;
   while (auto frame = dataset->next_frame()) {
     if (frame->cloud.empty()) continue;
@@ -54,7 +45,7 @@ void read_session(const std::vector<std::string>& words, std::size_t session, st
     const auto T = pose_at(mapped, frame->time, seconds(2.0));
     if (!T) continue;
     keyframes.push_back({.session = session,
-                         .frame = std::stoi(words[2]),
+                         .frame = files.frame,
                          .held_out = held_out,
                          .time = frame->time,
                          .T_map_body = *T,
@@ -62,16 +53,19 @@ void read_session(const std::vector<std::string>& words, std::size_t session, st
   }
 }
 
-/// A view that was compared.
-struct View {
-  const MappedKeyframe* keyframe;
-  Panorama scan, rendered;
-  ViewErrors errors;
-};
+/// The keyframes of all sessions. They have intensities if those of every session have.
+std::vector<MappedKeyframe> read_keyframes(const SessionArguments& arguments) {
+  std::vector<MappedKeyframe> keyframes;
+  for (std::size_t i = 0; i < arguments.sessions.size(); ++i) read_session(arguments.sessions[i], i, keyframes);
+  const auto has_intensities = [](const MappedKeyframe& keyframe) { return keyframe.cloud.has_intensities(); };
+  if (!std::ranges::all_of(keyframes, has_intensities))
+    for (MappedKeyframe& keyframe : keyframes) keyframe.cloud.intensities.clear();
+  return keyframes;
+}
 
-View view_of(const MappedKeyframe& held, const std::vector<MappedKeyframe>& keyframes, const PanoramaOptions& options) {
-  View view{&held, Panorama(options), Panorama(options), {}};
-  draw(view.scan, options, held.cloud, SE3d(), 0.0);
+/// What the map without its held-out keyframes shows at the pose that it has for one of them.
+Panorama rendered_at(const MappedKeyframe& held, const std::vector<MappedKeyframe>& keyframes,
+                     const PanoramaOptions& options) {
   const SE3d T_body_map = held.T_map_body.inverse();
   Layers layers(options);
   for (const MappedKeyframe& other : keyframes) {
@@ -83,13 +77,56 @@ View view_of(const MappedKeyframe& held, const std::vector<MappedKeyframe>& keyf
     draw(one, options, other.cloud, T, options.point_size);
     layers.add(one);
   }
-  view.rendered = layers.nearest_surfaces();
-  view.errors = compare(view.scan, view.rendered);
+  return layers.nearest_surfaces();
+}
+
+/// What was scanned at a keyframe, and what the map shows there.
+struct View {
+  const MappedKeyframe* keyframe;
+  Panorama scan, rendered;
+  std::optional<float> full;  ///< intensity of the value 1, if there are intensities
+};
+
+View view_of(const MappedKeyframe& held, const std::vector<MappedKeyframe>& keyframes, const PanoramaOptions& options) {
+  View view{&held, Panorama(options), rendered_at(held, keyframes, options), {}};
+  draw(view.scan, options, held.cloud, SE3d(), 0.0);
+  view.full = full_intensity(view.scan.intensities, options);
   return view;
 }
 
+/// How the two differ.
+struct PanoramaErrors {
+  ViewErrors ranges;
+  ViewErrors intensities;  ///< of no pixels if there are none
+};
+
+PanoramaErrors errors_of(const View& view) {
+  PanoramaErrors errors{.ranges = compare(view.scan.ranges, view.rendered.ranges, 1.0F), .intensities = {}};
+  if (view.full)
+    errors.intensities =
+        compare(scaled(view.scan.intensities, *view.full), scaled(view.rendered.intensities, *view.full), 0.0F);
+  return errors;
+}
+
+/// Means over the views that have pixels to compare.
+struct MeanErrors {
+  double psnr = 0, loss = 0, uncovered = 0, views = 0;
+
+  MeanErrors(const std::vector<PanoramaErrors>& all, ViewErrors PanoramaErrors::*of) {
+    for (const PanoramaErrors& both : all) {
+      const ViewErrors& errors = both.*of;
+      if (errors.pixels == 0) continue;
+      psnr += errors.psnr;
+      loss += errors.loss;
+      uncovered += errors.uncovered;
+      ++views;
+    }
+    for (double* figure : {&psnr, &loss, &uncovered}) *figure /= views;
+  }
+};
+
 /// Values as bytes, -1 for none.
-json pixels_of(const Panorama& image) {
+json pixels_of(const Image& image) {
   json pixels = json::array();
   for (const float value : image.values)
     pixels.push_back(std::isnan(value) ? -1 : static_cast<int>(std::lround(255.0F * value)));
@@ -100,45 +137,48 @@ json pixels_of(const Panorama& image) {
 json shown(const View& view, const PanoramaOptions& options) {
   Panorama scan(options);
   draw(scan, options, view.keyframe->cloud, SE3d(), options.point_size);
-  return {{"session", view.keyframe->session + 1},
-          {"time_ns", view.keyframe->time.nanoseconds()},
-          {"rows", view.scan.rows},
-          {"columns", view.scan.columns},
-          {"scan", pixels_of(scan)},
-          {"rendered", pixels_of(view.rendered)}};
+  json result{{"session", view.keyframe->session + 1},
+              {"time_ns", view.keyframe->time.nanoseconds()},
+              {"rows", scan.ranges.rows},
+              {"columns", scan.ranges.columns},
+              {"scan", pixels_of(scan.ranges)},
+              {"rendered", pixels_of(view.rendered.ranges)}};
+  if (view.full) {
+    result["scan_intensities"] = pixels_of(scaled(scan.intensities, *view.full));
+    result["rendered_intensities"] = pixels_of(scaled(view.rendered.intensities, *view.full));
+  }
+  return result;
 }
 
-json run(const Arguments& arguments) {
+/// The one in the middle of those of the last session: the same for every map of a recording.
+const MappedKeyframe& shown_of(const std::vector<const MappedKeyframe*>& held) {
+  const auto first = std::ranges::find(held, held.back()->session, &MappedKeyframe::session);
+  return *first[(held.end() - first) / 2];
+}
+
+json run(const SessionArguments& arguments) {
   const ThreadPool threads(to_index(arguments.threads));
   const PanoramaOptions options;
-  std::vector<MappedKeyframe> keyframes;
-  for (std::size_t i = 0; i < arguments.sessions.size(); ++i) read_session(arguments.sessions[i], i, keyframes);
+  const std::vector<MappedKeyframe> keyframes = read_keyframes(arguments);
   std::vector<const MappedKeyframe*> held;
   for (const MappedKeyframe& keyframe : keyframes)
     if (keyframe.held_out) held.push_back(&keyframe);
-  std::vector<std::optional<View>> views(held.size());
+  std::vector<PanoramaErrors> errors(held.size());
   threads.for_chunks(to_index(held.size()), 1, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      views[i] = view_of(*held[i], keyframes, options);
+      errors[i] = errors_of(view_of(*held[i], keyframes, options));
   });
-  double psnr = 0, loss = 0, uncovered = 0, count = 0;
-  for (const auto& view : views) {
-    if (view->errors.pixels == 0) continue;
-    psnr += view->errors.psnr;
-    loss += view->errors.loss;
-    uncovered += view->errors.uncovered;
-    ++count;
+  const MeanErrors ranges(errors, &PanoramaErrors::ranges), intensities(errors, &PanoramaErrors::intensities);
+  json result{{"views", ranges.views}};
+  if (ranges.views == 0) return result;
+  result["psnr_db"] = ranges.psnr;
+  result["loss"] = ranges.loss;
+  result["uncovered"] = ranges.uncovered;
+  if (intensities.views > 0) {
+    result["intensity_psnr_db"] = intensities.psnr;
+    result["intensity_loss"] = intensities.loss;
   }
-  json result{{"views", count}};
-  if (count == 0) return result;
-  result["psnr_db"] = psnr / count;
-  result["loss"] = loss / count;
-  result["uncovered"] = uncovered / count;
-  // The one in the middle of those of the last session: the same for every map of a recording.
-  std::vector<std::size_t> last;
-  for (std::size_t i = 0; i < views.size(); ++i)
-    if (views[i]->keyframe->session == views.back()->keyframe->session) last.push_back(i);
-  result["shown"] = shown(*views[last[last.size() / 2]], options);
+  result["shown"] = shown(view_of(shown_of(held), keyframes, options), options);
   return result;
 }
 
@@ -146,16 +186,8 @@ json run(const Arguments& arguments) {
 }  // namespace chainslam::experiments
 
 int main(int count, char** words) {
-  using namespace chainslam;
-  experiments::Arguments arguments;
-  CLI::App app("How views rendered from a map agree with scans that are not in it");
-  app.add_option("--session", arguments.sessions,
-                 "recording, its trajectory in the map, number of the frame it lies in")
-      ->required()
-      ->expected(3)
-      ->option_text("SET FILE FRAME");
-  app.add_option("--out", arguments.out, "JSON file to write")->required();
-  app.add_option("--threads", arguments.threads, "changes the time, not the result")->check(CLI::Range(1, 1024));
-  CLI11_PARSE(app, count, words);
-  return bench::write_table("viewpoints", arguments.out, [&] { return experiments::run(arguments).dump() + "\n"; });
+  using namespace chainslam::experiments;
+  return run_on_sessions(count, words, "viewpoints",
+                         "How views rendered from a map agree with scans that are not in it",
+                         [](const SessionArguments& arguments) { return run(arguments).dump() + "\n"; });
 }

@@ -7,6 +7,7 @@ import math
 import tempfile
 import unittest
 from pathlib import Path
+from typing import Any
 
 from experiments import cost, figures, graph_table, table1, table2, table3
 from experiments.__main__ import TABLES, checked
@@ -135,17 +136,41 @@ class WholeTable(Scratch):
         self.assertRegex(text, r"chained +\| closures +\| 200 +\| 50 +\| 3 +\| 0\.100 +\| - ")
 
     def test_views_are_those_that_the_program_wrote_and_one_is_drawn_for_each_row(self) -> None:
-        written = {"views": 12, "psnr_db": 21.5, "loss": 0.05, "uncovered": 0.125}
+        written = {"views": 12, "psnr_db": 21.5, "loss": 0.05, "uncovered": 0.125, "intensity_psnr_db": 16.25,
+                   "intensity_loss": 0.25}
         found = table3.figures(written)
-        self.assertEqual(found, {"views": 12, "psnr_db": 21.5, "loss": 0.05, "uncovered": 0.125})
-        note = WorldNote("w", "", 2, 1)
-        text = table3.markdown([Result("w", "best", 1, found)], [note], {})
-        self.assertIn("| best | 21.50", text)
-        self.assertIn("12", text.splitlines()[-1])
+        self.assertEqual(found, written)
+        note = WorldNote("w", "", 2, 2)
+        results = [Result("w", row, seed, found) for row in ("best", "chained") for seed in (1, 2)]
+        text = table3.markdown(results, [note], table3.compare(results, [note]))
+
+        def cells(line: str) -> list[str]:
+            return [cell.strip() for cell in line.strip("|").split("|")]
+
+        head = next(cells(line) for line in text.splitlines() if "intensity PSNR dB" in line)
+        row = next(cells(line) for line in text.splitlines() if line.startswith("| best "))
+        shown = {name: cell.split(" ")[0] for name, cell in zip(head, row, strict=True)}
+        self.assertEqual(shown, {"": "best", "range PSNR dB": "21.50", "range loss": "0.0500",
+                                 "intensity PSNR dB": "16.25", "intensity loss": "0.250", "uncovered %": "12", "views": "12"})
+        self.assertRegex(text, r"\| best - chained +\| intensity loss +\| 2 ")
+
+    def test_maps_without_intensities_have_views_of_ranges_alone(self) -> None:
+        found = table3.figures({"views": 12, "psnr_db": 21.5, "loss": 0.05, "uncovered": 0.125})
+        text = table3.markdown([Result("w", "best", 1, found)], [WorldNote("w", "", 2, 1)], {})
+        self.assertRegex(text.splitlines()[-1], r"^\| best \| 21\.50 +\| 0\.0500 +\| - +\| - +\| 12 +\| 12 +\|$")
         self.assertTrue(math.isnan(table3.figures({"views": 0})["psnr_db"]))
+
+    def test_the_same_view_is_drawn_of_each_map_with_intensities_if_all_have_them(self) -> None:
         view = {"session": 2, "time_ns": 1, "rows": 2, "columns": 3, "scan": [-1, 0, 255, 1, 2, 3], "rendered": [5] * 6}
-        figures.panoramas({"best": view, "chained": view}, "nclt-hard/small", self.root)
-        self.assertTrue((self.root / "nclt-hard-small-viewpoints.png").stat().st_size > 0)
+        both = view | {"scan_intensities": [-1, 9, 255, 1, 2, 3], "rendered_intensities": [7] * 6}
+
+        def width(views: dict[str, Any]) -> int:
+            figures.panoramas(views, "nclt-hard/small", self.root)
+            picture = (self.root / "nclt-hard-small-viewpoints.png").read_bytes()
+            return int.from_bytes(picture[16:20], "big")
+
+        ranges_alone = width({"best": view, "chained": both})
+        self.assertGreater(width({"best": both, "chained": both}), 1.5 * ranges_alone)
 
     def test_memory_is_what_the_program_says_of_itself(self) -> None:
         (self.root / "map").mkdir()

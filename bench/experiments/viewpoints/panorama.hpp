@@ -4,11 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <iterator>
 #include <limits>
 #include <numbers>
+#include <optional>
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/finite.hpp"
 #include "chainslam/lie/se3.hpp"
 
 namespace chainslam::experiments {
@@ -24,14 +27,15 @@ struct PanoramaOptions {
   /// A surface is what so many scans have within this of each other, metres: what passed by once is not in the way.
   std::size_t scans_of_surface = 2;
   double depth_of_surface = 0.5;
+  double full_share = 0.99;  ///< the value 1 of intensities is what so many of a scan's pixels do not exceed
 };
 
-/// Ranges as values from 0 (here) to 1 (`most_range` and more), row by row; NaN where there is no return.
-struct Panorama {
+/// Numbers row by row; NaN where there is nothing.
+struct Image {
   int columns = 0, rows = 0;
   std::vector<float> values;
 
-  explicit Panorama(const PanoramaOptions& options)
+  explicit Image(const PanoramaOptions& options)
       : columns(options.columns),
         rows(options.rows),
         values(static_cast<std::size_t>(options.columns) * static_cast<std::size_t>(options.rows),
@@ -42,6 +46,14 @@ struct Panorama {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) +
            static_cast<std::size_t>((column % columns + columns) % columns);
   }
+};
+
+/// What is seen of a place's surroundings, pixel by pixel.
+struct Panorama {
+  Image ranges;       ///< from 0 (here) to 1 (`most_range` and more)
+  Image intensities;  ///< of the points that are seen, on the sensor's own scale; NaN if the cloud has none
+
+  explicit Panorama(const PanoramaOptions& options) : ranges(options), intensities(options) {}
 };
 
 /// Draws points over what is there: the nearest one of a pixel is seen.
@@ -55,8 +67,9 @@ inline void draw(Panorama& image, const PanoramaOptions& options, const PointClo
   const double columns_per_radian = options.columns / (2 * std::numbers::pi);
   const double rows_per_radian = options.rows / ((options.highest_deg - options.lowest_deg) * std::numbers::pi / 180.0);
   const double highest = options.highest_deg * std::numbers::pi / 180.0;
-  for (const Eigen::Vector3f& point : cloud.positions) {
-    const Eigen::Vector3f p = R * point + t;
+  const bool has_intensities = cloud.has_intensities();
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const Eigen::Vector3f p = R * cloud.positions[i] + t;
     const float range = p.norm();
     if (!(range > 0.5F * static_cast<float>(size)) || range > most) continue;
     const auto flat = static_cast<double>(p.head<2>().norm());
@@ -72,10 +85,13 @@ inline void draw(Panorama& image, const PanoramaOptions& options, const PointClo
     const int bottom = std::min(options.rows - 1, static_cast<int>(std::floor(y + half_y)));
     const int left = static_cast<int>(std::floor(x - half_x)), right = static_cast<int>(std::floor(x + half_x));
     const float value = range / most;
+    const float intensity = has_intensities ? cloud.intensities[i] : std::numeric_limits<float>::quiet_NaN();
     for (int row = top; row <= bottom; ++row)
       for (int column = left; column <= right; ++column) {
-        float& pixel = image.values[image.at(row, column)];
-        if (!(pixel <= value)) pixel = value;  // also where there is none
+        const std::size_t pixel = image.ranges.at(row, column);
+        if (image.ranges.values[pixel] <= value) continue;  // not so where there is none
+        image.ranges.values[pixel] = value;
+        image.intensities.values[pixel] = intensity;
       }
   }
 }
@@ -83,37 +99,61 @@ inline void draw(Panorama& image, const PanoramaOptions& options, const PointClo
 /// What several scans show of a view, pixel by pixel.
 class Layers {
  public:
-  explicit Layers(const PanoramaOptions& options) : options_(options), values_(Panorama(options).values.size()) {}
+  explicit Layers(const PanoramaOptions& options) : options_(options), seen_(Image(options).values.size()) {}
 
   /// Adds what one scan shows.
   void add(const Panorama& one) {
-    for (std::size_t i = 0; i < values_.size(); ++i)
-      if (!std::isnan(one.values[i])) values_[i].push_back(one.values[i]);
+    for (std::size_t i = 0; i < seen_.size(); ++i)
+      if (!std::isnan(one.ranges.values[i])) seen_[i].push_back({one.ranges.values[i], one.intensities.values[i]});
   }
 
-  /// The nearest surface of each pixel: the middle of those values that make it one. Where there is none, the nearest.
+  /// The nearest surface of each pixel: the middle of those ranges that make it one, and the intensity that the same
+  /// scans have there. Where there is none, the nearest.
   [[nodiscard]] Panorama nearest_surfaces() {
     Panorama image(options_);
     const auto depth = static_cast<float>(options_.depth_of_surface / options_.most_range);
     const std::size_t least = options_.scans_of_surface;
-    for (std::size_t i = 0; i < values_.size(); ++i) {
-      std::vector<float>& values = values_[i];
-      if (values.empty()) continue;
-      std::ranges::sort(values);
-      image.values[i] = values.front();
-      for (std::size_t k = 0; k + least <= values.size(); ++k)
-        if (values[k + least - 1] - values[k] <= depth) {
-          image.values[i] = 0.5F * (values[k + (least - 1) / 2] + values[k + least / 2]);
+    for (std::size_t i = 0; i < seen_.size(); ++i) {
+      std::vector<Point>& seen = seen_[i];
+      if (seen.empty()) continue;
+      std::ranges::sort(seen, {}, &Point::range);
+      Point a = seen.front(), b = a;
+      for (std::size_t k = 0; k + least <= seen.size(); ++k)
+        if (seen[k + least - 1].range - seen[k].range <= depth) {
+          a = seen[k + (least - 1) / 2], b = seen[k + least / 2];
           break;
         }
+      image.ranges.values[i] = 0.5F * (a.range + b.range);
+      image.intensities.values[i] = 0.5F * (a.intensity + b.intensity);
     }
     return image;
   }
 
  private:
+  struct Point {
+    float range, intensity;
+  };
+
   PanoramaOptions options_;
-  std::vector<std::vector<float>> values_;  ///< of each pixel, one a scan
+  std::vector<std::vector<Point>> seen_;  ///< of each pixel, one a scan
 };
+
+/// The intensity that becomes the value 1, by the scan that was taken at a view; nothing if no pixel has any.
+inline std::optional<float> full_intensity(const Image& scan, const PanoramaOptions& options) {
+  std::vector<float> seen;
+  std::ranges::copy_if(scan.values, std::back_inserter(seen), [](float value) { return is_finite(value); });
+  if (seen.empty()) return std::nullopt;
+  const auto rank = static_cast<std::ptrdiff_t>(std::ceil(options.full_share * static_cast<double>(seen.size())));
+  const auto full = seen.begin() + rank - 1;
+  std::ranges::nth_element(seen, full);
+  return *full > 0 ? std::optional(*full) : std::nullopt;
+}
+
+/// Intensities as values from 0 to 1.
+inline Image scaled(Image intensities, float full) {
+  for (float& value : intensities.values) value = std::clamp(value / full, 0.0F, 1.0F);  // NaN stays
+  return intensities;
+}
 
 /// How a rendered view differs from the scan that was taken there, over the pixels in which the scan has a return.
 struct ViewErrors {
@@ -127,7 +167,7 @@ namespace detail {
 
 /// Mean structural similarity (Wang et al. 2004) over the pixels that count: windows of 11 x 11 with a Gaussian of 1.5
 /// pixels, K1 = 0.01, K2 = 0.03, a range of values of 1; within a window only pixels that count.
-inline double similarity(const Panorama& shape, const std::vector<float>& a, const std::vector<float>& b,
+inline double similarity(const Image& shape, const std::vector<float>& a, const std::vector<float>& b,
                          const std::vector<bool>& counts) {
   constexpr int reach = 5;
   constexpr double c1 = 0.01 * 0.01, c2 = 0.03 * 0.03, deviation = 1.5;
@@ -162,14 +202,15 @@ inline double similarity(const Panorama& shape, const std::vector<float>& a, con
 
 }  // namespace detail
 
-/// @param rendered  where it has nothing, it shows 1: nothing within `most_range`.
-inline ViewErrors compare(const Panorama& scan, const Panorama& rendered) {
+/// @param nothing  shown where nothing is rendered: 1 of ranges, nothing within `most_range`; 0 of intensities, no
+/// light.
+inline ViewErrors compare(const Image& scan, const Image& rendered, float nothing) {
   ViewErrors errors;
   std::vector<float> shown = rendered.values;
   std::vector<bool> counts(scan.values.size());
   double squares = 0, differences = 0, uncovered = 0;
   for (std::size_t i = 0; i < scan.values.size(); ++i) {
-    if (std::isnan(shown[i])) shown[i] = 1.0F;
+    if (std::isnan(shown[i])) shown[i] = nothing;
     counts[i] = !std::isnan(scan.values[i]);
     if (!counts[i]) continue;
     const double difference = static_cast<double>(shown[i]) - static_cast<double>(scan.values[i]);
