@@ -213,7 +213,7 @@ class PacketStatistics {
 };
 
 Inspection inspect_dataset(const std::filesystem::path& path, DatasetOptions options) {
-  options.recorded_intensities = true;
+  options.recorded_intensities = true;  // what the files have, not what a map takes of them
   const std::unique_ptr<Dataset> dataset = open_dataset(path, options);
   PacketStatistics statistics;
   while (const auto packet = dataset->next()) statistics.add(*packet);

@@ -62,7 +62,7 @@ void write_clouds_with_intensities(const fs::path& folder) {
 
 TEST_SUITE("program/odometry") {
   TEST_CASE("a recording has each point's intensity, of whole scans and of downsampled ones") {
-    const ScratchFolder scratch("intensities");
+    const ScratchFolder scratch("recorded_points");
     const fs::path clouds = scratch.path() / "clouds";
     write_clouds_with_intensities(clouds);
     for (const std::string settings : {"--set odometry.source=lidar --set keyframes.voxel_size=0.4",
@@ -83,7 +83,7 @@ TEST_SUITE("program/odometry") {
         ++scans;
       }
       CHECK(scans >= 4);
-      CHECK(contains(good(scratch, "inspect " + quoted(set)).output, "intensities"));
+      CHECK(contains(good(scratch, "inspect " + quoted(set)).output, "; with intensities"));
     }
   }
 
