@@ -136,7 +136,7 @@ def panoramas(views: Mapping[str, Mapping[str, Any]], world: str, folder: Path) 
     first = next(iter(views.values()))
     kinds = [("", 50.0, "viridis", "metres")]
     if all("scan_intensities" in view for view in views.values()):
-        kinds.append(("_intensities", 1.0, "gray", "intensity / 99th percentile of the scan"))
+        kinds.append(("_intensities", 1.0, "gray", "intensity (1: 99th percentile)"))
 
     def image(view: Mapping[str, Any], key: str, most: float) -> Array:
         pixels = np.array(view[key], dtype=float).reshape(view["rows"], view["columns"])
