@@ -5,6 +5,7 @@
 #include <cmath>
 #include <concepts>
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -13,7 +14,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/registration/detail/range_image.hpp"
+#include "chainslam/registration/free_space.hpp"
 #include "chainslam/registration/overlap.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
@@ -148,30 +149,18 @@ struct Verifier {
   template <class Exec>
   void measure_views(const PointCloud<float>& source, const PointCloud<float>& target, const SE3d& T,
                      const Viewpoints& viewpoints, Verification& result, const Exec& executor) const {
-    struct View {
-      Index points = 0, through = 0;
-    };
-    const auto look = [&](const PointCloud<float>& seen, const Eigen::Vector3d& viewpoint,
-                          const PointCloud<float>& others, const SE3d& T_seen_others) {
-      View view;
-      const detail::RangeImage image(seen, viewpoint, view_cell);
-      for (std::size_t i = 0; i < others.size(); ++i) {
-        const Eigen::Vector3d p = T_seen_others * position(others, i);
-        const double free = image.free_range(p);
-        if (free == detail::RangeImage::unknown) continue;
-        ++view.points;
-        const double margin = view_margin + view_margin_ratio * free;
-        view.through += image.range_of(p) + margin < free ? 1 : 0;
-      }
-      return view;
-    };
-    View of_source, of_target;
+    const FreeSpaceOptions view{.cell = view_cell,
+                                .margin = view_margin,
+                                .margin_ratio = view_margin_ratio,
+                                .max_range = std::numeric_limits<double>::infinity(),
+                                .max_points = std::numeric_limits<Index>::max()};
+    FreeSpaceCount of_source, of_target;
     call_both(
-        executor, [&] { of_source = look(target, viewpoints.target, source, T); },
-        [&] { of_target = look(source, viewpoints.source, target, T.inverse()); });
-    const Index in_view = of_source.points + of_target.points, through = of_source.through + of_target.through;
-    result.in_view = in_view;
-    result.seen_through = in_view > 0 ? static_cast<double>(through) / in_view : 0.0;
+        executor, [&] { of_source = FreeSpace(target, viewpoints.target, view).count(source, T); },
+        [&] { of_target = FreeSpace(source, viewpoints.source, view).count(target, T.inverse()); });
+    of_source += of_target;
+    result.in_view = of_source.in_view;
+    result.seen_through = of_source.share();
   }
 };
 
