@@ -86,6 +86,10 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
        .max = 1e9,
        .help = "How many times more than the submap's own points the scan's lie off its surfaces, over the "
                "share that lies near any. 0: not looked at."});
+  configuration.add(
+      "closures.by_direction", gate.by_direction,
+      {.help = "Whether that is asked of each of three directions by the surfaces that tell it, or of all "
+               "points at once."});
   configuration.add("closures.max_mean_squared_error", gate.max_mean_squared_error,
                     {.unit = "m^2",
                      .min = 0,

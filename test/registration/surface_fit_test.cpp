@@ -63,6 +63,25 @@ TEST_SUITE("registration/surface_fit") {
     CHECK(beside.misfit(surface_noise(floor)) == doctest::Approx(2).epsilon(0.08));
   }
 
+  TEST_CASE("what slid along a floor does not fit in that direction, however much floor there is") {
+    PointCloud<float> hall = floor_of(0.2, 0.02, 12);
+    hall.normals.assign(hall.positions.size(), Eigen::Vector3f::UnitZ());
+    for (float y = -1; y < 1; y += 0.2F)
+      for (float z = 0.6F; z < 2.6F; z += 0.2F) {
+        hall.positions.emplace_back(5, y, z);
+        hall.normals.push_back(Eigen::Vector3f::UnitX());
+      }
+    const PointCloud<float> scan = hall;
+    const IndexedCloud<> target(std::move(hall));
+    const SurfaceFit there = surface_fit(scan, target, SE3d()), slid = surface_fit(scan, target, moved(0.4, 0, 0));
+    CHECK(there.worst_misfit(0.05) < 0.01);
+    CHECK(slid.misfit(0.05) < 1.5);
+    CHECK(slid.worst_rmse == doctest::Approx(0.4).epsilon(0.02));
+    CHECK(slid.worst_misfit(0.05) > 5);
+    CHECK(surface_fit(PointCloud<float>{}, target, SE3d()).worst_misfit(0.05) ==
+          std::numeric_limits<double>::infinity());
+  }
+
   TEST_CASE("noise below what a laser measures does not make a good fit a bad one") {
     const IndexedCloud<> exact = level(floor_of(0.2, 0, 6));
     const SurfaceFit fit = surface_fit(floor_of(0.3, 0.02, 7), exact, SE3d());

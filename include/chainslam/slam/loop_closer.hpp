@@ -25,7 +25,8 @@ namespace chainslam {
 
 /// When an alignment counts as a closure.
 struct ClosureGate {
-  double max_misfit = 2.0;            ///< see `SurfaceFit::misfit`; 0: not looked at
+  double max_misfit = 2.2;            ///< see `SurfaceFit::worst_misfit`; 0: not looked at
+  bool by_direction = true;           ///< whether the misfit is that of the worst direction, or `SurfaceFit::misfit`
   double max_mean_squared_error = 0;  ///< m^2 over inliers (tau of the paper, section 5: 0.3 at 2 m); 0: any
   double min_inlier_ratio = 0.6;      ///< of the scan's points with a partner in the submap
   double max_translation = 10.0;      ///< metres that the graph may have been off
@@ -131,7 +132,8 @@ class LoopCloser {
   [[nodiscard]] bool fits(const PointCloud<float>& scan, const Submap& submap, const SE3d& T_submap_scan) {
     if (options_.gate.max_misfit <= 0) return true;
     const double noise = submaps_.surface_noise(submap);
-    return surface_fit(scan, submap, T_submap_scan).misfit(noise) <= options_.gate.max_misfit;
+    const SurfaceFit fit = surface_fit(scan, submap, T_submap_scan);
+    return (options_.gate.by_direction ? fit.worst_misfit(noise) : fit.misfit(noise)) <= options_.gate.max_misfit;
   }
 
   LoopCloserOptions options_;
