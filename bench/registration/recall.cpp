@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "proportion.hpp"
 #include "registration/crops.hpp"
 #include "registration/global_methods.hpp"
 #include "versus.hpp"
@@ -32,15 +33,6 @@ struct Tally {
   int trials = 0, right = 0, tight = 0, refused = 0;
   std::vector<double> metres, degrees, milliseconds;
 };
-
-/// The bounds between which the true share lies with 95 %, if `hits` of
-/// `trials` came out (Wilson 1927).
-std::pair<double, double> wilson(int hits, int trials) {
-  constexpr double z = 1.96;
-  const double n = trials, p = hits / n, middle = (p + z * z / (2 * n)) / (1 + z * z / n);
-  const double half = z / (1 + z * z / n) * std::sqrt(p * (1 - p) / n + z * z / (4 * n * n));
-  return {100 * std::max(0.0, middle - half), 100 * std::min(1.0, middle + half)};
-}
 
 double percentile(std::vector<double> values, double share) {
   if (values.empty()) return 0;
@@ -102,8 +94,12 @@ void run(const Options& options, CropSource& crops) {
     }
     for (std::size_t k = 0; k < methods.size(); ++k) {
       const Tally& t = tallies[k];
-      const auto [low, high] = wilson(t.right, t.trials);
-      const auto [tight_low, tight_high] = wilson(t.tight, t.trials);
+      const auto bounds = [&](int hits) {
+        const ShareBounds share = wilson(static_cast<std::size_t>(hits), static_cast<std::size_t>(t.trials));
+        return std::pair(100 * share.low, 100 * share.high);
+      };
+      const auto [low, high] = bounds(t.right);
+      const auto [tight_low, tight_high] = bounds(t.tight);
       std::printf(
           "| %.0f %% | %s | %.1f (%.1f to %.1f) | %.1f (%.1f to %.1f) | %.3f | "
           "%.2f | %.0f | %.0f |\n",
