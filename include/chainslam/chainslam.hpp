@@ -148,6 +148,7 @@
 #include "chainslam/registration/consistency_graph.hpp"
 #include "chainslam/registration/distribution_to_distribution.hpp"
 #include "chainslam/registration/feature_registration.hpp"
+#include "chainslam/registration/free_space.hpp"
 #include "chainslam/registration/gaussian_cloud.hpp"
 #include "chainslam/registration/gaussian_voxel_map.hpp"
 #include "chainslam/registration/gnc.hpp"
