@@ -62,24 +62,18 @@ Preset nclt_hard(PresetSize size) {
   preset.traffic.crowd = 4;
   preset.town.open_sides = 0.4;
   preset.town.alike = 0.35;
-  auto& passages = preset.town.passages;
-  const bool small = size == PresetSize::small || size == PresetSize::full;
+  if (size == PresetSize::small || size == PresetSize::full) return preset;
   // In the paper's configuration the IMU hardly counts, and a campus is never out of sight: ground that each scan bends
   // is what drifts.
-  if (!small) preset.lidar.elevation_offset_deg = 0.45;
-  switch (size) {
-    case PresetSize::small:
-    case PresetSize::full:
-      break;
-    case PresetSize::medium:
-      preset.town.streets.columns = 5;
-      preset.sessions = walks(5, 4, 21);
-      passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({3, 1}, {4, 1})});
-      break;
-    case PresetSize::large:
-      passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({4, 1}, {5, 1}),
-                                       open_stretch({1, 3}, {2, 3}), open_stretch({6, 2}, {6, 3})});
-      break;
+  preset.lidar.elevation_offset_deg = 0.45;
+  auto& passages = preset.town.passages;
+  if (size == PresetSize::medium) {
+    preset.town.streets.columns = 5;
+    preset.sessions = walks(5, 4, 21);
+    passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({3, 1}, {4, 1})});
+  } else {
+    passages.insert(passages.end(), {open_stretch({0, 1}, {0, 2}), open_stretch({4, 1}, {5, 1}),
+                                     open_stretch({1, 3}, {2, 3}), open_stretch({6, 2}, {6, 3})});
   }
   return preset;
 }
