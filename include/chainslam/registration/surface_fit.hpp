@@ -48,17 +48,18 @@ struct SurfaceFit {
   /// @param noise  of the target, by `surface_noise`; anything below 5 cm, which is what a laser measures, counts as
   /// that.
   /// @returns infinity where nothing overlaps.
-  [[nodiscard]] double misfit(double noise) const { return over(noise, rmse); }
+  [[nodiscard]] double misfit(double noise) const { return relative(rmse, noise); }
 
   /// The same in the worst of three directions: what slid along a street or a courtyard fits in the others.
   ///
   /// By `bench_closure_gates` (bench/README.md) all of 52 right poses of real scans (Livox Avia, HDL-32E, OS1-64,
   /// HDL-64E) have at most 2.12, all of 89 simulated ones (16 to 128 lines, in traffic) at most 2.15; of 172 and 317
   /// wrong ones one and four pass `ClosureGate` at 2.2.
-  [[nodiscard]] double worst_misfit(double noise) const { return over(noise, worst_rmse); }
+  [[nodiscard]] double worst_misfit(double noise) const { return relative(worst_rmse, noise); }
 
-  /// Times the target's noise, over the overlap.
-  [[nodiscard]] double over(double noise, double distance) const {
+ private:
+  /// A distance over the target's noise and the overlap.
+  [[nodiscard]] double relative(double distance, double noise) const {
     constexpr double least_noise = 0.05;
     return overlap > 0 ? distance / (std::max(noise, least_noise) * overlap) : std::numeric_limits<double>::infinity();
   }
