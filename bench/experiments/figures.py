@@ -128,8 +128,8 @@ def box_plots(results: Sequence[Result], world: str, folder: Path) -> None:
 
 
 def panoramas(views: Mapping[str, Mapping[str, Any]], world: str, folder: Path) -> None:
-    """One held-out keyframe: its scan, and what is rendered from each row's map where the map has it; ranges, and beside
-    them intensities if all have them.
+    """One held-out keyframe: its scan, and what is rendered from each row's map where the map has it: as ranges and, if
+    all have them, as intensities.
 
     @param views  by row what `viewpoints` shows.
     """
