@@ -4,6 +4,8 @@
 // write takes half of its bytes, and nothing else fails. With errno -1 the power fails at a sync: the file keeps what
 // was synced before, and the program ends. CHAINSLAM_FAULT_LOG names a file that gets a line when the fault was met,
 // CHAINSLAM_FAULT_COUNT one that gets the number of operations that could have met it.
+// CHAINSLAM_MACHINE_PAGES is the memory that the machine seems to have, in pages; with CHAINSLAM_FILE_MEGABYTES, each
+// file that is created costs so much memory for good.
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -100,6 +102,15 @@ bool fails(const char* operation, int file) {
   return fails(operation, path_of(file).c_str());
 }
 
+void cost_memory() {
+  const char* const megabytes = std::getenv("CHAINSLAM_FILE_MEGABYTES");
+  if (megabytes == nullptr) return;
+  const std::size_t bytes = 1'000'000 * static_cast<std::size_t>(std::atol(megabytes));
+  static void* volatile kept;  // or the compiler may leave out what nobody reads
+  kept = std::malloc(bytes);
+  if (kept != nullptr) std::memset(kept, 1, bytes);
+}
+
 /// Where the file that a fault is about ended when it was synced last.
 std::atomic<off_t> synced_size{0};
 
@@ -129,6 +140,7 @@ int open(const char* path, int flags, ...) {
   va_start(arguments, flags);
   const mode_t mode = (flags & O_CREAT) != 0 ? va_arg(arguments, mode_t) : 0;
   va_end(arguments);
+  if ((flags & O_CREAT) != 0) cost_memory();
   return fails((flags & O_CREAT) != 0 ? "create" : "open", path) ? -1 : real(path, flags, mode);
 }
 
@@ -138,6 +150,7 @@ int open64(const char* path, int flags, ...) {
   va_start(arguments, flags);
   const mode_t mode = (flags & O_CREAT) != 0 ? va_arg(arguments, mode_t) : 0;
   va_end(arguments);
+  if ((flags & O_CREAT) != 0) cost_memory();
   return fails((flags & O_CREAT) != 0 ? "create" : "open", path) ? -1 : real(path, flags, mode);
 }
 
