@@ -75,7 +75,9 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
         "closures.max_rotation",
     ),
     "closure-noise": ("closures.noise_from_hessian", "closures.lambda", "closures.least_variance"),
-    "kernel": ("closures.kernel_width",),
+    "outliers": ("closures.outlier_threshold", "graph.odometry_outlier_threshold"),
+    "gnss": ("graph.gnss",),
+    "search-again": ("closures.search_again",),
     "candidates": (
         "closures.radius",
         "closures.max_candidates",

@@ -23,13 +23,6 @@
 namespace chainslam::datasets {
 namespace {
 
-/// What a keyframe's odometry is believed to be good for, as these programs' own graphs assume: 1 cm, 0.057 deg.
-Matrix6d assumed_covariance() {
-  Matrix6d covariance = 1e-4 * Matrix6d::Identity();
-  covariance.bottomRightCorner<3, 3>() = 1e-6 * Eigen::Matrix3d::Identity();
-  return covariance;
-}
-
 /// The fixes of gnss.txt, nothing where the line says nan. @throws IoError naming the line.
 std::vector<std::optional<GnssFix>> read_fixes(const std::filesystem::path& path, const std::vector<Timestamp>& times) {
   std::vector<std::optional<GnssFix>> fixes;
@@ -97,7 +90,7 @@ class KeyframeSet final : public Dataset {
     Frame frame;
     frame.time = times_[i];
     frame.T_odom_body = poses_[i];
-    frame.covariance = assumed_covariance();
+    frame.covariance.setZero();  // unknown
     frame.cloud = std::move(*cloud);
     if (!fixes_.empty()) frame.gnss = fixes_[i];
     frame.health.points = frame.health.matches = to_index(frame.cloud.size());

@@ -1,6 +1,9 @@
 #include "back_end_options.hpp"
 
+#include <array>
 #include <numbers>
+#include <string>
+#include <string_view>
 
 namespace chainslam::mapper {
 
@@ -105,9 +108,15 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                      .max = 1e12,
                      .factor = radians_a_degree,
                      .help = "Corrections larger than this are not believed."});
-  configuration.add(
-      "closures.kernel_width", parts.kernel.width,
-      {.min = 0.1, .max = 1e9, .help = "Standard deviations at which the graph halves a closure's weight."});
+  configuration.add("closures.outlier_threshold", parts.outliers.closures,
+                    {.min = 0,
+                     .max = 1e9,
+                     .help = "Squared error, in variances, beyond which the graph leaves a closure out; 0: never."});
+  configuration.add("closures.search_again", parts.back_end.search_again,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1e6,
+                     .help = "Keyframes that the graph moves farther than this are tried again; 0: none."});
 }
 
 void add_chain(Configuration& configuration, BackEndParts& parts) {
@@ -241,6 +250,21 @@ void add_merge(Configuration& configuration, BackEndParts& parts) {
                     {.help = "Whether what these searches find is chained."});
 }
 
+void add_gnss(Configuration& configuration, GnssFactorOptions& gnss) {
+  configuration.add("graph.gnss", gnss.enabled, {.help = "Whether GNSS fixes hold the map."});
+  constexpr std::array<std::string_view, 3> axes{"graph.gnss_antenna_x", "graph.gnss_antenna_y",
+                                                 "graph.gnss_antenna_z"};
+  for (int axis = 0; axis < 3; ++axis)
+    configuration.add(std::string(axes[static_cast<std::size_t>(axis)]), gnss.antenna[axis],
+                      {.unit = "m", .min = -100, .max = 100, .help = "Position of the antenna in the body."});
+  configuration.add("graph.gnss_bias", gnss.bias,
+                    {.unit = "m", .min = 0, .max = 1e4, .help = "Error of a fix beyond what it says of itself."});
+  configuration.add("graph.gnss_correlated", gnss.correlated,
+                    {.min = 1, .max = 1e6, .help = "Fixes one after another that err together and count as one."});
+  configuration.add("graph.gnss_outlier_threshold", gnss.threshold,
+                    {.min = 0.1, .max = 1e9, .help = "Squared error, in variances, beyond which a fix is left out."});
+}
+
 void add_graph(Configuration& configuration, MapGraphOptions& graph) {
   OdometryNoise& noise = graph.odometry_noise;
   configuration.add("graph.odometry_translation", noise.translation,
@@ -253,6 +277,10 @@ void add_graph(Configuration& configuration, MapGraphOptions& graph) {
   configuration.add(
       "graph.odometry_rotation_per_metre", noise.rotation_per_metre,
       {.unit = "deg/m", .min = 0, .max = 10, .factor = radians_a_degree, .help = "and what each metre adds."});
+  configuration.add("graph.odometry_unknown", graph.unknown_odometry,
+                    {.min = 1,
+                     .max = 1000,
+                     .help = "How many times these count for recorded odometry that says nothing of its errors."});
   configuration.add("graph.odometry_doubt", graph.odometry_doubt.enabled,
                     {.help = "Whether steps count for less where scans between were lost or saw too little."});
   configuration.add("graph.anchor", graph.anchor,
@@ -274,6 +302,11 @@ void add_back_end(Configuration& configuration, BackEndParts& parts) {
   add_chain(configuration, parts);
   add_merge(configuration, parts);
   add_graph(configuration, parts.back_end.graph);
+  configuration.add("graph.odometry_outlier_threshold", parts.outliers.odometry,
+                    {.min = 0,
+                     .max = 1e9,
+                     .help = "The same of a step of odometry, where closures or fixes agree against it; 0: never."});
+  add_gnss(configuration, parts.back_end.graph.gnss);
 }
 
 }  // namespace chainslam::mapper

@@ -24,12 +24,12 @@ namespace {
 
 using Closer = LoopCloser<ProximityCandidates, ClosureRegistration, ClosureNoise>;
 using Merger = MapMerger<GnssCandidates, MergeRegistration>;
-using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger, Cauchy>;
+using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger>;
 
 MapperBackEnd make_back_end(const BackEndParts& parts) {
   return MapperBackEnd(parts.back_end, Closer(parts.closures, parts.candidates, parts.registration, parts.noise),
                        ChainedCloser(parts.chain), Merger(parts.merge, GnssCandidates(parts.gnss), parts.merging),
-                       parts.kernel);
+                       parts.outliers);
 }
 
 /// The back end with a clock, and with figures that the front end's thread may read.

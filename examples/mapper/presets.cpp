@@ -76,7 +76,8 @@ constexpr PresetValue preset_values[] = {
     alike("closures.min_inlier_ratio", "0", "paper III-B: no such test"),
     alike("closures.max_translation", no_bound, "paper III-B: no such test"),
     alike("closures.max_rotation", no_bound, "paper III-B: no such test"),
-    alike("closures.kernel_width", no_bound, "paper III-A: squared errors, no kernel"),
+    alike("closures.outlier_threshold", "0", "paper III-A: squared errors, all of them"),
+    alike("closures.search_again", "0", "paper III-B: each keyframe once"),
 
     // Chained closures.
     {"chain.enabled", {"true", "true"}, {"true", "false"}, "paper III-C; code: add_chained_closures, false for MARS"},
@@ -128,6 +129,9 @@ constexpr PresetValue preset_values[] = {
     alike("graph.odometry_translation_per_metre", "0", "code: the same for each step"),
     alike("graph.odometry_rotation", "0.05729577951308232", "code: 1e-6 rad^2"),
     alike("graph.odometry_rotation_per_metre", "0", "code: the same for each step"),
+    alike("graph.odometry_unknown", "1", "code: the same for each step"),
+    alike("graph.odometry_outlier_threshold", "0", "paper III-A: squared errors, all of them"),
+    alike("graph.gnss", "false", "paper III-A: priors, odometry, closures"),
     alike("graph.odometry_doubt", "false", "code: the same for each step"),
     alike("graph.anchor", "1e-6", "paper III-A: prior factors; code: variance 1e-12"),
     alike("graph.anchor_joined_sessions", "true", "paper III-D: the prior is replaced by one at the aligned pose"),

@@ -72,7 +72,7 @@ struct BackEndParts {
   MergeOptions merge;
   MergeRegistration merging;
   BackEndOptions back_end;
-  Cauchy kernel{.width = 4.0};
+  GroupGnc outliers;
 };
 
 /// One setting as the published system has it, in the form in which the configuration file writes it.

@@ -1,4 +1,4 @@
-// expect: BackEnd: Kernel needs `double weight(double squared_residual) const` and `double cost(double
+// expect: BackEnd: Outliers is GroupGnc, or a kernel with `double weight(double squared_residual) const` and
 // A kernel that only weighs: the optimiser has to compare costs too.
 #include "chainslam/slam/back_end.hpp"
 

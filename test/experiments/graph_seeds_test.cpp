@@ -47,7 +47,7 @@ std::vector<Vector6d> step_errors() {
 /// Two sessions of two rounds each, mapped with alignments drawn from `attempts`.
 struct DrawnWorld {
   std::shared_ptr<SampledScans> scans = std::make_shared<SampledScans>();
-  BackEnd<SampledCloser, ChainedCloser, SampledMerger, Cauchy> back_end;
+  BackEnd<SampledCloser, ChainedCloser, SampledMerger> back_end;
 
   DrawnWorld(const Attempts& attempts, const MergeOptions& merge, std::uint64_t seed = 1)
       : back_end({}, closer(attempts, seed), ChainedCloser(), SampledMerger(scans, merge, 10.0)) {

@@ -92,7 +92,8 @@ closures.max_misfit                  0
 closures.min_inlier_ratio            0
 closures.max_translation             1e9
 closures.max_rotation                1e9
-closures.kernel_width                1e9
+closures.outlier_threshold           0
+closures.search_again                0
 chain.enabled                        true true true false
 chain.through_current_session        true true false false
 chain.reach                          0
@@ -138,6 +139,9 @@ graph.odometry_translation           0.01
 graph.odometry_translation_per_metre 0
 graph.odometry_rotation              0.05729577951308232
 graph.odometry_rotation_per_metre    0
+graph.odometry_unknown               1
+graph.odometry_outlier_threshold     0
+graph.gnss                           false
 graph.odometry_doubt                 false
 graph.anchor                         1e-6
 graph.anchor_joined_sessions         true

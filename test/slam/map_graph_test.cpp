@@ -19,7 +19,7 @@ using test::keyframe_at;
 using test::random_motion;
 
 /// Optimises until nothing moves any more, so that optima compare.
-constexpr MapGraphOptions to_the_end{
+const MapGraphOptions to_the_end{
     .optimizer = {.max_iterations = 200, .relative_tolerance = 1e-16, .absolute_tolerance = 1e-16}};
 
 using Map = MapGraph<Cauchy>;

@@ -99,9 +99,9 @@ Joining joined(const MisledKeyframes& first, const MisledKeyframes& second) {
   using Closer = LoopCloser<ProximityCandidates, mapper::ClosureRegistration, mapper::ClosureNoise>;
   using Merger = MapMerger<GnssCandidates, mapper::MergeRegistration>;
   const mapper::BackEndParts parts;
-  BackEnd<Closer, ChainedCloser, Merger, Cauchy> back_end(
+  BackEnd<Closer, ChainedCloser, Merger> back_end(
       parts.back_end, Closer(parts.closures, parts.candidates, parts.registration, parts.noise),
-      ChainedCloser(parts.chain), Merger(parts.merge, GnssCandidates(parts.gnss), parts.merging), parts.kernel);
+      ChainedCloser(parts.chain), Merger(parts.merge, GnssCandidates(parts.gnss), parts.merging), parts.outliers);
   const double length_of_road = travelled_by(first).back();
   for (const MisledKeyframes* session : {&first, &second}) {
     back_end.begin_session({});

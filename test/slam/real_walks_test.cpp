@@ -60,9 +60,7 @@ std::vector<Keyframe> spoiled(std::vector<Keyframe> keyframes) {
 }
 
 std::shared_ptr<const SlamMap> mapped(const std::vector<Keyframe>& keyframes) {
-  // Four sigmas, as the mapper has it: at one, closures that correct metres of drift count as outliers and are not
-  // heard.
-  BackEnd<LoopCloser<>, NoChaining, NoMerging> back_end({}, LoopCloser<>(), {}, {}, Cauchy{.width = 4.0});
+  BackEnd<LoopCloser<>, NoChaining, NoMerging> back_end;
   for (const Keyframe& keyframe : keyframes) back_end.add(keyframe);
   return back_end.finish();
 }

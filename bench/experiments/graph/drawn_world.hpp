@@ -16,7 +16,7 @@
 
 namespace chainslam::experiments {
 
-using GraphBackEnd = BackEnd<SampledCloser, ChainedCloser, SampledMerger, Cauchy>;
+using GraphBackEnd = BackEnd<SampledCloser, ChainedCloser, SampledMerger>;
 
 /// What was measured on recordings and on the map of them.
 struct Measured {
@@ -35,7 +35,7 @@ class DrawnWorld {
         measured_(measured),
         scans_(scans(rng_, measured, sessions)),
         back_end_(parts.back_end, SampledCloser(scans_, parts.closures, parts.candidates), ChainedCloser(parts.chain),
-                  SampledMerger(scans_, parts.merge, parts.gnss.radius), parts.kernel) {}
+                  SampledMerger(scans_, parts.merge, parts.gnss.radius), parts.outliers) {}
 
   /// Maps the next session. @returns milliseconds of each keyframe.
   std::vector<double> drive() {

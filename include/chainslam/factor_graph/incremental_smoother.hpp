@@ -17,6 +17,7 @@ namespace chainslam {
 extern template class IncrementalSmoother<SE3d>;
 extern template UpdateReport IncrementalSmoother<SE3d>::update(const Serial&);
 extern template ConvergeReport IncrementalSmoother<SE3d>::converge(const ConvergeOptions<>&, const Serial&);
+extern template ConvergeReport IncrementalSmoother<SE3d>::converge(const ConvergeOptions<NoRestart>&, const Serial&);
 extern template FactorId IncrementalSmoother<SE3d>::add(const PriorFactor<SE3d>&);
 extern template FactorId IncrementalSmoother<SE3d>::add(const BetweenFactor<SE3d>&);
 

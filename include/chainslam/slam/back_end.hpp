@@ -25,6 +25,9 @@ struct BackEndOptions {
   MapGraphOptions graph{};
   /// After a merge, metres along the aligned path between two keyframes that are tried again (section 6 of the paper).
   double recheck_travel = 4.0;
+  Index fixes_at_once = 10;  ///< GNSS fixes that wait before they make an optimisation of their own
+  /// Metres that a keyframe of the current session is moved by before it is tried again: its neighbours are others now.
+  double search_again = 3.0;
   Index recheck_pause = 0;       ///< keyframes that are passed over after one that was found (released: 4)
   bool chain_in_recheck = true;  ///< the released code does not
   bool chain_merges = false;     ///< whether what joins two frames is chained, as direct closures are
@@ -62,8 +65,10 @@ struct BackEndCounts {
 /// @tparam Closer   finds closures: `LoopCloser` with its policies.
 /// @tparam Chainer  finds more of them from each: `ChainedCloser`, or `NoChaining`.
 /// @tparam Merger   joins frames: `MapMerger` with its policies, or `NoMerging`.
-/// @tparam Kernel   weighs closures down that the rest of the graph contradicts; in standard deviations.
-template <class Closer = LoopCloser<>, class Chainer = ChainedCloser, class Merger = MapMerger<>, class Kernel = Cauchy>
+/// @tparam Outliers what becomes of measurements that the rest of the graph contradicts: `GroupGnc`, or a robust
+/// kernel.
+template <class Closer = LoopCloser<>, class Chainer = ChainedCloser, class Merger = MapMerger<>,
+          class Outliers = GroupGnc>
 class BackEnd {
   static_assert(ClosureFinder<Closer>,
                 "BackEnd: Closer needs `std::vector<LoopClosure> close(keyframes, index, executor)`, as in LoopCloser");
@@ -73,12 +78,12 @@ class BackEnd {
 
  public:
   [[gnu::cold]] explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{},
-                                 Chainer chainer = Chainer{}, Merger merger = Merger{}, Kernel kernel = Kernel{})
+                                 Chainer chainer = Chainer{}, Merger merger = Merger{}, Outliers outliers = Outliers{})
       : options_(options),
         closer_(std::move(closer)),
         chainer_(std::move(chainer)),
         merger_(std::move(merger)),
-        graph_(options.graph, std::move(kernel)) {}
+        graph_(options.graph, std::move(outliers)) {}
 
   /// Adds a map that was saved before: its sessions count as earlier ones. If it is the first, its keyframes keep their
   /// numbers; a later one's follow those that are here.
@@ -171,6 +176,33 @@ class BackEnd {
   template <Executor E>
   [[gnu::cold]] void recheck(const detail::Table<char>& joined, Index cause, const E& executor);
 
+  /// Tries keyframes of the current session again that have been moved far since they were tried.
+  template <Executor E>
+  [[gnu::cold]] void search_moved(const E& executor) {
+    if constexpr (requires { closer_.search(map().keyframes, positions_, KeyframeId{}, executor); }) {
+      if (!(options_.search_again > 0) || !may_close()) return;
+      const Session current = session();
+      looked_from_.resize(current.keyframes);
+      double travelled = options_.recheck_travel;
+      for (Index k = 0; k < current.keyframes; ++k) {
+        const KeyframeId id{current.first_keyframe + k};
+        if (k > 0) travelled += step_length(id);
+        const Eigen::Vector3d now = keyframe(id).T_map_body.translation();
+        if (!((now - looked_from_[k]).norm() > options_.search_again)) continue;
+        looked_from_[k] = now;
+        if (travelled < options_.recheck_travel) continue;
+        travelled = 0;
+        if (take(closer_.search(map().keyframes, positions_, id, executor), -1, true, executor)) optimise();
+      }
+    }
+  }
+
+  /// Metres from the keyframe before, by odometry.
+  [[nodiscard]] double step_length(KeyframeId id) const {
+    const SE3d& before = keyframe(KeyframeId{id.value - 1}).T_odom_body;
+    return (before.inverse() * keyframe(id).T_odom_body).translation().norm();
+  }
+
   [[gnu::cold]] void optimise();
   [[gnu::cold]] void count_optimisation(bool succeeded);
   [[gnu::cold]] void publish_frame();
@@ -179,17 +211,19 @@ class BackEnd {
   Closer closer_;
   [[no_unique_address]] Chainer chainer_;
   [[no_unique_address]] Merger merger_;
-  MapGraph<Kernel> graph_;
+  MapGraph<Outliers> graph_;
   ClosureGraph closure_graph_;
   PositionIndex positions_;
   GnssInterpolator gnss_;
+  detail::Table<Eigen::Vector3d>
+      looked_from_;  ///< of each keyframe of the session, where it was when it was tried last
   bool in_session_ = false;
   BackEndCounts counts_;
   Snapshot<SE3d> T_map_odom_;
 };
 
-template <class Closer, class Chainer, class Merger, class Kernel>
-void BackEnd<Closer, Chainer, Merger, Kernel>::load(const SlamMap& map) {
+template <class Closer, class Chainer, class Merger, class Outliers>
+void BackEnd<Closer, Chainer, Merger, Outliers>::load(const SlamMap& map) {
   const Index known = to_index(graph_.map().closures.size());
   withdraw();
   in_session_ = false;
@@ -198,41 +232,46 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::load(const SlamMap& map) {
     connect(graph_.map().closures[static_cast<std::size_t>(i)], i);
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
-void BackEnd<Closer, Chainer, Merger, Kernel>::begin_session(std::string name) {
+template <class Closer, class Chainer, class Merger, class Outliers>
+void BackEnd<Closer, Chainer, Merger, Outliers>::begin_session(std::string name) {
   withdraw();
+  looked_from_ = {};
   gnss_ = GnssInterpolator();  // the clocks of two drives have nothing in common
   graph_.begin_session(std::move(name));
   in_session_ = true;
   index_positions();
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
-void BackEnd<Closer, Chainer, Merger, Kernel>::add(std::span<const FrameRecord> frames) {
+template <class Closer, class Chainer, class Merger, class Outliers>
+void BackEnd<Closer, Chainer, Merger, Outliers>::add(std::span<const FrameRecord> frames) {
   if (!in_session_) begin_session({});
   graph_.append(frames);
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
+template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-KeyframeId BackEnd<Closer, Chainer, Merger, Kernel>::add(Keyframe keyframe, const E& executor) {
+KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, const E& executor) {
   if (!in_session_) {
-    MapGraph<Kernel>::require_finite(keyframe);
+    MapGraph<Outliers>::require_finite(keyframe);
     begin_session({});
   }
   const KeyframeId id = graph_.append(std::move(keyframe));
   const Keyframe& added = map().keyframes.back();
   positions_.append(id, added.T_map_body.translation());
   gnss_.add(id, added.time);
-  if (may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor)) optimise();
+  const bool found = may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor);
+  // Where the last one failed, fixes do not make the next one better.
+  if (found || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok())) optimise();
+  looked_from_.push_back(map().keyframes.back().T_map_body.translation());
+  search_moved(executor);
   try_merge(id, executor);
   publish_frame();
   return id;
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
+template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Kernel>::add(const GnssFix& fix, const E& executor) {
+void BackEnd<Closer, Chainer, Merger, Outliers>::add(const GnssFix& fix, const E& executor) {
   std::vector<KeyframeId> located;
   gnss_.add(fix, [&](KeyframeId id, const GnssFix& interpolated) {
     graph_.set_gnss(id, interpolated);
@@ -242,21 +281,25 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::add(const GnssFix& fix, const E& 
   if (!located.empty()) publish_frame();
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
-std::shared_ptr<const SlamMap> BackEnd<Closer, Chainer, Merger, Kernel>::finish() {
+template <class Closer, class Chainer, class Merger, class Outliers>
+std::shared_ptr<const SlamMap> BackEnd<Closer, Chainer, Merger, Outliers>::finish() {
   withdraw();
   if (!map().closures.empty()) {
     counts_.end = graph_.converge();
+    if (in_session_) {
+      search_moved(Serial{});
+      counts_.end = graph_.converge();
+    }
     count_optimisation(counts_.end.ok());
   }
   publish_frame();
   return snapshot();
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
+template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-bool BackEnd<Closer, Chainer, Merger, Kernel>::take(std::vector<LoopClosure> tried, Index cause, bool chain,
-                                                    const E& executor) {
+bool BackEnd<Closer, Chainer, Merger, Outliers>::take(std::vector<LoopClosure> tried, Index cause, bool chain,
+                                                      const E& executor) {
   counts_.alignments += to_index(tried.size());
   bool accepted = false;
   for (LoopClosure& closure : tried) {
@@ -273,9 +316,9 @@ bool BackEnd<Closer, Chainer, Merger, Kernel>::take(std::vector<LoopClosure> tri
   return accepted;
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
+template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-Index BackEnd<Closer, Chainer, Merger, Kernel>::take(LoopClosure closure, bool chain, const E& executor) {
+Index BackEnd<Closer, Chainer, Merger, Outliers>::take(LoopClosure closure, bool chain, const E& executor) {
   std::vector<LoopClosure> chained;
   closure_graph_.resize(to_index(map().keyframes.size()));
   if (chain)
@@ -292,9 +335,9 @@ Index BackEnd<Closer, Chainer, Merger, Kernel>::take(LoopClosure closure, bool c
   return position;
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
+template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Kernel>::try_merge(KeyframeId query, const E& executor) {
+void BackEnd<Closer, Chainer, Merger, Outliers>::try_merge(KeyframeId query, const E& executor) {
   if constexpr (!std::same_as<Merger, NoMerging>) {
     if (keyframe(query).session != session().id) return;
     std::vector<LoopClosure> accepted;
@@ -308,9 +351,9 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::try_merge(KeyframeId query, const
   }
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
+template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Kernel>::merge(const std::vector<LoopClosure>& closures, const E& executor) {
+void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClosure>& closures, const E& executor) {
   const LoopClosure& newest = closures.back();
   const Keyframe& j = keyframe(newest.from);
   const Keyframe& i = keyframe(newest.to);
@@ -330,10 +373,10 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::merge(const std::vector<LoopClosu
   recheck(joined, position, executor);
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
+template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Kernel>::recheck(const detail::Table<char>& joined, Index cause,
-                                                       const E& executor) {
+void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const detail::Table<char>& joined, Index cause,
+                                                         const E& executor) {
   double travelled = options_.recheck_travel;
   Index pause = 0;
   const Session current = session();
@@ -343,10 +386,7 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::recheck(const detail::Table<char>
   };
   index_others();
   for (Index i = current.first_keyframe; i < current.end_keyframe(); ++i) {
-    if (i > current.first_keyframe)
-      travelled += (keyframe(KeyframeId{i - 1}).T_odom_body.inverse() * keyframe(KeyframeId{i}).T_odom_body)
-                       .translation()
-                       .norm();
+    if (i > current.first_keyframe) travelled += step_length(KeyframeId{i});
     if (travelled < options_.recheck_travel) continue;
     travelled = 0;
     if (pause > 0) {
@@ -362,21 +402,21 @@ void BackEnd<Closer, Chainer, Merger, Kernel>::recheck(const detail::Table<char>
   }
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
-void BackEnd<Closer, Chainer, Merger, Kernel>::optimise() {
+template <class Closer, class Chainer, class Merger, class Outliers>
+void BackEnd<Closer, Chainer, Merger, Outliers>::optimise() {
   counts_.last = graph_.optimise();
   count_optimisation(counts_.last.ok());
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
-void BackEnd<Closer, Chainer, Merger, Kernel>::count_optimisation(bool succeeded) {
+template <class Closer, class Chainer, class Merger, class Outliers>
+void BackEnd<Closer, Chainer, Merger, Outliers>::count_optimisation(bool succeeded) {
   ++counts_.optimisations;
   if (!succeeded) ++counts_.failed_optimisations;
   index_positions();
 }
 
-template <class Closer, class Chainer, class Merger, class Kernel>
-void BackEnd<Closer, Chainer, Merger, Kernel>::publish_frame() {
+template <class Closer, class Chainer, class Merger, class Outliers>
+void BackEnd<Closer, Chainer, Merger, Outliers>::publish_frame() {
   if (map().keyframes.empty()) return;
   const Keyframe& newest = map().keyframes.back();
   T_map_odom_.store(std::make_shared<const SE3d>(newest.T_map_body * newest.T_odom_body.inverse()));

@@ -17,6 +17,8 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/group_gnc.hpp"
+#include "chainslam/slam/kernel_factors.hpp"
 #include "chainslam/slam/odometry_doubt.hpp"
 #include "chainslam/slam/odometry_noise.hpp"
 
@@ -24,6 +26,9 @@ namespace chainslam {
 
 struct MapGraphOptions {
   OdometryNoise odometry_noise{};
+  /// How many times its deviations are those of odometry whose frames have no covariance, such as recorded one. (With
+  /// 4, three real drives of NCLT, recorded by another system, are as far off over 100 m as expected.)
+  double unknown_odometry = 4.0;
   OdometryDoubt odometry_doubt{};  ///< where frames between two keyframes were lost or degenerate
   /// Standard deviation of the prior that holds a frame's first keyframe, metres and radians.
   double anchor = 1e-4;
@@ -33,6 +38,7 @@ struct MapGraphOptions {
   /// Whether measurements of a loaded map, and of sessions before the one that begins, are replaced by what their poses
   /// say, as by the released code, which saves and loads each: no residuals are left, and what is known counts twice.
   bool remeasure_loaded = false;
+  GnssFactorOptions gnss{};  ///< for `GroupGnc`
   /// How near each optimisation comes to the optimum. Without patience, since it goes on until nothing waits, and
   /// without a lag, since closures may reach any keyframe.
   SmootherOptions smoother{.patience = 0.0};
@@ -45,27 +51,30 @@ struct MapGraphOptions {
 /// Sessions start in frames of their own. `join` carries one frame over into another. What changes the map is called by
 /// one thread; `snapshot` may be called by any.
 /// What is done once a session, a merge or a load is compiled for size (`gnu::cold`).
-/// @tparam Kernel  weighs closures down that the rest of the graph contradicts; in standard deviations.
-template <class Kernel = Cauchy>
+/// @tparam Outliers  what becomes of measurements that the rest of the graph contradicts: `GroupGnc`, or a robust
+/// kernel of closures, in standard deviations.
+template <class Outliers = GroupGnc>
 class MapGraph {
-  static_assert(RobustCost<Kernel>,
-                "BackEnd: Kernel needs `double weight(double squared_residual) const` and `double cost(double "
-                "squared_residual) const`, as in Cauchy");
+  static constexpr bool decides = std::is_same_v<Outliers, GroupGnc>;
+  static_assert(decides || RobustCost<Outliers>,
+                "BackEnd: Outliers is GroupGnc, or a kernel with `double weight(double squared_residual) const` and "
+                "`double cost(double squared_residual) const`, as in Cauchy");
+  using Factors = typename std::conditional_t<decides, std::type_identity<GroupGncFactors>,
+                                              std::type_identity<KernelFactors<Outliers>>>::type;
 
  public:
-  using ClosureFactor = BetweenFactor<SE3d, Kernel>;
-  using Smoother = std::conditional_t<std::is_same_v<Kernel, Trivial>, IncrementalSmoother<SE3d>,
-                                      IncrementalSmoother<SE3d, ClosureFactor>>;
+  using ClosureFactor = typename Factors::ClosureFactor;
+  using Smoother = typename Factors::Smoother;
 
-  [[gnu::cold]] explicit MapGraph(const MapGraphOptions& options = {}, Kernel kernel = {})
-      : options_(options), kernel_(std::move(kernel)), smoother_(std::in_place, options.smoother, NoLag{}) {}
+  [[gnu::cold]] explicit MapGraph(const MapGraphOptions& options = {}, Outliers outliers = {})
+      : options_(options), outliers_(std::move(outliers)), factors_(std::in_place, options, outliers_) {}
 
   /// For the thread that changes the map.
   [[nodiscard]] const SlamMap& map() const { return map_; }
   /// The map as it is, whole: copied where it has changed since the last call, at the cost of the thread that asks.
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> snapshot() const;
   /// The variables are the keyframes, by number.
-  [[nodiscard]] const Smoother& smoother() const { return *smoother_; }
+  [[nodiscard]] const Smoother& smoother() const { return factors_->smoother(); }
   /// The session whose start defines the frame of a keyframe's T_map_body.
   [[nodiscard]] SessionId frame(const Keyframe& keyframe) const { return session(keyframe.session).frame; }
 
@@ -86,6 +95,8 @@ class MapGraph {
   [[gnu::cold]] void append(std::span<const FrameRecord> frames);
 
   void set_gnss(KeyframeId id, const GnssFix& fix);
+  /// Fixes that the next optimisation will take in.
+  [[nodiscard]] Index waiting_fixes() const { return factors_->waiting(); }
 
   /// @returns the closure's position among the map's closures.
   [[gnu::cold]] Index accept(const LoopClosure& closure);
@@ -124,7 +135,13 @@ class MapGraph {
   [[gnu::cold]] void remeasure();
 
   void take(std::span<const Key> keys) {
-    for (const Key key : keys) keyframe(key).T_map_body = (*smoother_)[key];
+    for (const Key key : keys) keyframe(key).T_map_body = smoother()[key];
+  }
+
+  /// What nothing holds, with closures that wait for a forecast taken in: without them there may be nothing to foresee.
+  [[nodiscard]] [[gnu::cold]] std::vector<Key> floating() {
+    std::vector<Key> keys = factors_->smoother().floating();
+    return keys.empty() || !factors_->admit() ? keys : factors_->smoother().floating();
   }
 
   [[gnu::cold]] void rebuild();
@@ -132,33 +149,24 @@ class MapGraph {
   [[gnu::cold]] void add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures);
 
   [[gnu::cold]] void add_prior(const Session& session);
-  void add_factor(const OdometryMeasurement& step) {
-    smoother_->add(BetweenFactor<SE3d>{step.from.value, step.to.value, step.T_from_to, step.sqrt_information});
-  }
-  void add_factor(const LoopClosure& closure) {
-    if (!closure.sqrt_information.isZero(0))
-      smoother_->add(
-          ClosureFactor{closure.from.value, closure.to.value, closure.T_from_to, closure.sqrt_information, kernel_});
-  }
-
   MapGraphOptions options_;
-  [[no_unique_address]] Kernel kernel_;
+  [[no_unique_address]] Outliers outliers_;
   SlamMap map_;
-  std::optional<Smoother> smoother_;  ///< never empty; optional so that `rebuild` can replace it in place
-  detail::Table<FactorId> priors_;    ///< of each session
+  std::optional<Factors> factors_;  ///< never empty; optional so that `rebuild` can replace them in place
+  detail::Table<FactorId> priors_;  ///< of each session
   mutable std::mutex changing_;
   mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since
 };
 
-template <class Kernel>
-std::shared_ptr<const SlamMap> MapGraph<Kernel>::snapshot() const {
+template <class Outliers>
+std::shared_ptr<const SlamMap> MapGraph<Outliers>::snapshot() const {
   const std::scoped_lock lock(changing_);
   if (!snapshot_) snapshot_ = std::make_shared<const SlamMap>(map_);
   return snapshot_;
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::begin_session(std::string name) {
+template <class Outliers>
+void MapGraph<Outliers>::begin_session(std::string name) {
   const Change change(*this);
   if (options_.remeasure_loaded) remeasure();
   const SessionId id{to_index(map_.sessions.size())};
@@ -166,16 +174,16 @@ void MapGraph<Kernel>::begin_session(std::string name) {
   map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::require_finite(const Keyframe& keyframe) {
+template <class Outliers>
+void MapGraph<Outliers>::require_finite(const Keyframe& keyframe) {
   const SE3d& T = keyframe.T_odom_body;
   // |a - b|^2 <= 4 max(|a|^2, |b|^2): no way between two keyframes overflows.
   if (!is_finite(T.matrix()) || !is_finite(4 * T.translation().squaredNorm()))
     throw std::invalid_argument("BackEnd: a keyframe's pose is not finite");
 }
 
-template <class Kernel>
-KeyframeId MapGraph<Kernel>::append(Keyframe keyframe) {
+template <class Outliers>
+KeyframeId MapGraph<Outliers>::append(Keyframe keyframe) {
   check(keyframe);
   if (map_.sessions.empty()) begin_session({});
   const Change change(*this);
@@ -192,24 +200,29 @@ KeyframeId MapGraph<Kernel>::append(Keyframe keyframe) {
     keyframe.T_map_body = last.T_map_body * T_last_new;
     map_.odometry.push_back({last.id, keyframe.id, T_last_new, odometry_noise(last, keyframe).sqrt_information()});
   }
-  smoother_->add_value(keyframe.T_map_body);
+  factors_->smoother().add_value(keyframe.T_map_body);
   if (session.keyframes++ == 0)
     add_prior(session);
   else
-    add_factor(map_.odometry.back());
+    factors_->add(map_.odometry.back());
   map_.keyframes.push_back(std::move(keyframe));
+  factors_->wait(map_.keyframes.back());
   return map_.keyframes.back().id;
 }
 
-template <class Kernel>
-NoiseModel<6> MapGraph<Kernel>::odometry_noise(const Keyframe& last, const Keyframe& next) const {
-  const Matrix6d doubt = options_.odometry_doubt(frames_between(map_.frames, last, next));
+template <class Outliers>
+NoiseModel<6> MapGraph<Outliers>::odometry_noise(const Keyframe& last, const Keyframe& next) const {
+  const auto frames = frames_between(map_.frames, last, next);
   const SE3d T_last_next = last.T_odom_body.inverse() * next.T_odom_body;
+  const auto says_nothing = [](const FrameRecord& frame) { return frame.covariance.matrix().isZero(0); };
+  if (!frames.empty() && std::all_of(frames.begin(), frames.end(), says_nothing))
+    return options_.odometry_noise.scaled(options_.unknown_odometry)(T_last_next);
+  const Matrix6d doubt = options_.odometry_doubt(frames);
   return doubt.isZero(0) ? options_.odometry_noise(T_last_next) : options_.odometry_noise(T_last_next, doubt);
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::append(std::span<const FrameRecord> frames) {
+template <class Outliers>
+void MapGraph<Outliers>::append(std::span<const FrameRecord> frames) {
   if (map_.sessions.empty()) begin_session({});
   const SessionId session = map_.sessions.back().id;
   const bool first = map_.frames.empty() || map_.frames.back().session != session;
@@ -221,28 +234,30 @@ void MapGraph<Kernel>::append(std::span<const FrameRecord> frames) {
   }
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::set_gnss(KeyframeId id, const GnssFix& fix) {
+template <class Outliers>
+void MapGraph<Outliers>::set_gnss(KeyframeId id, const GnssFix& fix) {
   const Change change(*this);
   keyframe(id.value).gnss = fix;
+  factors_->wait(keyframe(id.value));
 }
 
-template <class Kernel>
-Index MapGraph<Kernel>::accept(const LoopClosure& closure) {
+template <class Outliers>
+Index MapGraph<Outliers>::accept(const LoopClosure& closure) {
   const Change change(*this);
-  add_factor(closure);
   map_.closures.push_back(closure);
-  return to_index(map_.closures.size()) - 1;
+  const Index position = to_index(map_.closures.size()) - 1;
+  factors_->add_closure(map_, position);
+  return position;
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::refuse(const LoopClosure& closure) {
+template <class Outliers>
+void MapGraph<Outliers>::refuse(const LoopClosure& closure) {
   const Change change(*this);
   map_.refusals.push_back(closure);
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::join(SessionId frame, SessionId joined, const SE3d& T_frame_joined) {
+template <class Outliers>
+void MapGraph<Outliers>::join(SessionId frame, SessionId joined, const SE3d& T_frame_joined) {
   const Change change(*this);
   std::vector<Key> moved;
   for (Session& session : map_.sessions) {
@@ -252,10 +267,11 @@ void MapGraph<Kernel>::join(SessionId frame, SessionId joined, const SE3d& T_fra
     if (!options_.anchor_joined_sessions || session.keyframes == 0)
       std::fill_n(session.prior_sqrt_information.data(), 36, 0.0);
     FactorId& prior = priors_[session.id.value];
-    if (smoother_->contains(prior)) smoother_->remove(prior);
+    if (factors_->smoother().contains(prior)) factors_->smoother().remove(prior);
     for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) moved.push_back(i);
   }
-  smoother_->move(moved, T_frame_joined);
+  factors_->carry(moved);
+  factors_->smoother().move(moved, T_frame_joined);
   take(moved);
   if (!options_.anchor_joined_sessions) return;
   for (const Key key : moved) {
@@ -266,8 +282,8 @@ void MapGraph<Kernel>::join(SessionId frame, SessionId joined, const SE3d& T_fra
   }
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::load(const SlamMap& other) {
+template <class Outliers>
+void MapGraph<Outliers>::load(const SlamMap& other) {
   const Change change(*this);
   const Index keyframes = to_index(map_.keyframes.size());
   const Index sessions = to_index(map_.sessions.size());
@@ -305,95 +321,95 @@ void MapGraph<Kernel>::load(const SlamMap& other) {
   }
   append_closures(other.closures, map_.closures);
   append_closures(other.refusals, map_.refusals);
+  for (const Keyframe& one : std::span(map_.keyframes).subspan(static_cast<std::size_t>(keyframes)))
+    factors_->wait(one);
   if (options_.remeasure_loaded)
     remeasure();
   else
     add_to_smoother(sessions, keyframes, odometry, closures);
 }
 
-template <class Kernel>
-UpdateReport MapGraph<Kernel>::optimise() {
+template <class Outliers>
+UpdateReport MapGraph<Outliers>::optimise() {
   UpdateReport report;
-  report.variables = smoother_->floating();
+  report.variables = floating();
   if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
   for (Index k = 0; report.ok() && k < options_.optimizer.max_iterations; ++k) {
-    report = smoother_->update();
+    report = factors_->update(map_);
     const Change change(*this);
-    if (report.ok())
-      take(smoother_->changed());
-    else
+    if (report.ok()) {
+      take(factors_->changed());
+      factors_->record(map_);
+    } else {
       rebuild();
+    }
     if (report.waiting == 0) break;
   }
   return report;
 }
 
-template <class Kernel>
-ConvergeReport MapGraph<Kernel>::converge() {
+template <class Outliers>
+ConvergeReport MapGraph<Outliers>::converge() {
   ConvergeReport report;
-  report.variables = smoother_->floating();
+  report.variables = floating();
   if (!report.variables.empty()) {
     report.status = UpdateStatus::unconstrained;
     return report;
   }
-  report = smoother_->converge(options_.optimizer);
   const Change change(*this);
-  if (!report.ok())
+  report = factors_->converge(options_.optimizer, map_);
+  if (!report.ok()) {
     rebuild();
-  else
-    for (Key key = 0; key < smoother_->size(); ++key) keyframe(key).T_map_body = (*smoother_)[key];
+    return report;
+  }
+  for (Key key = 0; key < smoother().size(); ++key) keyframe(key).T_map_body = smoother()[key];
+  factors_->record(map_);
   return report;
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::check(const Keyframe& keyframe) const {
+template <class Outliers>
+void MapGraph<Outliers>::check(const Keyframe& keyframe) const {
   require_finite(keyframe);
   if (!map_.sessions.empty() && map_.sessions.back().keyframes > 0 && keyframe.time <= map_.keyframes.back().time)
     throw std::invalid_argument("BackEnd: a keyframe's time is not later than the one before it");
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::remeasure() {
+template <class Outliers>
+void MapGraph<Outliers>::remeasure() {
   const auto pose = [&](KeyframeId id) { return map_.keyframes[static_cast<std::size_t>(id.value)].T_map_body; };
   for (OdometryMeasurement& step : map_.odometry) step.T_from_to = pose(step.from).inverse() * pose(step.to);
   for (LoopClosure& closure : map_.closures) closure.T_from_to = pose(closure.from).inverse() * pose(closure.to);
   rebuild();
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::rebuild() {
-  smoother_.emplace(options_.smoother, NoLag{});
+template <class Outliers>
+void MapGraph<Outliers>::rebuild() {
+  factors_.emplace(options_, outliers_);
+  for (const Keyframe& one : map_.keyframes) factors_->wait(one);
   priors_.assign(to_index(map_.sessions.size()), {});
   add_to_smoother(0, 0, 0, 0);
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures) {
+template <class Outliers>
+void MapGraph<Outliers>::add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures) {
   const auto from = [](const auto& list, Index first) {
     return std::span(list).subspan(static_cast<std::size_t>(first));
   };
-  for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) smoother_->add_value(keyframe.T_map_body);
+  for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) factors_->smoother().add_value(keyframe.T_map_body);
   for (const Session& session : from(map_.sessions, sessions)) add_prior(session);
-  for (const OdometryMeasurement& step : from(map_.odometry, odometry)) add_factor(step);
-  for (const LoopClosure& closure : from(map_.closures, closures)) add_factor(closure);
+  for (const OdometryMeasurement& step : from(map_.odometry, odometry)) factors_->add(step);
+  for (Index i = closures; i < to_index(map_.closures.size()); ++i) factors_->add_closure(map_, i);
 }
 
-template <class Kernel>
-void MapGraph<Kernel>::add_prior(const Session& session) {
+template <class Outliers>
+void MapGraph<Outliers>::add_prior(const Session& session) {
   if (session.keyframes == 0 || session.prior_sqrt_information.isZero(0)) return;
-  priors_[session.id.value] =
-      smoother_->add(PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
+  priors_[session.id.value] = factors_->smoother().add(
+      PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
 }
 
 #ifdef CHAINSLAM_COMPILED
-extern template class IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>;
-extern template UpdateReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::update(const Serial&);
-extern template ConvergeReport IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::converge(
-    const ConvergeOptions<NoRestart>&, const Serial&);
-extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(const PriorFactor<SE3d>&);
-extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(const BetweenFactor<SE3d>&);
-extern template FactorId IncrementalSmoother<SE3d, BetweenFactor<SE3d, Cauchy>>::add(
-    const BetweenFactor<SE3d, Cauchy>&);
+extern template class IncrementalGnc<IncrementalSmoother<SE3d>>;
 extern template class MapGraph<>;
 #endif
 

@@ -18,6 +18,10 @@ struct OdometryNoise {
   double rotation = 0.001;               ///< radians per step,
   double rotation_per_metre = 0.0002;    ///< and per metre travelled
 
+  [[nodiscard]] OdometryNoise scaled(double factor) const {
+    return {factor * translation, factor * translation_per_metre, factor * rotation, factor * rotation_per_metre};
+  }
+
   /// Of T_from_to, tangent [translation; rotation].
   [[nodiscard]] NoiseModel<6> operator()(const SE3d& T_from_to) const {
     return NoiseModel<6>::from_sigmas(sigmas(T_from_to));

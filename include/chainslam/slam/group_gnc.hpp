@@ -1,0 +1,132 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <span>
+
+#include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/incremental_gnc.hpp"
+#include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/gnss_factors.hpp"
+
+namespace chainslam {
+
+/// Decides which closures, GNSS fixes and steps of odometry are outliers, and decides again whenever something speaks
+/// against it: see `IncrementalGnc`. A closure that the graph does not expect is left out until enough others agree
+/// with it, or the fixes do; then odometry itself may be found to be wrong. A chained closure is in the group of the
+/// closure that led to it: together they have one vote.
+struct GroupGnc {
+  double closures = 40.0;        ///< squared whitened residual beyond which a closure is an outlier; 0: none is
+  double odometry = 100.0;       ///< the same of a step of odometry; 0: none is
+  double outlier_weight = 1e-8;  ///< what an outlier still counts, so that no session ever comes loose
+};
+
+/// A map's factors, and which of them count.
+class GroupGncFactors {
+ public:
+  using Smoother = IncrementalSmoother<SE3d>;
+  using ClosureFactor = BetweenFactor<SE3d>;
+
+  template <class Options>
+  [[gnu::cold]] GroupGncFactors(const Options& options, const GroupGnc& gnc)
+      : options_(gnc), smoother_(options.smoother, NoLag{}), gnc_(smoother_), gnss_(options.gnss) {}
+  GroupGncFactors(const GroupGncFactors&) = delete;
+  GroupGncFactors& operator=(const GroupGncFactors&) = delete;
+
+  [[nodiscard]] Smoother& smoother() { return smoother_; }
+  [[nodiscard]] const Smoother& smoother() const { return smoother_; }
+
+  void add(const OdometryMeasurement& step) {
+    const ClosureFactor factor{step.from.value, step.to.value, step.T_from_to, step.sqrt_information};
+    if (options_.odometry > 0)
+      gnc_.add(factor, {.threshold = options_.odometry, .outlier_weight = options_.outlier_weight, .trusted = true});
+    else
+      smoother_.add(factor);
+  }
+
+  /// Adds the closure at a position among the map's; they come in their order. What was an outlier begins as one.
+  [[gnu::cold]] void add_closure(const SlamMap& map, Index position) {
+    const LoopClosure& closure = map.closures[static_cast<std::size_t>(position)];
+    suspects_.push_back(Gnc::none);
+    if (closure.sqrt_information.isZero(0)) return;
+    const ClosureFactor factor{closure.from.value, closure.to.value, closure.T_from_to, closure.sqrt_information};
+    if (!(options_.closures > 0)) {
+      smoother_.add(factor);
+      return;
+    }
+    const bool follows = closure.kind == ClosureKind::chained && closure.cause >= 0;
+    const Suspicion suspicion{.threshold = options_.closures,
+                              .outlier_weight = options_.outlier_weight,
+                              .begins_in = closure.verdict == ClosureVerdict::accepted,
+                              .forecast = closure.kind != ClosureKind::merge};  // which several places have confirmed
+    suspects_[position] = gnc_.add(factor, suspicion, follows ? suspects_[closure.cause] : Gnc::none);
+  }
+
+  /// The keyframe's fix, if it has one, is taken in by the next update.
+  void wait(const Keyframe& keyframe) { gnss_.wait(keyframe); }
+  [[nodiscard]] Index waiting() const { return gnss_.waiting(); }
+  /// Keyframes go over to another frame.
+  void carry(std::span<const Key> keyframes) { gnss_.carry(keyframes, gnc_); }
+
+  /// Takes in closures that wait for a forecast, without one. @returns whether there were any.
+  [[nodiscard]] bool admit() { return gnc_.admit(); }
+
+  [[nodiscard]] [[gnu::cold]] UpdateReport update(const SlamMap& map) {
+    gnss_.add(map, gnc_);
+    ask_fixes(map);
+    return gnc_.update().last;
+  }
+  [[nodiscard]] std::span<const Key> changed() const { return gnc_.changed(); }
+
+  /// To the optimum, and until what counts there does not change it any more.
+  template <class Options>
+  [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& map) {
+    constexpr int passes = 3;  // each says more exactly where the map lies on the Earth
+    ConvergeReport report;
+    for (int pass = 0; pass < passes; ++pass) {
+      gnss_.renew();
+      if (!update(map).ok()) break;
+      do {
+        report = smoother_.converge(options);
+        if (!report.ok()) return report;
+        for (Key key = 0; key < smoother_.size(); ++key)
+          map.keyframes[static_cast<std::size_t>(key)].T_map_body = smoother_[key];
+      } while (gnc_.reconsider().steps > 0);
+    }
+    return report;
+  }
+
+  /// Writes what was decided into the closures' verdicts.
+  [[gnu::cold]] void record(SlamMap& map) const {
+    for (Index i = 0; i < suspects_.size(); ++i)
+      if (suspects_[i] != Gnc::none)
+        map.closures[static_cast<std::size_t>(i)].verdict =
+            gnc_.is_in(suspects_[i]) ? ClosureVerdict::accepted : ClosureVerdict::inconsistent;
+  }
+
+ private:
+  using Gnc = IncrementalGnc<Smoother>;
+
+  /// Vouches for unexpected closures of the newest session where the fixes say that odometry, not they, is wrong.
+  [[gnu::cold]] void ask_fixes(const SlamMap& map) {
+    constexpr std::size_t asked = 10;
+    const std::span<const Index> unexpected = gnc_.unexpected();
+    for (const Index one : unexpected.last(std::min(asked, unexpected.size()))) {
+      const ClosureFactor& closure = gnc_.factor(one);
+      if (closure.to < map.sessions.back().first_keyframe) continue;
+      const auto pose = [&](Key key) { return map.keyframes[static_cast<std::size_t>(key)].T_map_body; };
+      const SE3d T_new_old = pose(closure.from) * closure.measurement * pose(closure.to).inverse();
+      if (gnss_.gain(map, T_new_old, closure.to, gnc_) > options_.odometry) gnc_.vouch_for(one);
+    }
+  }
+
+  GroupGnc options_;
+  Smoother smoother_;
+  Gnc gnc_;
+  GnssFactors<Gnc> gnss_;
+  detail::Table<Index> suspects_;  ///< of each closure its number in `gnc_`, none if it is beyond suspicion
+};
+
+}  // namespace chainslam
