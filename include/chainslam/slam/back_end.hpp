@@ -12,6 +12,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/snapshot.hpp"
 #include "chainslam/core/table.hpp"
+#include "chainslam/slam/back_end_options.hpp"
 #include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/gnss_interpolator.hpp"
 #include "chainslam/slam/loop_closer.hpp"
@@ -20,40 +21,6 @@
 #include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
-
-struct BackEndOptions {
-  MapGraphOptions graph{};
-  /// After a merge, metres along the aligned path between two keyframes that are tried again (section 6 of the paper).
-  double recheck_travel = 4.0;
-  Index fixes_at_once = 10;  ///< GNSS fixes that wait before they make an optimisation of their own
-  /// Metres that a keyframe of the current session is moved by before it is tried again: its neighbours are others now.
-  double search_again = 3.0;
-  Index recheck_pause = 0;       ///< keyframes that are passed over after one that was found (released: 4)
-  bool chain_in_recheck = true;  ///< the released code does not
-  bool chain_merges = false;     ///< whether what joins two frames is chained, as direct closures are
-  /// Whether a session that follows others closes loops before it is joined to one of them; the released code does not.
-  bool close_before_merge = true;
-};
-
-/// Tries to close loops with the newest keyframe, the last of `keyframes`.
-///
-/// `close(keyframes, index, executor)` gives what was tried, each with its verdict. `index` holds the positions of all
-/// keyframes in the newest one's frame. It is called once for each keyframe, in order. A back end that merges also
-/// calls `search(keyframes, index, query, executor)`, for any keyframe.
-template <class C>
-concept ClosureFinder = requires(C& closer, std::span<const Keyframe> keyframes, const PositionIndex& index) {
-  { closer.close(keyframes, index, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
-};
-
-/// What the back end did so far.
-struct BackEndCounts {
-  Index optimisations = 0;
-  Index failed_optimisations = 0;  ///< the estimates before were kept
-  Index merges = 0;                ///< frames joined
-  Index alignments = 0;            ///< scans aligned to submaps, accepted or not; without those that confirm a merge
-  UpdateReport last;               ///< of the last one, but for the one that finishes
-  ConvergeReport end;              ///< of the one that finishes
-};
 
 /// Keeps the keyframes of all sessions in one pose graph, closes loops, chains them, joins sessions, and optimises.
 ///

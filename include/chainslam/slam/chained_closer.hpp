@@ -15,6 +15,7 @@
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
 #include "chainslam/map/submap.hpp"
+#include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
 
@@ -28,6 +29,16 @@ concept ClosureAligner = requires(C& closer, std::span<const Keyframe> keyframes
                                   const SE3d& guess) {
   { closer.align(keyframes, keyframe.id, keyframe.id, guess, Serial{}) } -> std::same_as<LoopClosure>;
   { closer.eligible(keyframe, keyframe) } -> std::same_as<bool>;
+};
+
+/// Tries to close loops with the newest keyframe, the last of `keyframes`.
+///
+/// `close(keyframes, index, executor)` gives what was tried, each with its verdict. `index` holds the positions of all
+/// keyframes in the newest one's frame. It is called once for each keyframe, in order. A back end that merges also
+/// calls `search(keyframes, index, query, executor)`, for any keyframe.
+template <class C>
+concept ClosureFinder = requires(C& closer, std::span<const Keyframe> keyframes, const PositionIndex& index) {
+  { closer.close(keyframes, index, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
 };
 
 struct ChainOptions {
