@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <concepts>
 
@@ -131,5 +132,21 @@ struct Barron {
 
 static_assert(RobustCost<Trivial> && RobustCost<Huber> && RobustCost<Cauchy> && RobustCost<GemanMcClure> &&
               RobustCost<Tukey> && RobustCost<Truncated> && RobustCost<DynamicCovarianceScaling> && RobustCost<Barron>);
+
+/// Weight of a truncated square under graduated non-convexity (Yang, Antonante, Tzoumas and Carlone 2020, eq. 14), for
+/// the control parameter mu: from a cost nearly convex, mu near 0, to in or out, mu large.
+[[nodiscard]] inline double truncated_weight(double squared, double threshold, double mu) {
+  if (squared <= mu / (mu + 1.0) * threshold) return 1.0;
+  if (squared >= (mu + 1.0) / mu * threshold) return 0.0;
+  return std::clamp(std::sqrt(threshold * mu * (mu + 1.0) / squared) - mu, 0.0, 1.0);
+}
+
+/// The squared length that a residual of `rows` independent rows of unit deviation exceeds once in a hundred times
+/// (Wilson and Hilferty 1931; within 1 %).
+[[nodiscard]] inline double chi_squared_99(int rows) {
+  const double share = 2.0 / (9.0 * rows);
+  const double root = 1.0 - share + 2.3263479 * std::sqrt(share);
+  return rows * root * root * root;
+}
 
 }  // namespace chainslam

@@ -126,4 +126,20 @@ template <class Scalar, int N>
   return result;
 }
 
+/// e^T A^-1 e for a positive definite A of n rows; NaN if it is not. Overwrites both: A by Cholesky's factor L below
+/// the diagonal, e by L^-1 e.
+[[nodiscard, gnu::noinline]] inline double squared_mahalanobis(double* A, double* e, int n) {
+  double sum = 0;
+  for (int k = 0; k < n; ++k) {
+    for (int i = k; i < n; ++i)
+      for (int m = 0; m < k; ++m) A[i + k * n] -= A[i + m * n] * A[k + m * n];
+    const double root = std::sqrt(A[k + k * n]);
+    for (int i = k; i < n; ++i) A[i + k * n] /= root;
+    for (int m = 0; m < k; ++m) e[k] -= A[k + m * n] * e[m];
+    e[k] /= root;
+    sum += e[k] * e[k];
+  }
+  return sum;
+}
+
 }  // namespace chainslam

@@ -9,19 +9,12 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 
 namespace chainslam {
-
-/// The squared length that a residual of `rows` independent rows of unit deviation exceeds once in a hundred times
-/// (Wilson and Hilferty 1931; within 1 %).
-[[nodiscard]] inline double chi_squared_99(int rows) {
-  const double share = 2.0 / (9.0 * rows);
-  const double root = 1.0 - share + 2.3263479 * std::sqrt(share);
-  return rows * root * root * root;
-}
 
 /// Graduated non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone 2020): begins with a cost
 /// so smooth that every start is as good, and ends with each suspect either in or out.
@@ -66,13 +59,6 @@ struct WeightedFactor {
   }
 };
 
-/// Yang et al. 2020, eq. 14, for the control parameter mu and the threshold c^2.
-[[nodiscard]] inline double truncated_weight(double squared, double threshold, double mu) {
-  if (squared <= mu / (mu + 1.0) * threshold) return 1.0;
-  if (squared >= (mu + 1.0) / mu * threshold) return 0.0;
-  return std::clamp(std::sqrt(threshold * mu * (mu + 1.0) / squared) - mu, 0.0, 1.0);
-}
-
 }  // namespace detail
 
 /// Optimises with outliers among the between factors for which `suspect(factor)` holds, and says which they are.
@@ -112,7 +98,7 @@ GncReport optimise(FactorGraph<Group>& graph, const GraduatedNonConvexity& metho
     mu = mu ? method.growth * *mu : threshold / (2.0 * largest - threshold);
     for (std::size_t i = 0; i < suspects.size(); ++i) {
       double& weight = report.weights[suspects[i]];
-      const double next = detail::truncated_weight(squares[i], threshold, *mu);
+      const double next = truncated_weight(squares[i], threshold, *mu);
       report.decided = report.decided && next == weight && (next == 0.0 || next == 1.0);
       weight = next;
     }

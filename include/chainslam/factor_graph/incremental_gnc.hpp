@@ -1,18 +1,17 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstddef>
 #include <span>
-#include <unordered_map>
 #include <utility>
-#include <vector>
 
+#include "chainslam/core/ranked.hpp"
+#include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/square_matrix.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
-#include "chainslam/factor_graph/graduated_non_convexity.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/factor_graph/prior_factor.hpp"
 
@@ -27,7 +26,7 @@ struct IncrementalGncOptions {
   /// Standard deviations of a measurement up to which the way between two may be uncertain, if they are to agree:
   /// farther apart, any two would.
   double max_blur = 10.0;
-  std::size_t memory = 50;  ///< unexpected groups that are remembered for that
+  Index memory = 50;  ///< unexpected groups that are remembered for that
 };
 
 /// How a factor that may be wrong is judged.
@@ -65,6 +64,7 @@ class IncrementalGnc {
  public:
   using Group = typename Smoother::Value;
   using Suspect = BetweenFactor<Group>;
+  static constexpr Index none = -1;  ///< no suspect, no key
 
   /// @param smoother  stays the caller's, and outlives this.
   explicit IncrementalGnc(Smoother& smoother, const IncrementalGncOptions& options = {})
@@ -72,21 +72,25 @@ class IncrementalGnc {
 
   /// Adds a suspect to the smoother. @returns its number: 0, 1, ...
   /// @param leader  number of the suspect whose group it joins, the first of that group; none: a group of its own.
-  Index add(const Suspect& suspect, const Suspicion& suspicion = {}, Index leader = none) {
+  [[gnu::cold]] Index add(const Suspect& suspect, const Suspicion& suspicion = {}, Index leader = none) {
     const Index number = to_index(suspects_.size());
-    const double threshold = suspicion.threshold > 0.0 ? suspicion.threshold : chi_squared_99(Group::dof);
-    if (leader == none) leader = number;
-    suspects_.push_back({{}, suspect, threshold, suspicion.outlier_weight, leader, {}, 0.0, suspicion.trusted});
-    entry(leader).members.push_back(number);
-    of_key_[suspect.to].push_back(number);
-    if (suspect.from != none) of_key_[suspect.from].push_back(number);
+    Entry& added = suspects_.emplace_back();
+    added.factor = suspect;
+    added.threshold = suspicion.threshold > 0.0 ? suspicion.threshold : chi_squared_99(Group::dof);
+    added.outlier_weight = suspicion.outlier_weight;
+    added.trusted = suspicion.trusted;
+    added.leader = leader == none ? number : leader;
+    Entry& first = suspects_[added.leader];
+    added.before = std::exchange(first.newest, number);
+    ++first.members;
+    added.older_at_to = note(suspect.to, number);
+    if (suspect.from != none) added.older_at_from = note(suspect.from, number);
     if (suspicion.forecast && suspicion.begins_in)
       waiting_.push_back(number);
     else
       put(number, suspicion.begins_in);
     return number;
   }
-  static constexpr Index none = -1;  ///< no suspect, no key
 
   /// Adds a suspect on one variable.
   Index add(const PriorFactor<Group>& prior, const Suspicion& suspicion = {}) {
@@ -94,15 +98,15 @@ class IncrementalGnc {
   }
 
   /// Takes a suspect out for good.
-  void remove(Index number) {
-    Entry& of = entry(number);
+  [[gnu::cold]] void remove(Index number) {
+    Entry& of = suspects_[number];
     if (smoother_.contains(of.id)) smoother_.remove(of.id);
     of.ratio = 0.0;
   }
 
   /// Puts another measurement of the same variable in the place of a prior; it counts as that did.
-  void replace(Index number, const Group& mean, const SqrtInformation<Group::dof>& sqrt_information) {
-    Entry& of = entry(number);
+  [[gnu::cold]] void replace(Index number, const Group& mean, const SqrtInformation<Group::dof>& sqrt_information) {
+    Entry& of = suspects_[number];
     const bool in = is_in(number);
     smoother_.remove(of.id);
     of.factor.measurement = mean;
@@ -112,20 +116,22 @@ class IncrementalGnc {
 
   /// Puts suspects that wait for a forecast into the smoother, in full: where nothing else holds what they hold.
   /// @returns whether there were any.
-  bool admit() {
+  [[gnu::cold]] bool admit() {
+    const bool any = !waiting_.empty();
     for (const Index number : waiting_) put(number, true);
-    return !std::exchange(waiting_, {}).empty();
+    waiting_.clear();
+    return any;
   }
 
   /// Leaders of groups that the graph did not expect and that are still out, the newest last.
-  [[nodiscard]] std::span<const Index> unexpected() const { return unexpected_; }
+  [[nodiscard]] std::span<const Index> unexpected() const { return unexpected_.all(); }
   /// Lets an unexpected group count in full, for reasons of the caller's own, and all that speaks against it, trusted
   /// or not, be decided anew by the next update.
   void vouch_for(Index leader) { vouched_for_.push_back(leader); }
 
   /// Updates the smoother until each suspect is in or out. If the first update fails, the suspects added since the last
   /// are gone, as all else; if a later one does, the decision waits for the next time.
-  IncrementalGncReport update() {
+  [[gnu::cold]] IncrementalGncReport update() {
     IncrementalGncReport report;
     changed_.clear();
     if (!step(report) || (!waiting_.empty() && (forecast(), !step(report)))) {
@@ -145,7 +151,7 @@ class IncrementalGnc {
   }
 
   /// Measures all suspects anew and decides: after the estimate was moved otherwise.
-  IncrementalGncReport reconsider() {
+  [[gnu::cold]] IncrementalGncReport reconsider() {
     IncrementalGncReport report;
     changed_.clear();
     for (Index number = 0; number < settled_; ++number) measure(number);
@@ -154,27 +160,52 @@ class IncrementalGnc {
   }
 
   /// Keys whose estimate the last call changed, some several times.
-  [[nodiscard]] std::span<const Key> changed() const { return changed_; }
+  [[nodiscard]] std::span<const Key> changed() const { return changed_.all(); }
 
   /// A prior's `from` is none.
-  [[nodiscard]] const Suspect& factor(Index number) const { return entry(number).factor; }
+  [[nodiscard]] const Suspect& factor(Index number) const { return suspects_[number].factor; }
   /// The factor's name in the smoother; none yet before the first update.
-  [[nodiscard]] FactorId id(Index number) const { return entry(number).id; }
+  [[nodiscard]] FactorId id(Index number) const { return suspects_[number].id; }
   /// Whether a suspect counts in full.
   [[nodiscard]] bool is_in(Index number) const { return smoother_.weight(id(number)) == 1.0; }
 
  private:
+  using Jacobian = typename Group::Jacobian;
   static constexpr double decisive_mu = 1e6;
 
   struct Entry {
-    FactorId id;
-    Suspect factor;
-    double threshold, outlier_weight;
-    Index leader;
-    std::vector<Index> members;  ///< of a leader: its group, itself first
-    double ratio;                ///< squared whitened residual at the estimate over the threshold
-    bool trusted;
+    FactorId id{};
+    Suspect factor{};
+    double threshold = 0.0, outlier_weight = 0.0;
+    double ratio = 0.0;  ///< squared whitened residual at the estimate over the threshold
+    bool trusted = false;
+    bool watched = false;  ///< a leader: measured since there was last no contradiction
+    Index leader = none;
+    Index members = 0, newest = none;  ///< of a leader's group
+    Index before = none;               ///< in its group
+    Index older_at_to = none, older_at_from = none;
   };
+
+  /// Calls visit(member's number) for a group, the newest first.
+  template <class Visit>
+  void for_each_member(Index leader, Visit&& visit) const {
+    for (Index number = suspects_[leader].newest; number != none; number = suspects_[number].before) visit(number);
+  }
+  /// @returns the one that was noted at this key before, if any.
+  [[nodiscard]] Index note(Key key, Index number) {
+    if (key >= newest_at_.size()) newest_at_.resize(key + 1, none);
+    return std::exchange(newest_at_[key], number);
+  }
+
+  void drop_last() {
+    const Entry& last = suspects_.back();
+    if (last.factor.from != none) newest_at_[last.factor.from] = last.older_at_from;
+    newest_at_[last.factor.to] = last.older_at_to;
+    suspects_[last.leader].newest = last.before;
+    --suspects_[last.leader].members;
+    suspects_.pop_back();
+  }
+
   void decide(IncrementalGncReport& report) {
     double mu = 0.0;
     while (contradicted()) {
@@ -191,7 +222,7 @@ class IncrementalGnc {
   }
 
   void put(Index number, bool in) {
-    Entry& of = entry(number);
+    Entry& of = suspects_[number];
     const Suspect& f = of.factor;
     of.id =
         f.from == none ? smoother_.add(PriorFactor<Group>{f.to, f.measurement, f.sqrt_information}) : smoother_.add(f);
@@ -201,10 +232,10 @@ class IncrementalGnc {
   /// Puts what waits into the smoother: as outliers what the graph does not expect.
   void forecast() {
     for (const Index number : waiting_)
-      entry(number).ratio = smoother_.what_if(entry(number).factor).rise / entry(number).threshold;
+      suspects_[number].ratio = smoother_.what_if(suspects_[number].factor).rise / suspects_[number].threshold;
     for (const Index number : waiting_) {
-      const Index leader = entry(number).leader;
-      const bool in = weight_of(entry(number), group_ratio(entry(leader)), decisive_mu) == 1.0;
+      const Index leader = suspects_[number].leader;
+      const bool in = weight_of(suspects_[number], group_ratio(leader), decisive_mu) == 1.0;
       put(number, in);
       if (!in && leader == number) {
         unexpected_.push_back(leader);
@@ -217,41 +248,28 @@ class IncrementalGnc {
   /// Lets groups count in full that were vouched for, and unexpected ones of which enough agree with a new one.
   /// @returns whether there were any.
   [[nodiscard]] bool take_back() {
-    std::erase_if(unexpected_, [&](Index leader) { return is_in(leader); });
-    if (unexpected_.size() > options_.memory)
-      unexpected_.erase(unexpected_.begin(), unexpected_.end() - static_cast<std::ptrdiff_t>(options_.memory));
-    const std::size_t news = std::min(std::exchange(news_, 0), unexpected_.size());
-    std::vector<Index> back = std::exchange(vouched_for_, {});
-    for (const Index newest : std::span(unexpected_).last(news)) {
-      std::vector<Index> agreeing{newest};
+    unexpected_.keep_if([&](Index leader) { return !is_in(leader); });
+    if (const Offset forgotten = unexpected_.size() - options_.memory; forgotten > 0)
+      unexpected_ = detail::Table<Index>(unexpected_.range(forgotten, unexpected_.size()));
+    detail::Table<Index> back = std::exchange(vouched_for_, {});
+    for (Offset k = std::max<Offset>(unexpected_.size() - std::exchange(news_, 0), 0); k < unexpected_.size(); ++k) {
+      detail::Table<Index> agreeing;
       for (const Index other : unexpected_)
-        if (other != newest && agree(entry(other), entry(newest))) agreeing.push_back(other);
-      if (to_index(agreeing.size()) >= options_.support) back.insert(back.end(), agreeing.begin(), agreeing.end());
+        if (other == unexpected_[k] || agree(suspects_[other], suspects_[unexpected_[k]])) agreeing.push_back(other);
+      if (agreeing.size() >= options_.support) back.append(agreeing.all());
     }
     for (const Index leader : back)
-      for (const Index number : entry(leader).members) smoother_.set_weight(id(number), 1.0);
+      for_each_member(leader, [&](Index number) { smoother_.set_weight(id(number), 1.0); });
     return !back.empty();
   }
 
-  using Jacobian = typename Group::Jacobian;
-
-  /// Of x_from^-1 x_to, as a right perturbation.
-  [[nodiscard]] Jacobian relative_covariance(Key from, Key to, const Group& T_from_to) const {
-    constexpr int dof = Group::dof;
-    const std::array<Key, 2> keys{from, to};
-    if (from == to) return Jacobian::Zero();
-    const Eigen::MatrixXd joint = smoother_.covariance(keys);
-    Eigen::Matrix<double, dof, 2 * dof> J;
-    J << -T_from_to.inverse().adjoint(), Jacobian::Identity();
-    return J * joint * J.transpose();
-  }
   [[nodiscard]] static Jacobian noise(const Suspect& factor) {
-    const Jacobian root = factor.sqrt_information.inverse();
-    return root * root.transpose();
+    const Jacobian root = matrix_of<Jacobian>(factor.sqrt_information.data());
+    const Jacobian inverse = solved_right(identity<Jacobian>(), cholesky(transposed_product(root, root)));
+    return product_transposed(inverse, inverse);
   }
   [[nodiscard]] static Jacobian carried(const Jacobian& covariance, const Group& T) {
-    const Jacobian adjoint = T.adjoint();
-    return adjoint * covariance * adjoint.transpose();
+    return congruent(T.adjoint(), covariance);
   }
 
   /// Whether two measurements agree, by the ways that the estimate knows between their ends: pairwise consistency
@@ -261,24 +279,17 @@ class IncrementalGnc {
     if (one.to == other.to || one.from == none || other.from == none) return false;  // of one scan: no second opinion
     const Group T_to = smoother_[one.to].inverse() * smoother_[other.to];
     const Group T_from = smoother_[one.from].inverse() * smoother_[other.from];
-    const auto error = ((T_from * other.measurement).inverse() * (one.measurement * T_to)).log();
-    const Jacobian covariance = noise(other) + carried(noise(one), T_to.inverse()) +
-                                relative_covariance(one.to, other.to, T_to) +
-                                carried(relative_covariance(one.from, other.from, T_from), other.measurement.inverse());
-    const Jacobian seen = other.sqrt_information * covariance * other.sqrt_information.transpose();
-    if (!(seen.trace() <= Group::dof * options_.max_blur * options_.max_blur)) return false;  // anything would agree
-    return error.dot(covariance.llt().solve(error)) <= std::min(a.threshold, b.threshold);
-  }
-
-  [[nodiscard]] const Entry& entry(Index number) const { return suspects_[static_cast<std::size_t>(number)]; }
-  [[nodiscard]] Entry& entry(Index number) { return suspects_[static_cast<std::size_t>(number)]; }
-
-  void drop_last() {
-    Entry& last = suspects_.back();
-    of_key_[last.factor.to].pop_back();
-    if (last.factor.from != none) of_key_[last.factor.from].pop_back();
-    entry(last.leader).members.pop_back();
-    suspects_.pop_back();
+    auto error = ((T_from * other.measurement).inverse() * (one.measurement * T_to)).log();
+    const Jacobian of_noise = sum_of(noise(other), carried(noise(one), T_to.inverse()));
+    const Jacobian of_ways =
+        sum_of(smoother_.relative_covariance(one.to, other.to),
+               carried(smoother_.relative_covariance(one.from, other.from), other.measurement.inverse()));
+    Jacobian covariance = sum_of(of_noise, of_ways);
+    const Jacobian blur = congruent(matrix_of<Jacobian>(other.sqrt_information.data()), covariance);
+    double squares = 0.0;
+    for (int k = 0; k < Group::dof; ++k) squares += blur(k, k);
+    if (!(squares <= Group::dof * options_.max_blur * options_.max_blur)) return false;  // anything would agree
+    return squared_mahalanobis(covariance.data(), error.data(), Group::dof) <= std::min(a.threshold, b.threshold);
   }
 
   [[nodiscard]] bool step(IncrementalGncReport& report) {
@@ -287,98 +298,99 @@ class IncrementalGnc {
     if (!report.last.ok()) return false;
     for (const Key key : smoother_.changed()) {
       changed_.push_back(key);
-      const auto found = of_key_.find(key);
-      if (found == of_key_.end()) continue;
-      for (const Index number : found->second) measure(number);
+      if (key >= newest_at_.size()) continue;
+      for (Index number = newest_at_[key]; number != none;) {
+        measure(number);
+        const Entry& one = suspects_[number];
+        number = one.factor.to == key ? one.older_at_to : one.older_at_from;
+      }
     }
     return true;
   }
 
   /// A suspect that was removed from the smoother is never contradicted.
   void measure(Index number) {
-    Entry& of = entry(number);
+    Entry& of = suspects_[number];
     const Suspect& factor = of.factor;
     of.ratio = 0.0;
     if (!smoother_.contains(of.id)) return;
     const Group T_from_to =
         factor.from == none ? smoother_[factor.to] : smoother_[factor.from].inverse() * smoother_[factor.to];
-    of.ratio =
-        (factor.sqrt_information * (factor.measurement.inverse() * T_from_to).log()).squaredNorm() / of.threshold;
-    watched_.push_back(of.leader);
+    const auto residual =
+        whitened<Group::dof, 1>(factor.sqrt_information, (factor.measurement.inverse() * T_from_to).log());
+    for (int k = 0; k < Group::dof; ++k) of.ratio += residual[k] * residual[k] / of.threshold;
+    if (!std::exchange(suspects_[of.leader].watched, true)) watched_.push_back(of.leader);
   }
 
   /// Members of a group share their information: m of them, half of it common, know as much as 2 m / (m + 1) alone.
-  [[nodiscard]] static double votes(const Entry& leader) {
-    return 0.5 * static_cast<double>(leader.members.size() + 1);
-  }
+  [[nodiscard]] double votes(Index leader) const { return 0.5 * (suspects_[leader].members + 1); }
 
   /// What half of a group does not exceed.
-  [[nodiscard]] double group_ratio(const Entry& leader) {
-    if (leader.members.size() == 1) return leader.ratio;
+  [[nodiscard]] double group_ratio(Index leader) {
+    if (suspects_[leader].members == 1) return suspects_[leader].ratio;
     ratios_.clear();
-    for (const Index number : leader.members) ratios_.push_back(entry(number).ratio);
-    const auto middle = ratios_.begin() + static_cast<std::ptrdiff_t>((ratios_.size() - 1) / 2);
-    std::nth_element(ratios_.begin(), middle, ratios_.end());
-    return votes(leader) * *middle;
+    for_each_member(leader, [&](Index number) { ratios_.push_back({suspects_[number].ratio, number}); });
+    sort_ranked(ratios_.all());
+    return votes(leader) * ratios_[(ratios_.size() - 1) / 2].rank;
   }
 
   /// Whether a suspect that was measured has not the weight that its residual asks for.
   [[nodiscard]] bool contradicted() {
-    std::sort(watched_.begin(), watched_.end());
-    watched_.erase(std::unique(watched_.begin(), watched_.end()), watched_.end());
-    const bool found = std::any_of(watched_.begin(), watched_.end(), [&](Index number) {
-      const Entry& leader = entry(number);
+    for (const Index leader : watched_) {
       const double of_group = group_ratio(leader);
-      return std::any_of(leader.members.begin(), leader.members.end(), [&](Index member) {
-        const Entry& one = entry(member);
-        return is_judged(one) && smoother_.weight(one.id) != weight_of(one, of_group, decisive_mu);
+      bool found = false;
+      for_each_member(leader, [&](Index number) {
+        const Entry& one = suspects_[number];
+        found |= is_judged(one) && smoother_.weight(one.id) != weight_of(one, of_group, decisive_mu);
       });
-    });
-    if (!found) watched_.clear();
-    return found;
+      if (found) return true;
+    }
+    for (const Index leader : watched_) suspects_[leader].watched = false;
+    watched_.clear();
+    return false;
   }
 
   /// @param mu  the control parameter; `decisive_mu`: in or out
-  [[nodiscard]] double weight_of(const Entry& one, double of_group, double mu) {
-    const double ratio = std::max(votes(entry(one.leader)) * one.ratio, of_group);
-    const double weight = mu < decisive_mu ? detail::truncated_weight(ratio, 1.0, mu) : (ratio <= 1.0 ? 1.0 : 0.0);
+  [[nodiscard]] double weight_of(const Entry& one, double of_group, double mu) const {
+    const double ratio = std::max(votes(one.leader) * one.ratio, of_group);
+    const double weight = mu < decisive_mu ? truncated_weight(ratio, 1.0, mu) : (ratio <= 1.0 ? 1.0 : 0.0);
     return std::max(weight, one.outlier_weight);
   }
 
-  [[nodiscard]] double first_mu() {
+  [[nodiscard]] double first_mu() const {
     double largest = 1.0;
-    for (const Index leader : watched_)
-      for (const Index number : entry(leader).members)
-        if (is_weighed(number)) largest = std::max(largest, votes(entry(leader)) * entry(number).ratio);
+    for (const Index leader : watched_) {
+      for_each_member(leader, [&](Index number) {
+        const Entry& one = suspects_[number];
+        const bool is_weighed = is_judged(one) && smoother_.weight(one.id) > one.outlier_weight;
+        if (is_weighed) largest = std::max(largest, votes(leader) * one.ratio);
+      });
+    }
     return 1.0 / (2.0 * largest - 1.0);
-  }
-  [[nodiscard]] bool is_weighed(Index number) {
-    const Entry& one = entry(number);
-    return is_judged(one) && smoother_.weight(one.id) > one.outlier_weight;
   }
 
   void weigh(Index leader, double mu) {
-    const double of_group = group_ratio(entry(leader));
-    for (const Index number : entry(leader).members) {
-      const Entry& of = entry(number);
-      if (!is_judged(of)) continue;
+    const double of_group = group_ratio(leader);
+    for_each_member(leader, [&](Index number) {
+      const Entry& of = suspects_[number];
+      if (!is_judged(of)) return;
       const double next = weight_of(of, of_group, mu);
       if (std::abs(next - smoother_.weight(of.id)) > 1e-3 || next == of.outlier_weight || next == 1.0)
         smoother_.set_weight(of.id, next);
-    }
+    });
   }
 
   Smoother& smoother_;
   IncrementalGncOptions options_;
-  std::vector<Entry> suspects_;
-  std::unordered_map<Key, std::vector<Index>> of_key_;
-  std::vector<Index> watched_;  ///< leaders of groups measured since there was last no contradiction
-  std::vector<Key> changed_;
-  std::vector<double> ratios_;      ///< room for one group's
-  std::vector<Index> waiting_;      ///< to be put into the smoother by the next update
-  std::vector<Index> unexpected_;   ///< leaders of groups
-  std::size_t news_ = 0;            ///< how many of these are new
-  std::vector<Index> vouched_for_;  ///< leaders
+  detail::Table<Entry> suspects_;
+  detail::Table<Index> newest_at_;  ///< of each key, none where there is none
+  detail::Table<Index> watched_;    ///< leaders
+  detail::Table<Key> changed_;
+  detail::Table<Ranked> ratios_;      ///< room for one group's
+  detail::Table<Index> waiting_;      ///< to be put into the smoother by the next update
+  detail::Table<Index> unexpected_;   ///< leaders of groups
+  Index news_ = 0;                    ///< how many of these are new
+  detail::Table<Index> vouched_for_;  ///< leaders
   bool trusting_ = true;
   Index settled_ = 0;  ///< suspects that have taken part in an update
 };

@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <cstddef>
+#include <cmath>
 #include <limits>
 #include <optional>
 #include <span>
@@ -10,7 +10,9 @@
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/factor_graph/prior_factor.hpp"
@@ -47,27 +49,32 @@ struct FixedPosition {
                                                                     const GnssFactorOptions& options) {
   std::optional<SE3d> found;
   double most = std::numeric_limits<double>::infinity();
+  const auto distance = [&](const FixedPosition& fix) {
+    const Eigen::Vector3d there = *found * fix.ecef;
+    return std::sqrt(squared_distance<3>(there.data(), fix.position.data()));
+  };
   for (int pass = 0; pass < 6; ++pass) {
     std::vector<Eigen::Vector3d> ecef, positions;
     for (const FixedPosition& fix : fixes) {
-      if (found && (*found * fix.ecef - fix.position).norm() > most) continue;
+      if (found && distance(fix) > most) continue;
       ecef.push_back(fix.ecef);
       positions.push_back(fix.position);
     }
     if (to_index(ecef.size()) < options.least_fixes) return found;
     const Eigen::Vector3d middle = detail::mean(positions);
     Eigen::Matrix3d spread = zeros<Eigen::Matrix3d>();
-    for (const Eigen::Vector3d& position : positions)
-      spread += (position - middle) * (position - middle).transpose() / static_cast<double>(positions.size());
+    for (const Eigen::Vector3d& position : positions) {
+      const Eigen::Vector3d off = difference_of(position, middle);
+      spread = sum_of(spread, divided(product_transposed(off, off), static_cast<double>(positions.size())));
+    }
     if (!(jacobi_eigen(spread).values[1] >= options.least_spread * options.least_spread)) return found;
     const auto fitted = umeyama(ecef, positions, false);
     if (!fitted) return found;
     found = SE3d(fitted->rotation(), fitted->translation());
-    std::vector<double> distances;
-    for (const FixedPosition& fix : fixes) distances.push_back((*found * fix.ecef - fix.position).norm());
-    std::nth_element(distances.begin(), distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2),
-                     distances.end());
-    most = std::max(2 * distances[distances.size() / 2], 2 * options.bias);
+    detail::Table<Ranked> distances;
+    for (const FixedPosition& fix : fixes) distances.push_back({distance(fix), 0});
+    sort_ranked(distances.all());
+    most = std::max(2 * distances[distances.size() / 2].rank, 2 * options.bias);
   }
   return found;
 }
@@ -80,11 +87,13 @@ struct FixedPosition {
                                                                     const SO3d& attitude,
                                                                     const GnssFactorOptions& options) {
   const Eigen::Matrix3d R_body_ecef = (attitude.inverse() * R_map_ecef).matrix();
-  Eigen::Matrix3d covariance = R_body_ecef * fix.covariance_ecef * R_body_ecef.transpose();
+  Eigen::Matrix3d covariance = product_transposed(product(R_body_ecef, fix.covariance_ecef), R_body_ecef);
   for (int i = 0; i < 3; ++i) covariance(i, i) += options.bias * options.bias;
-  covariance *= options.correlated;
+  covariance = scaled(options.correlated, covariance);
   PriorFactor<SE3d> prior{key, SE3d(attitude, antenna - attitude * options.antenna), zeros<SqrtInformation<6>>()};
-  prior.sqrt_information.topLeftCorner<3, 3>() = NoiseModel<3>::from_covariance(covariance).sqrt_information();
+  const SqrtInformation<3> root = NoiseModel<3>::from_covariance(covariance).sqrt_information();
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) prior.sqrt_information(i, j) = root(i, j);
   return prior;
 }
 

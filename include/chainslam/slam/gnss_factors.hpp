@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/prior_factor.hpp"
@@ -71,8 +72,8 @@ class GnssFactors {
         const auto& fix = gnc.factor(priors_[i]);
         const SE3d& here = map.keyframes[static_cast<std::size_t>(i)].T_map_body;
         const auto squared = [&](const SE3d& pose) {
-          return std::min((fix.sqrt_information * (fix.measurement.inverse() * pose).log()).squaredNorm(),
-                          options_.threshold);
+          const auto residual = whitened<6, 1>(fix.sqrt_information, (fix.measurement.inverse() * pose).log());
+          return std::min(residual.squaredNorm(), options_.threshold);
         };
         sum += squared(here) - squared(T_new_old * here);
       }
@@ -116,19 +117,19 @@ class GnssFactors {
                                  std::span<const Index> of) {
     for (const Session& session : map.sessions) {
       if (session.frame != id) continue;
-      std::array<std::vector<double>, 3> off;
+      std::array<detail::Table<Ranked>, 3> off;
       for (std::size_t k = 0; k < of.size(); ++k) {
         if (of[k] < session.first_keyframe || of[k] >= session.end_keyframe()) continue;
-        const Eigen::Vector3d difference = *on_earth_[id.value].T_frame_ecef * fixed[k].ecef - fixed[k].position;
-        for (int axis = 0; axis < 3; ++axis) off[static_cast<std::size_t>(axis)].push_back(difference[axis]);
+        const Eigen::Vector3d there = *on_earth_[id.value].T_frame_ecef * fixed[k].ecef;
+        for (std::size_t axis = 0; axis < 3; ++axis)
+          off[axis].push_back({there.data()[axis] - fixed[k].position.data()[axis], of[k]});
       }
       if (off[0].empty()) continue;
       const double count = static_cast<double>(off[0].size());
-      for (int axis = 0; axis < 3; ++axis) {
-        std::vector<double>& list = off[static_cast<std::size_t>(axis)];
-        const auto middle = list.begin() + static_cast<std::ptrdiff_t>(list.size() / 2);
-        std::nth_element(list.begin(), middle, list.end());
-        biases_[session.id.value][axis] = *middle * count / (count + options_.correlated);
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        sort_ranked(off[axis].all());
+        biases_[session.id.value].data()[axis] =
+            off[axis][off[axis].size() / 2].rank * count / (count + options_.correlated);
       }
     }
   }

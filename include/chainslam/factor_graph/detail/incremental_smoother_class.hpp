@@ -165,6 +165,9 @@ class IncrementalSmoother {
   /// @throws std::invalid_argument if a key is unknown.
   [[nodiscard]] Eigen::MatrixXd covariance(std::span<const Key> keys) const;
   [[nodiscard]] Eigen::MatrixXd covariance(Key key) const { return covariance(std::span<const Key>(&key, 1)); }
+  /// Covariance of x_from^-1 x_to, as a right perturbation: zero if they are one.
+  /// @throws std::invalid_argument if a key is unknown.
+  [[nodiscard]] typename Group::Jacobian relative_covariance(Key from, Key to) const;
   /// The covariance of each variable by itself, all at once: for about two factorisations of everything.
   [[nodiscard]] std::vector<typename Group::Jacobian> marginals() const;
 
@@ -249,6 +252,9 @@ class IncrementalSmoother {
   [[nodiscard]] typename Group::Jacobian at_estimate(Key key) const {
     return Group::right_jacobian(matrix_of<Tangent>(solver_.solution(key).data()));
   }
+  /// @param jacobian, residual  as `write_linearization` writes them; the second is overwritten.
+  [[nodiscard]] [[gnu::cold]] FactorForecast forecast(std::span<const Key> keys, Index rows, const double* jacobian,
+                                                      double* residual) const;
   template <class Archive>
   static void visit_options(SmootherOptions& options, Archive&& archive);
   void marginalize_old();

@@ -1,9 +1,10 @@
 #pragma once
 
-#include <Eigen/Cholesky>
-#include <algorithm>
-#include <numeric>
+#include <array>
+#include <span>
 
+#include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 
@@ -59,7 +60,35 @@ Eigen::MatrixXd IncrementalSmoother<Group, Extra...>::covariance(std::span<const
     }
     column += dof;
   }
-  return solver_.inverse_product(free, E);
+  Eigen::MatrixXd found(E.cols(), E.cols());
+  solver_.inverse_product(free, E.data(), to_index(E.cols()), found.data());
+  return found;
+}
+
+template <class Group, class... Extra>
+typename Group::Jacobian IncrementalSmoother<Group, Extra...>::relative_covariance(Key from, Key to) const {
+  using Jacobian = typename Group::Jacobian;
+  require_known(from);
+  require_known(to);
+  Jacobian covariance = zeros<Jacobian>();
+  if (from == to) return covariance;
+  std::array<Key, 2> free{};
+  Eigen::Matrix<double, 2 * dof, dof> E = zeros<Eigen::Matrix<double, 2 * dof, dof>>();
+  std::size_t count = 0;
+  const auto add = [&](Key key, const Jacobian& by_key) {
+    if (!solver_.is_eliminated(key)) return;
+    set_block(E, static_cast<int>(count) * dof, 0, transposed(product(by_key, at_estimate(key))));
+    free[count++] = key;
+  };
+  add(from, negative(((*this)[to].inverse() * (*this)[from]).adjoint()));
+  add(to, identity<Jacobian>());
+  if (count == 1) {
+    const Jacobian only = block_of<dof, dof>(E, 0, 0);
+    solver_.inverse_product(std::span(free).first(1), only.data(), dof, covariance.data());
+  } else if (count == 2) {
+    solver_.inverse_product(free, E.data(), dof, covariance.data());
+  }
+  return covariance;
 }
 
 template <class Group, class... Extra>
@@ -82,25 +111,34 @@ FactorForecast IncrementalSmoother<Group, Extra...>::what_if(const F& factor) co
   require_keys(keys);
   const Index rows = detail::rows_of(factor);
   const Offset stride = Offset{dof} * static_cast<Offset>(keys.size());
-  const std::vector<double> numbers = detail::linearization(factor, estimates_, detail::Kernels::applied);
-  std::vector<Key> free;
-  Eigen::MatrixXd E(stride, rows);
-  for (std::size_t k = 0; k < keys.size(); ++k) {
-    if (!solver_.is_eliminated(keys[k])) continue;
-    const typename Group::Jacobian turn = at_estimate(keys[k]);
-    const auto to = static_cast<Eigen::Index>(free.size()) * dof;
-    for (Index row = 0; row < rows; ++row) {
-      const double* const of_key = numbers.data() + row * stride + static_cast<Offset>(k) * dof;
-      for (int c = 0; c < dof; ++c)
-        E(to + c, row) = std::inner_product(of_key, of_key + dof, turn.data() + c * dof, 0.0);
+  std::vector<double> numbers = detail::linearization(factor, estimates_, detail::Kernels::applied);
+  return forecast(keys, rows, numbers.data(), numbers.data() + rows * stride);
+}
+
+template <class Group, class... Extra>
+FactorForecast IncrementalSmoother<Group, Extra...>::forecast(std::span<const Key> keys, Index rows,
+                                                              const double* jacobian, double* residual) const {
+  detail::Table<Key> free;
+  for (const Key key : keys)
+    if (solver_.is_eliminated(key)) free.push_back(key);
+  detail::Table<double> E;
+  for (Index row = 0; row < rows; ++row) {
+    for (const Key key : keys) {
+      const Tangent of_key = matrix_of<Tangent>(jacobian);
+      jacobian += dof;
+      if (!solver_.is_eliminated(key)) continue;
+      const Tangent at_origin = transposed_product(at_estimate(key), of_key);
+      E.append(std::span(at_origin.data(), dof));
     }
-    free.push_back(keys[k]);
   }
-  E.conservativeResize(static_cast<Eigen::Index>(free.size()) * dof, rows);
-  Eigen::MatrixXd innovation = solver_.inverse_product(free, E);
-  innovation.diagonal().array() += 1.0;
-  const Eigen::VectorXd residual = Eigen::Map<const Eigen::VectorXd>(numbers.data() + rows * stride, rows);
-  return {residual.squaredNorm(), residual.dot(innovation.llt().solve(residual))};
+  detail::Table<double> innovation(Offset{rows} * rows, 0.0);
+  solver_.inverse_product(free.all(), E.data(), rows, innovation.data());
+  double squared = 0.0;
+  for (Index row = 0; row < rows; ++row) {
+    innovation[Offset{row} * (rows + 1)] += 1.0;
+    squared += residual[row] * residual[row];
+  }
+  return {squared, squared_mahalanobis(innovation.data(), residual, rows)};
 }
 
 }  // namespace chainslam

@@ -187,9 +187,10 @@ class IncrementalCholesky {
     return solution_.range(Offset{variable} * BlockSize, Offset{variable} * BlockSize + BlockSize);
   }
   /// E^T H^-1 E with the matrix H of the last `factorize`. E has `BlockSize` rows for each of `variables`, none of
-  /// which is fixed. Costs the ways from there to the root; allocates.
-  [[nodiscard]] Eigen::MatrixXd inverse_product(std::span<const Index> variables, const Eigen::MatrixXd& E) const {
-    return detail::PathSolver<BlockSize>(tree_, variables).inverse_product(variables, E);
+  /// which is fixed; both are column-major. Costs the ways from there to the root, and a number for each variable.
+  [[gnu::cold]] void inverse_product(std::span<const Index> variables, const double* E, Index columns,
+                                     double* product) const {
+    detail::PathSolver<BlockSize>(tree_, size(), variables).inverse_product(variables, E, columns, product);
   }
   /// The diagonal blocks of H^-1, column-major, at `BlockSize`^2 times their variable's number; zeros for what is not
   /// eliminated. Costs about two factorisations of everything; allocates.

@@ -1,11 +1,9 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <span>
-#include <unordered_map>
-#include <vector>
 
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
@@ -16,60 +14,67 @@ namespace chainslam::detail {
 template <int B>
 class PathSolver {
  public:
+  /// @param size       number of variables in the tree
   /// @param variables  that the right-hand sides touch; all are eliminated in the tree.
-  PathSolver(const FrontTree<B>& tree, std::span<const Index> variables) : tree_(tree) {
-    std::vector<std::vector<Index>> ways;
+  PathSolver(const FrontTree<B>& tree, Index size, std::span<const Index> variables) : tree_(tree), row_(size, -1) {
     for (const Index variable : variables) {
-      std::vector<Index> way;
+      const Offset begin = nodes_.size();
       for (Index node = tree.node_of(variable); node != -1 && !seen(node); node = tree[node].parent) {
-        way.push_back(node);
-        for (const Index column : tree.columns(node)) row_.emplace(column, static_cast<Eigen::Index>(row_.size()) * B);
+        nodes_.push_back(node);
+        for (const Index column : tree.columns(node)) row_[column] = rows_++;
       }
-      ways.push_back(std::move(way));
+      std::reverse(nodes_.data() + begin, nodes_.data() + nodes_.size());
     }
-    // A later way ends below an earlier one's node: it comes first.
-    for (auto way = ways.rbegin(); way != ways.rend(); ++way) nodes_.insert(nodes_.end(), way->begin(), way->end());
   }
 
   /// E^T H^-1 E, where H is the matrix that was factorised.
   ///
   /// @param variables  of E's block rows; all that the constructor got, or some of them.
-  [[nodiscard]] Eigen::MatrixXd inverse_product(std::span<const Index> variables, const Eigen::MatrixXd& E) const {
-    Eigen::MatrixXd X = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(row_.size()) * B, E.cols());
-    for (std::size_t k = 0; k < variables.size(); ++k)
-      X.middleRows<B>(row_.at(variables[k])) += E.middleRows<B>(static_cast<Eigen::Index>(k) * B);
-    Eigen::VectorXd gathered;
-    for (const Index node : nodes_) {
-      const Front<B> front = tree_.front(node);
-      gathered.resize(front.stride());
-      for (Eigen::Index column = 0; column < E.cols(); ++column) {
-        for_each_row(node, [&](Eigen::Index in_front, Eigen::Index row) {
-          gathered.segment<B>(in_front) = X.col(column).template segment<B>(row);
-        });
-        front.substitute_forward(gathered.data());
-        for_each_row(node, [&](Eigen::Index in_front, Eigen::Index row) {
-          X.col(column).template segment<B>(row) = gathered.segment<B>(in_front);
-        });
-      }
+  /// @param E          `B` rows for each of them, column-major
+  /// @param product    as many rows and columns as E has columns
+  void inverse_product(std::span<const Index> variables, const double* E, Index columns, double* product) const {
+    const Offset height = Offset{rows_} * B;
+    Table<double> X(height * columns, 0.0);
+    for (Index column = 0; column < columns; ++column) {
+      double* const x = X.data() + column * height;
+      for (const Index variable : variables)
+        for (int k = 0; k < B; ++k) x[Offset{row_[variable]} * B + k] += *E++;
+      substitute(x);
+      for (Index other = 0; other <= column; ++other)
+        product[column * columns + other] = product[other * columns + column] =
+            dot(x, X.data() + other * height, height);
     }
-    return X.transpose().lazyProduct(X);
   }
 
  private:
-  [[nodiscard]] bool seen(Index node) const { return row_.contains(tree_.columns(node).front()); }
+  [[nodiscard]] bool seen(Index node) const { return row_[tree_.columns(node).front()] != -1; }
 
-  template <class Visit>
-  void for_each_row(Index node, Visit&& visit) const {
-    Eigen::Index in_front = 0;
-    for (const Index variable : tree_.variables(node)) {
-      visit(in_front, row_.at(variable));
-      in_front += B;
+  [[nodiscard]] static double dot(const double* a, const double* b, Offset size) {
+    double sum = 0;
+    for (Offset k = 0; k < size; ++k) sum += a[k] * b[k];
+    return sum;
+  }
+
+  void substitute(double* x) const {
+    Table<double> gathered;
+    for (Offset k = nodes_.size(); k-- > 0;) {
+      const std::span<const Index> variables = tree_.variables(nodes_[k]);
+      gathered.resize(tree_.front(nodes_[k]).stride());
+      double* in_front = gathered.data();
+      for (const Index variable : variables) in_front = std::copy_n(x + Offset{row_[variable]} * B, B, in_front);
+      tree_.front(nodes_[k]).substitute_forward(gathered.data());
+      in_front = gathered.data();
+      for (const Index variable : variables) {
+        std::copy_n(in_front, B, x + Offset{row_[variable]} * B);
+        in_front += B;
+      }
     }
   }
 
   const FrontTree<B>& tree_;
-  std::vector<Index> nodes_;                     ///< children before parents
-  std::unordered_map<Index, Eigen::Index> row_;  ///< of each variable eliminated in them
+  Table<Index> nodes_;  ///< a later way ends below an earlier one's node: parents before children
+  Table<Index> row_;    ///< of each variable eliminated in them, -1 of the others
+  Index rows_ = 0;
 };
 
 }  // namespace chainslam::detail
