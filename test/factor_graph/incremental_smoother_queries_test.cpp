@@ -188,6 +188,65 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     });
   }
 
+  TEST_CASE("what factors would lower the squared error by, if they were taken out together, is what they do") {
+    for_all(20, [](Rng& rng, int size) {
+      Twin twin;
+      Walk walk(rng);
+      for (int k = 0; k < 5 + size; ++k) walk.step(twin);
+      REQUIRE(twin.smoother.converge().ok());
+      const Key last = twin.smoother.size() - 1;
+      std::vector<BetweenFactor<SE3d>> added;
+      std::vector<FactorId> ids;
+      for (const Key from : {0, 1}) {
+        BetweenFactor<SE3d> factor{from, last, twin.smoother[from].inverse() * twin.smoother[last], {}};
+        factor.measurement = factor.measurement * SE3d::exp(random_tangent<SE3d>(rng, 0.003, 0.003));
+        factor.sqrt_information = Smoother::Noise::from_sigma(0.02).sqrt_information();
+        added.push_back(factor);
+      }
+      const double without = twin.smoother.cost();
+      const double rise = twin.smoother.rise_with(std::span<const BetweenFactor<SE3d>>(added));
+      for (const auto& factor : added) ids.push_back(twin.smoother.add(factor));
+      REQUIRE(twin.smoother.converge().ok());
+      // kernels and curvature are not in the forecasts
+      CHECK(twin.smoother.cost() - without == doctest::Approx(rise).epsilon(0.05).scale(0.1));
+      const double fall = twin.smoother.fall_without(std::span<const BetweenFactor<SE3d>>(added));
+      CHECK(twin.smoother.cost() - without == doctest::Approx(fall).epsilon(0.05).scale(0.1));
+    });
+  }
+
+  TEST_CASE("what alone holds a variable has no fall") {
+    Twin twin;
+    Rng rng(1);
+    Walk walk(rng);
+    for (int k = 0; k < 8; ++k) walk.step(twin);
+    const SE3d beside = SE3d::exp((Vector6d() << 1, 0, 0, 0, 0, 0.1).finished());
+    const Key free = twin.smoother.add_value(twin.smoother[1] * beside);
+    const BetweenFactor<SE3d> only{1, free, beside, Smoother::Noise::from_sigma(0.1).sqrt_information()};
+    twin.smoother.add(only);
+    REQUIRE(twin.smoother.converge().ok());
+    CHECK_FALSE(twin.smoother.fall_without(std::span<const BetweenFactor<SE3d>>(&only, 1)) > 1e-3);
+  }
+
+  TEST_CASE("the covariance of a relative pose is that of both poses, carried") {
+    for_all(10, [](Rng& rng, int size) {
+      Twin twin;
+      Walk walk(rng);
+      for (int k = 0; k < 5 + size; ++k) walk.step(twin);
+      REQUIRE(twin.smoother.converge().ok());
+      const Key last = twin.smoother.size() - 1;
+      const std::vector<Key> keys{1, last};
+      Eigen::Matrix<double, 6, 12> J;
+      J << -(twin.smoother[last].inverse() * twin.smoother[1]).adjoint(), Matrix6d::Identity();
+      const Matrix6d expected = J * twin.smoother.covariance(keys) * J.transpose();
+      CHECK((twin.smoother.relative_covariance(1, last) - expected).norm() < 1e-9 * expected.norm());
+      CHECK(twin.smoother.relative_covariance(last, last).isZero(0));
+      twin.smoother.set_fixed(1);
+      REQUIRE(twin.smoother.update().ok());
+      CHECK((twin.smoother.relative_covariance(1, last) - twin.smoother.covariance(last)).norm() <
+            1e-9 * expected.norm());
+    });
+  }
+
   TEST_CASE("a session moved as one body costs its ties alone, and leads to the same optimum") {
     Rng rng(5);
     Twin twin;

@@ -128,7 +128,7 @@ template <class Scalar, int N>
 
 /// e^T A^-1 e for a positive definite A of n rows; NaN if it is not. Overwrites both: A by Cholesky's factor L below
 /// the diagonal, e by L^-1 e.
-[[nodiscard, gnu::noinline]] inline double squared_mahalanobis(double* A, double* e, int n) {
+[[nodiscard, gnu::noinline, gnu::cold]] inline double squared_mahalanobis(double* A, double* e, int n) {
   double sum = 0;
   for (int k = 0; k < n; ++k) {
     for (int i = k; i < n; ++i)

@@ -2,63 +2,39 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <span>
 #include <utility>
 
 #include "chainslam/core/ranked.hpp"
 #include "chainslam/core/robust_kernels.hpp"
-#include "chainslam/core/small_matrix.hpp"
-#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
+#include "chainslam/factor_graph/detail/suspect_list.hpp"
+#include "chainslam/factor_graph/incremental_gnc_options.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/factor_graph/pairwise_consistency.hpp"
 #include "chainslam/factor_graph/prior_factor.hpp"
 
 namespace chainslam {
 
-struct IncrementalGncOptions {
-  double growth = 2.0;  ///< of the control parameter, a step
-  Index max_steps = 40;
-  /// Unexpected groups that agree with each other, so that all is decided anew: an outlier that was taken in, or a
-  /// trusted factor that is wrong, makes all later ones unexpected.
-  Index support = 3;
-  /// Standard deviations of a measurement up to which the way between two may be uncertain, if they are to agree:
-  /// farther apart, any two would.
-  double max_blur = 10.0;
-  Index memory = 50;  ///< unexpected groups that are remembered for that
-};
-
-/// How a factor that may be wrong is judged.
-struct Suspicion {
-  /// Squared whitened residual beyond which it is an outlier. 0: what one good factor in a hundred exceeds.
-  double threshold = 0.0;
-  /// What an outlier still counts. More than 0 for what alone may hold parts of the graph together.
-  double outlier_weight = 0.0;
-  bool begins_in = true;  ///< or as an outlier, as it was when it was saved
-  /// Whether it begins as an outlier where the graph, by its own covariance, does not expect it: its error would be
-  /// shared out over what is less certain, and never show.
-  bool forecast = false;
-  /// Whether it is beyond suspicion until enough others agree that the graph is wrong.
-  bool trusted = false;
-};
-
-struct IncrementalGncReport {
-  UpdateReport last;    ///< of the last update
-  Index steps = 0;      ///< updates
-  bool decided = true;  ///< whether each suspect is in or out, as its residual says; else the steps did not suffice
-};
-
 /// Takes suspects into a growing graph, and decides again which of them are outliers whenever they contradict each
-/// other or the rest: graduated non-convexity with truncated least squares (Yang et al. 2020) where the contradiction
-/// is, each step an update of the smoother (McGann, Rogers and Kaess 2023, "riSAM", where the steps are those of a
-/// scale-invariant kernel).
+/// other or the rest, so that the truncated squares become least: squared whitened residuals of what is in, thresholds
+/// for what is out. Three kinds of steps lower them:
+/// - graduated non-convexity (Yang et al. 2020) where a residual says something else than its weight, each step an
+///   update of the smoother (McGann, Rogers and Kaess 2023, "riSAM", where the steps are those of a scale-invariant
+///   kernel);
+/// - one group out or in, by what the smoother forecasts: an outlier that came early bends what is weaker than it, and
+///   its residual does not show;
+/// - several unexpected groups that agree with each other (Mangelson et al. 2018) in, whatever is found to contradict
+///   them out; what does not lower the truncated squares is taken back.
 ///
 /// A suspect counts in full until it is contradicted. Outliers count again when the estimate comes to agree with them.
 /// Suspects that follow from one another form a group, which is in as long as half of it agrees with the estimate: one
 /// vote, however many they are; of a group that is in, each is judged by itself too. Where nothing contradicts, an
-/// update costs what the smoother's does. Factors beyond suspicion, which are given to the smoother itself, or the
-/// weights of outliers must hold the graph together.
+/// update costs what the smoother's does and some forecasts. Factors beyond suspicion, which are given to the smoother
+/// itself, or the weights of outliers must hold the graph together.
 template <class Smoother>
 class IncrementalGnc {
  public:
@@ -73,18 +49,17 @@ class IncrementalGnc {
   /// Adds a suspect to the smoother. @returns its number: 0, 1, ...
   /// @param leader  number of the suspect whose group it joins, the first of that group; none: a group of its own.
   [[gnu::cold]] Index add(const Suspect& suspect, const Suspicion& suspicion = {}, Index leader = none) {
-    const Index number = to_index(suspects_.size());
-    Entry& added = suspects_.emplace_back();
-    added.factor = suspect;
-    added.threshold = suspicion.threshold > 0.0 ? suspicion.threshold : chi_squared_99(Group::dof);
-    added.outlier_weight = suspicion.outlier_weight;
-    added.trusted = suspicion.trusted;
-    added.leader = leader == none ? number : leader;
-    Entry& first = suspects_[added.leader];
-    added.before = std::exchange(first.newest, number);
-    ++first.members;
-    added.older_at_to = note(suspect.to, number);
-    if (suspect.from != none) added.older_at_from = note(suspect.from, number);
+    Entry entry;
+    entry.factor = suspect;
+    entry.threshold = suspicion.threshold > 0.0 ? suspicion.threshold : chi_squared_99(Group::dof);
+    entry.price = suspicion.price > 0.0 ? suspicion.price : entry.threshold;
+    entry.outlier_weight = suspicion.outlier_weight;
+    entry.trusted = suspicion.trusted;
+    entry.forecast = suspicion.forecast;
+    entry.leader = leader;
+    entry.beside = suspicion.beside;
+    const Index number = suspects_.add(entry);
+    if (entry.beside != none) suspects_[entry.beside].followed_by = number;
     if (suspicion.forecast && suspicion.begins_in)
       waiting_.push_back(number);
     else
@@ -135,18 +110,16 @@ class IncrementalGnc {
     IncrementalGncReport report;
     changed_.clear();
     if (!step(report) || (!waiting_.empty() && (forecast(), !step(report)))) {
-      while (to_index(suspects_.size()) > settled_) drop_last();
+      while (suspects_.size() > settled_) suspects_.drop_last();
       waiting_.clear();
       return report;
     }
-    for (Index number = settled_; number < to_index(suspects_.size()); ++number) measure(number);
-    settled_ = to_index(suspects_.size());
+    for (Index number = settled_; number < suspects_.size(); ++number) measure(number);
+    settled_ = suspects_.size();
     decide(report);
-    if (report.last.ok() && take_back() && step(report)) {
-      trusting_ = false;
-      decide(report);
-      trusting_ = true;
-    }
+    try_others(report, options_.tried_rows);
+    try_unexpected(report);
+    forget_touched();
     return report;
   }
 
@@ -156,6 +129,8 @@ class IncrementalGnc {
     changed_.clear();
     for (Index number = 0; number < settled_; ++number) measure(number);
     decide(report);
+    try_others(report, std::numeric_limits<Index>::max());
+    forget_touched();
     return report;
   }
 
@@ -170,43 +145,10 @@ class IncrementalGnc {
   [[nodiscard]] bool is_in(Index number) const { return smoother_.weight(id(number)) == 1.0; }
 
  private:
-  using Jacobian = typename Group::Jacobian;
+  using Entry = typename detail::SuspectList<Group>::Entry;
   static constexpr double decisive_mu = 1e6;
 
-  struct Entry {
-    FactorId id{};
-    Suspect factor{};
-    double threshold = 0.0, outlier_weight = 0.0;
-    double ratio = 0.0;  ///< squared whitened residual at the estimate over the threshold
-    bool trusted = false;
-    bool watched = false;  ///< a leader: measured since there was last no contradiction
-    Index leader = none;
-    Index members = 0, newest = none;  ///< of a leader's group
-    Index before = none;               ///< in its group
-    Index older_at_to = none, older_at_from = none;
-  };
-
-  /// Calls visit(member's number) for a group, the newest first.
-  template <class Visit>
-  void for_each_member(Index leader, Visit&& visit) const {
-    for (Index number = suspects_[leader].newest; number != none; number = suspects_[number].before) visit(number);
-  }
-  /// @returns the one that was noted at this key before, if any.
-  [[nodiscard]] Index note(Key key, Index number) {
-    if (key >= newest_at_.size()) newest_at_.resize(key + 1, none);
-    return std::exchange(newest_at_[key], number);
-  }
-
-  void drop_last() {
-    const Entry& last = suspects_.back();
-    if (last.factor.from != none) newest_at_[last.factor.from] = last.older_at_from;
-    newest_at_[last.factor.to] = last.older_at_to;
-    suspects_[last.leader].newest = last.before;
-    --suspects_[last.leader].members;
-    suspects_.pop_back();
-  }
-
-  void decide(IncrementalGncReport& report) {
+  [[gnu::cold]] void decide(IncrementalGncReport& report) {
     double mu = 0.0;
     while (contradicted()) {
       report.decided = report.steps < options_.max_steps;
@@ -221,7 +163,7 @@ class IncrementalGnc {
     return smoother_.contains(one.id) && !(trusting_ && one.trusted && smoother_.weight(one.id) == 1.0);
   }
 
-  void put(Index number, bool in) {
+  [[gnu::cold]] void put(Index number, bool in) {
     Entry& of = suspects_[number];
     const Suspect& f = of.factor;
     of.id =
@@ -230,12 +172,12 @@ class IncrementalGnc {
   }
 
   /// Puts what waits into the smoother: as outliers what the graph does not expect.
-  void forecast() {
+  [[gnu::cold]] void forecast() {
     for (const Index number : waiting_)
       suspects_[number].ratio = smoother_.what_if(suspects_[number].factor).rise / suspects_[number].threshold;
     for (const Index number : waiting_) {
       const Index leader = suspects_[number].leader;
-      const bool in = weight_of(suspects_[number], group_ratio(leader), decisive_mu) == 1.0;
+      const bool in = weight_of(suspects_[number], suspects_.group_ratio(leader), decisive_mu) == 1.0;
       put(number, in);
       if (!in && leader == number) {
         unexpected_.push_back(leader);
@@ -245,71 +187,136 @@ class IncrementalGnc {
     waiting_.clear();
   }
 
-  /// Lets groups count in full that were vouched for, and unexpected ones of which enough agree with a new one.
-  /// @returns whether there were any.
-  [[nodiscard]] bool take_back() {
+  /// Trusted factors are tried where they are out and beside those.
+  [[nodiscard]] bool may_be_tried(Index leader) const {
+    const Entry& one = suspects_[leader];
+    return one.factor.from != none &&
+           (one.forecast || is_out(leader) || follows_one(leader) || is_out(one.followed_by));
+  }
+
+  /// Takes single groups near a change out or in, each once, as long as the forecast says that the truncated squares
+  /// fall.
+  [[gnu::cold]] void try_others(IncrementalGncReport& report, Index rows) {
+    while (report.last.ok() && report.steps < options_.max_steps) {
+      // Trusted ones that are out come first: each costs much. Then the newest.
+      sort_ranked(touched_.all());
+      Index left = rows;
+      bool turned = false;
+      for (Offset k = 0; k < touched_.size() && left > 0 && !turned; ++k) turned = turn(touched_[k].index, left);
+      if (!turned || !step(report)) return;
+      decide(report);
+    }
+  }
+
+  /// Takes a group out or in, if that lowers the truncated squares. @param rows  is lowered by the forecast's.
+  [[nodiscard]] [[gnu::cold]] bool turn(Index leader, Index& rows) {
+    if (suspects_[leader].turned || !may_be_tried(leader)) return false;
+    const bool in = is_in(leader);
+    detail::Table<Suspect> members;
+    const auto for_each_alike = [&](auto&& visit) {
+      suspects_.for_each_member(leader, [&](Index number) {
+        if (smoother_.contains(id(number)) && is_in(number) == in) visit(number);
+      });
+    };
+    for_each_alike([&](Index number) { members.push_back(suspects_[number].factor); });
+    rows -= to_index(members.size()) * Group::dof;
+    const std::span<const Suspect> together = members.all();
+    const double limit = price(leader, members.size());
+    // Not a number where nothing else holds what they hold: neither.
+    if (!(in ? smoother_.fall_without(together) > limit : smoother_.rise_with(together) < limit)) return false;
+    for_each_alike([&](Index number) { set_in(number, !in); });
+    suspects_[leader].turned = true;
+    if (in && !suspects_[leader].trusted) unexpected_.push_back(leader);
+    return true;
+  }
+
+  /// Tries what follows from groups that were vouched for, and from unexpected ones of which enough agree with a new
+  /// one.
+  [[gnu::cold]] void try_unexpected(IncrementalGncReport& report) {
     unexpected_.keep_if([&](Index leader) { return !is_in(leader); });
     if (const Offset forgotten = unexpected_.size() - options_.memory; forgotten > 0)
       unexpected_ = detail::Table<Index>(unexpected_.range(forgotten, unexpected_.size()));
-    detail::Table<Index> back = std::exchange(vouched_for_, {});
-    for (Offset k = std::max<Offset>(unexpected_.size() - std::exchange(news_, 0), 0); k < unexpected_.size(); ++k) {
-      detail::Table<Index> agreeing;
+    const detail::Table<Index> newest(
+        unexpected_.range(std::max<Offset>(unexpected_.size() - std::exchange(news_, 0), 0), unexpected_.size()));
+    for (const Index leader : std::exchange(vouched_for_, {})) try_in(std::span(&leader, 1), report);
+    detail::Table<Index> agreeing;
+    for (const Index leader : newest) {
+      agreeing.clear();
       for (const Index other : unexpected_)
-        if (other == unexpected_[k] || agree(suspects_[other], suspects_[unexpected_[k]])) agreeing.push_back(other);
-      if (agreeing.size() >= options_.support) back.append(agreeing.all());
+        if (!is_in(other) && (other == leader || agree(other, leader))) agreeing.push_back(other);
+      if (agreeing.size() >= options_.support) try_in(agreeing.all(), report);
     }
-    for (const Index leader : back)
-      for_each_member(leader, [&](Index number) { smoother_.set_weight(id(number), 1.0); });
-    return !back.empty();
   }
 
-  [[nodiscard]] static Jacobian noise(const Suspect& factor) {
-    const Jacobian root = matrix_of<Jacobian>(factor.sqrt_information.data());
-    const Jacobian inverse = solved_right(identity<Jacobian>(), cholesky(transposed_product(root, root)));
-    return product_transposed(inverse, inverse);
-  }
-  [[nodiscard]] static Jacobian carried(const Jacobian& covariance, const Group& T) {
-    return congruent(T.adjoint(), covariance);
-  }
-
-  /// Whether two measurements agree, by the ways that the estimate knows between their ends: pairwise consistency
-  /// (Mangelson et al. 2018).
-  [[nodiscard]] bool agree(const Entry& a, const Entry& b) const {
-    const Suspect &one = a.factor, &other = b.factor;
-    if (one.to == other.to || one.from == none || other.from == none) return false;  // of one scan: no second opinion
-    const Group T_to = smoother_[one.to].inverse() * smoother_[other.to];
-    const Group T_from = smoother_[one.from].inverse() * smoother_[other.from];
-    auto error = ((T_from * other.measurement).inverse() * (one.measurement * T_to)).log();
-    const Jacobian of_noise = sum_of(noise(other), carried(noise(one), T_to.inverse()));
-    const Jacobian of_ways =
-        sum_of(smoother_.relative_covariance(one.to, other.to),
-               carried(smoother_.relative_covariance(one.from, other.from), other.measurement.inverse()));
-    Jacobian covariance = sum_of(of_noise, of_ways);
-    const Jacobian blur = congruent(matrix_of<Jacobian>(other.sqrt_information.data()), covariance);
-    double squares = 0.0;
-    for (int k = 0; k < Group::dof; ++k) squares += blur(k, k);
-    if (!(squares <= Group::dof * options_.max_blur * options_.max_blur)) return false;  // anything would agree
-    return squared_mahalanobis(covariance.data(), error.data(), Group::dof) <= std::min(a.threshold, b.threshold);
+  /// Lets groups count in full and decides anew on all that speaks against them, trusted or not; takes that back unless
+  /// the truncated squares fall.
+  [[gnu::cold]] void try_in(std::span<const Index> leaders, IncrementalGncReport& report) {
+    if (!report.last.ok()) return;
+    const double before = truncated_squares();
+    detail::Table<double> weights;
+    for (Index number = 0; number < suspects_.size(); ++number)
+      weights.push_back(smoother_.contains(id(number)) ? smoother_.weight(id(number)) : 0.0);
+    for (const Index leader : leaders) suspects_.for_each_member(leader, [&](Index number) { set_in(number, true); });
+    if (!step(report)) return;
+    trusting_ = false;
+    decide(report);
+    trusting_ = true;
+    try_others(report, options_.tried_rows);
+    if (!report.last.ok() || truncated_squares() < before) return;
+    for (Index number = 0; number < suspects_.size(); ++number)
+      if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
+        smoother_.set_weight(id(number), weights[number]);
+    if (step(report)) decide(report);
   }
 
-  [[nodiscard]] bool step(IncrementalGncReport& report) {
+  [[nodiscard]] [[gnu::cold]] double truncated_squares() const {
+    double sum = smoother_.cost();
+    for (Index number = 0; number < suspects_.size(); ++number) {
+      const Entry& one = suspects_[number];
+      if (!is_out(number)) continue;
+      sum += (follows_one(number) ? options_.continued : 1.0) * one.price / suspects_.votes(one.leader);
+    }
+    return sum;
+  }
+  [[nodiscard]] bool is_out(Index number) const {
+    return number != none && smoother_.contains(id(number)) && !is_in(number);
+  }
+  /// Whether one that it fails together with is out.
+  [[nodiscard]] bool follows_one(Index number) const {
+    Index before = suspects_[number].beside;
+    for (Index k = 0; k < options_.reach && before != none; ++k, before = suspects_[before].beside)
+      if (is_out(before)) return true;
+    return false;
+  }
+  /// What it adds to the truncated squares that some members of a group are out.
+  [[nodiscard]] [[gnu::cold]] double price(Index leader, Offset members) const {
+    const Entry& one = suspects_[leader];
+    return (follows_one(leader) || is_out(one.followed_by) ? options_.continued : 1.0) * one.price *
+           static_cast<double>(members) / suspects_.votes(leader);
+  }
+
+  void set_in(Index number, bool in) { smoother_.set_weight(id(number), in ? 1.0 : suspects_[number].outlier_weight); }
+
+  [[nodiscard]] [[gnu::cold]] bool agree(Index a, Index b) const {
+    const Suspect &one = factor(a), &other = factor(b);
+    if (one.from == none || other.from == none) return false;
+    return pairwise_consistent(smoother_, one, other, std::min(suspects_[a].threshold, suspects_[b].threshold),
+                               options_.max_blur);
+  }
+
+  [[nodiscard]] [[gnu::cold]] bool step(IncrementalGncReport& report) {
     report.last = smoother_.update();
     ++report.steps;
     if (!report.last.ok()) return false;
     for (const Key key : smoother_.changed()) {
       changed_.push_back(key);
-      if (key >= newest_at_.size()) continue;
-      for (Index number = newest_at_[key]; number != none;) {
-        measure(number);
-        const Entry& one = suspects_[number];
-        number = one.factor.to == key ? one.older_at_to : one.older_at_from;
-      }
+      suspects_.for_each_at(key, [&](Index number) { measure(number); });
     }
     return true;
   }
 
   /// A suspect that was removed from the smoother is never contradicted.
-  void measure(Index number) {
+  [[gnu::cold]] void measure(Index number) {
     Entry& of = suspects_[number];
     const Suspect& factor = of.factor;
     of.ratio = 0.0;
@@ -319,27 +326,23 @@ class IncrementalGnc {
     const auto residual =
         whitened<Group::dof, 1>(factor.sqrt_information, (factor.measurement.inverse() * T_from_to).log());
     for (int k = 0; k < Group::dof; ++k) of.ratio += residual[k] * residual[k] / of.threshold;
-    if (!std::exchange(suspects_[of.leader].watched, true)) watched_.push_back(of.leader);
+    Entry& leader = suspects_[of.leader];
+    if (!std::exchange(leader.watched, true)) watched_.push_back(of.leader);
+    if (may_be_tried(of.leader) && !std::exchange(leader.touched, true))
+      touched_.push_back({leader.trusted ? -std::numeric_limits<double>::infinity() : -1.0 * of.leader, of.leader});
   }
 
-  /// Members of a group share their information: m of them, half of it common, know as much as 2 m / (m + 1) alone.
-  [[nodiscard]] double votes(Index leader) const { return 0.5 * (suspects_[leader].members + 1); }
-
-  /// What half of a group does not exceed.
-  [[nodiscard]] double group_ratio(Index leader) {
-    if (suspects_[leader].members == 1) return suspects_[leader].ratio;
-    ratios_.clear();
-    for_each_member(leader, [&](Index number) { ratios_.push_back({suspects_[number].ratio, number}); });
-    sort_ranked(ratios_.all());
-    return votes(leader) * ratios_[(ratios_.size() - 1) / 2].rank;
+  [[gnu::cold]] void forget_touched() {
+    for (const Ranked& one : touched_) suspects_[one.index].touched = suspects_[one.index].turned = false;
+    touched_.clear();
   }
 
   /// Whether a suspect that was measured has not the weight that its residual asks for.
-  [[nodiscard]] bool contradicted() {
+  [[nodiscard]] [[gnu::cold]] bool contradicted() {
     for (const Index leader : watched_) {
-      const double of_group = group_ratio(leader);
+      const double of_group = suspects_.group_ratio(leader);
       bool found = false;
-      for_each_member(leader, [&](Index number) {
+      suspects_.for_each_member(leader, [&](Index number) {
         const Entry& one = suspects_[number];
         found |= is_judged(one) && smoother_.weight(one.id) != weight_of(one, of_group, decisive_mu);
       });
@@ -351,27 +354,27 @@ class IncrementalGnc {
   }
 
   /// @param mu  the control parameter; `decisive_mu`: in or out
-  [[nodiscard]] double weight_of(const Entry& one, double of_group, double mu) const {
-    const double ratio = std::max(votes(one.leader) * one.ratio, of_group);
+  [[nodiscard]] [[gnu::cold]] double weight_of(const Entry& one, double of_group, double mu) const {
+    const double ratio = std::max(suspects_.votes(one.leader) * one.ratio, of_group);
     const double weight = mu < decisive_mu ? truncated_weight(ratio, 1.0, mu) : (ratio <= 1.0 ? 1.0 : 0.0);
     return std::max(weight, one.outlier_weight);
   }
 
-  [[nodiscard]] double first_mu() const {
+  [[nodiscard]] [[gnu::cold]] double first_mu() const {
     double largest = 1.0;
     for (const Index leader : watched_) {
-      for_each_member(leader, [&](Index number) {
+      suspects_.for_each_member(leader, [&](Index number) {
         const Entry& one = suspects_[number];
         const bool is_weighed = is_judged(one) && smoother_.weight(one.id) > one.outlier_weight;
-        if (is_weighed) largest = std::max(largest, votes(leader) * one.ratio);
+        if (is_weighed) largest = std::max(largest, suspects_.votes(leader) * one.ratio);
       });
     }
     return 1.0 / (2.0 * largest - 1.0);
   }
 
-  void weigh(Index leader, double mu) {
-    const double of_group = group_ratio(leader);
-    for_each_member(leader, [&](Index number) {
+  [[gnu::cold]] void weigh(Index leader, double mu) {
+    const double of_group = suspects_.group_ratio(leader);
+    suspects_.for_each_member(leader, [&](Index number) {
       const Entry& of = suspects_[number];
       if (!is_judged(of)) return;
       const double next = weight_of(of, of_group, mu);
@@ -382,11 +385,10 @@ class IncrementalGnc {
 
   Smoother& smoother_;
   IncrementalGncOptions options_;
-  detail::Table<Entry> suspects_;
-  detail::Table<Index> newest_at_;  ///< of each key, none where there is none
-  detail::Table<Index> watched_;    ///< leaders
+  detail::SuspectList<Group> suspects_;
+  detail::Table<Index> watched_;   ///< leaders of groups measured since there was last no contradiction
+  detail::Table<Ranked> touched_;  ///< leaders of groups that may be tried, measured by this call
   detail::Table<Key> changed_;
-  detail::Table<Ranked> ratios_;      ///< room for one group's
   detail::Table<Index> waiting_;      ///< to be put into the smoother by the next update
   detail::Table<Index> unexpected_;   ///< leaders of groups
   Index news_ = 0;                    ///< how many of these are new

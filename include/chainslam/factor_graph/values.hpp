@@ -60,6 +60,11 @@ inline void sort_unique(std::vector<Key>& keys) {
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
 }
 
+/// Where a key is in a short list; its size if it is not there.
+[[nodiscard]] inline Index position(std::span<const Key> keys, Key key) {
+  return static_cast<Index>(std::find(keys.data(), keys.data() + keys.size(), key) - keys.data());
+}
+
 }  // namespace detail
 
 }  // namespace chainslam

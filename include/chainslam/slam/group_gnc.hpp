@@ -19,7 +19,7 @@ namespace chainslam {
 /// closure that led to it: together they have one vote.
 struct GroupGnc {
   double closures = 40.0;        ///< squared whitened residual beyond which a closure is an outlier; 0: none is
-  double odometry = 100.0;       ///< the same of a step of odometry; 0: none is
+  double odometry = 70.0;        ///< of a step of odometry; one near another that failed counts a tenth; 0: none is
   double outlier_weight = 1e-8;  ///< what an outlier still counts, so that no session ever comes loose
 };
 
@@ -40,10 +40,17 @@ class GroupGncFactors {
 
   void add(const OdometryMeasurement& step) {
     const ClosureFactor factor{step.from.value, step.to.value, step.T_from_to, step.sqrt_information};
-    if (options_.odometry > 0)
-      gnc_.add(factor, {.threshold = options_.odometry, .outlier_weight = options_.outlier_weight, .trusted = true});
-    else
+    if (!(options_.odometry > 0)) {
       smoother_.add(factor);
+      return;
+    }
+    constexpr double judged = 0.4;  // what may have failed is looked for more freely than it is believed
+    const bool goes_on = last_step_ != Gnc::none && gnc_.factor(last_step_).to == factor.from;
+    last_step_ = gnc_.add(factor, {.threshold = judged * options_.odometry,
+                                   .price = options_.odometry,
+                                   .outlier_weight = options_.outlier_weight,
+                                   .trusted = true,
+                                   .beside = goes_on ? last_step_ : Gnc::none});
   }
 
   /// Adds the closure at a position among the map's; they come in their order. What was an outlier begins as one.
@@ -84,16 +91,18 @@ class GroupGncFactors {
   template <class Options>
   [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& map) {
     constexpr int passes = 3;  // each says more exactly where the map lies on the Earth
+    constexpr int decisions = 4;
     ConvergeReport report;
     for (int pass = 0; pass < passes; ++pass) {
       gnss_.renew();
       if (!update(map).ok()) break;
-      do {
+      for (int decision = 0; decision < decisions; ++decision) {
         report = smoother_.converge(options);
         if (!report.ok()) return report;
         for (Key key = 0; key < smoother_.size(); ++key)
           map.keyframes[static_cast<std::size_t>(key)].T_map_body = smoother_[key];
-      } while (gnc_.reconsider().steps > 0);
+        if (decision + 1 < decisions && gnc_.reconsider().steps == 0) break;
+      }
     }
     return report;
   }
@@ -126,6 +135,7 @@ class GroupGncFactors {
   Smoother smoother_;
   Gnc gnc_;
   GnssFactors<Gnc> gnss_;
+  Index last_step_ = Gnc::none;    ///< of odometry, its number in `gnc_`
   detail::Table<Index> suspects_;  ///< of each closure its number in `gnc_`, none if it is beyond suspicion
 };
 

@@ -167,14 +167,21 @@ class IncrementalSmoother {
   [[nodiscard]] Eigen::MatrixXd covariance(Key key) const { return covariance(std::span<const Key>(&key, 1)); }
   /// Covariance of x_from^-1 x_to, as a right perturbation: zero if they are one.
   /// @throws std::invalid_argument if a key is unknown.
-  [[nodiscard]] typename Group::Jacobian relative_covariance(Key from, Key to) const;
+  [[nodiscard]] [[gnu::cold]] typename Group::Jacobian relative_covariance(Key from, Key to) const;
   /// The covariance of each variable by itself, all at once: for about two factorisations of everything.
   [[nodiscard]] std::vector<typename Group::Jacobian> marginals() const;
 
   /// What would happen if a factor on known variables were added, by the linearised factors of the last update.
   /// @throws std::invalid_argument if a key is unknown or repeated.
   template <Factor F>
-  [[nodiscard]] FactorForecast what_if(const F& factor) const;
+  [[nodiscard]] [[gnu::cold]] FactorForecast what_if(const F& factor) const;
+  /// What the squared error would rise by if several factors were added together.
+  template <Factor F>
+  [[nodiscard]] [[gnu::cold]] double rise_with(std::span<const F> factors) const;
+  /// What it would fall by if several factors of the graph, which count in full, were taken out together; NaN if
+  /// nothing else holds what they hold.
+  template <Factor F>
+  [[nodiscard]] [[gnu::cold]] double fall_without(std::span<const F> factors) const;
 
   /// The whole state as bytes, the same on every machine: values and where they are linearised, factors with their
   /// names and weights, what is fixed or waits, and the order of elimination; not what `undo` would need. Types of
@@ -252,9 +259,11 @@ class IncrementalSmoother {
   [[nodiscard]] typename Group::Jacobian at_estimate(Key key) const {
     return Group::right_jacobian(matrix_of<Tangent>(solver_.solution(key).data()));
   }
-  /// @param jacobian, residual  as `write_linearization` writes them; the second is overwritten.
-  [[nodiscard]] [[gnu::cold]] FactorForecast forecast(std::span<const Key> keys, Index rows, const double* jacobian,
-                                                      double* residual) const;
+  template <Factor F>
+  [[nodiscard]] [[gnu::cold]] double forecast(std::span<const F> factors, double sign) const;
+  /// r^T (I + sign J H^-1 J^T)^-1 r for a J of these variables. @param residual  is overwritten.
+  [[nodiscard]] [[gnu::cold]] double forecast(std::span<const Key> keys, std::span<const double> jacobian,
+                                              std::span<double> residual, double sign) const;
   template <class Archive>
   static void visit_options(SmootherOptions& options, Archive&& archive);
   void marginalize_old();

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <span>
+#include <vector>
 
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/square_matrix.hpp"
@@ -107,38 +109,73 @@ std::vector<typename Group::Jacobian> IncrementalSmoother<Group, Extra...>::marg
 template <class Group, class... Extra>
 template <Factor F>
 FactorForecast IncrementalSmoother<Group, Extra...>::what_if(const F& factor) const {
-  const auto keys = factor.keys();
-  require_keys(keys);
-  const Index rows = detail::rows_of(factor);
-  const Offset stride = Offset{dof} * static_cast<Offset>(keys.size());
-  std::vector<double> numbers = detail::linearization(factor, estimates_, detail::Kernels::applied);
-  return forecast(keys, rows, numbers.data(), numbers.data() + rows * stride);
+  require_keys(factor.keys());
+  return {factor.residual(estimates_).squaredNorm(), rise_with(std::span<const F>(&factor, 1))};
 }
 
 template <class Group, class... Extra>
-FactorForecast IncrementalSmoother<Group, Extra...>::forecast(std::span<const Key> keys, Index rows,
-                                                              const double* jacobian, double* residual) const {
+template <Factor F>
+double IncrementalSmoother<Group, Extra...>::rise_with(std::span<const F> factors) const {
+  return forecast(factors, 1.0);
+}
+
+template <class Group, class... Extra>
+template <Factor F>
+double IncrementalSmoother<Group, Extra...>::fall_without(std::span<const F> factors) const {
+  return forecast(factors, -1.0);
+}
+
+template <class Group, class... Extra>
+template <Factor F>
+double IncrementalSmoother<Group, Extra...>::forecast(std::span<const F> factors, double sign) const {
+  detail::Table<Key> keys;
+  for (const F& factor : factors) {
+    for (const Key key : factor.keys()) {
+      require_known(key);
+      if (detail::position(keys.all(), key) == keys.size()) keys.push_back(key);
+    }
+  }
+  detail::Table<double> jacobian, residual;
+  for (const F& factor : factors) {
+    const Offset rows = detail::rows_of(factor), own_keys = to_index(factor.keys().size());
+    const std::vector<double> numbers = detail::linearization(factor, estimates_, detail::Kernels::applied);
+    residual.append(std::span(numbers).subspan(static_cast<std::size_t>(rows * own_keys * dof)));
+    for (Offset row = 0; row < rows; ++row) {
+      const Offset begin = jacobian.size();
+      jacobian.resize(begin + keys.size() * dof, 0.0);
+      const double* from = numbers.data() + row * own_keys * dof;
+      for (const Key key : factor.keys()) {
+        std::copy_n(from, dof, jacobian.data() + begin + detail::position(keys.all(), key) * dof);
+        from += dof;
+      }
+    }
+  }
+  return forecast(keys.all(), jacobian.all(), residual.all(), sign);
+}
+
+template <class Group, class... Extra>
+double IncrementalSmoother<Group, Extra...>::forecast(std::span<const Key> keys, std::span<const double> jacobian,
+                                                      std::span<double> residual, double sign) const {
   detail::Table<Key> free;
   for (const Key key : keys)
     if (solver_.is_eliminated(key)) free.push_back(key);
   detail::Table<double> E;
+  const Index rows = to_index(residual.size());
+  const double* of_key = jacobian.data();
   for (Index row = 0; row < rows; ++row) {
     for (const Key key : keys) {
-      const Tangent of_key = matrix_of<Tangent>(jacobian);
-      jacobian += dof;
+      const Tangent at_estimate_of_key = matrix_of<Tangent>(of_key);
+      of_key += dof;
       if (!solver_.is_eliminated(key)) continue;
-      const Tangent at_origin = transposed_product(at_estimate(key), of_key);
+      const Tangent at_origin = transposed_product(at_estimate(key), at_estimate_of_key);
       E.append(std::span(at_origin.data(), dof));
     }
   }
   detail::Table<double> innovation(Offset{rows} * rows, 0.0);
   solver_.inverse_product(free.all(), E.data(), rows, innovation.data());
-  double squared = 0.0;
-  for (Index row = 0; row < rows; ++row) {
-    innovation[Offset{row} * (rows + 1)] += 1.0;
-    squared += residual[row] * residual[row];
-  }
-  return {squared, squared_mahalanobis(innovation.data(), residual, rows)};
+  for (double& entry : innovation) entry *= sign;
+  for (Index row = 0; row < rows; ++row) innovation[Offset{row} * (rows + 1)] += 1.0;
+  return squared_mahalanobis(innovation.data(), residual.data(), rows);
 }
 
 }  // namespace chainslam
