@@ -276,11 +276,29 @@ void add_graph(Configuration& configuration, MapGraphOptions& graph) {
       {.unit = "deg", .min = 1e-6, .max = 100, .factor = radians_a_degree, .help = "The same for the rotation,"});
   configuration.add(
       "graph.odometry_rotation_per_metre", noise.rotation_per_metre,
+      {.unit = "deg/m", .min = 0, .max = 10, .factor = radians_a_degree, .help = "what each metre adds,"});
+  configuration.add("graph.odometry_rotation_per_radian", noise.rotation_per_radian,
+                    {.min = 0, .max = 1, .help = "and each radian turned, radians."});
+  configuration.add("graph.odometry_stated_translation", noise.stated_translation,
+                    {.min = 0,
+                     .max = 100,
+                     .help = "How much of the deviations that odometry itself states of frames' positions counts,"});
+  configuration.add("graph.odometry_stated_rotation", noise.stated_rotation,
+                    {.min = 0, .max = 100, .help = "and of their rotations."});
+  OdometryNoise& unknown = graph.unknown_odometry;
+  configuration.add("graph.odometry_unknown_translation", unknown.translation,
+                    {.unit = "m",
+                     .min = 1e-6,
+                     .max = 100,
+                     .help = "Standard deviation of a step of recorded odometry that says nothing of its errors,"});
+  configuration.add("graph.odometry_unknown_translation_per_metre", unknown.translation_per_metre,
+                    {.min = 0, .max = 1, .help = "and what each metre of the way adds."});
+  configuration.add(
+      "graph.odometry_unknown_rotation", unknown.rotation,
+      {.unit = "deg", .min = 1e-6, .max = 100, .factor = radians_a_degree, .help = "The same for the rotation,"});
+  configuration.add(
+      "graph.odometry_unknown_rotation_per_metre", unknown.rotation_per_metre,
       {.unit = "deg/m", .min = 0, .max = 10, .factor = radians_a_degree, .help = "and what each metre adds."});
-  configuration.add("graph.odometry_unknown", graph.unknown_odometry,
-                    {.min = 1,
-                     .max = 1000,
-                     .help = "How many times these count for recorded odometry that says nothing of its errors."});
   configuration.add("graph.odometry_doubt", graph.odometry_doubt.enabled,
                     {.help = "Whether steps count for less where scans between were lost or saw too little."});
   configuration.add("graph.anchor", graph.anchor,

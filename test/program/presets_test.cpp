@@ -139,7 +139,13 @@ graph.odometry_translation           0.01
 graph.odometry_translation_per_metre 0
 graph.odometry_rotation              0.05729577951308232
 graph.odometry_rotation_per_metre    0
-graph.odometry_unknown               1
+graph.odometry_rotation_per_radian   0
+graph.odometry_stated_translation    0
+graph.odometry_stated_rotation       0
+graph.odometry_unknown_translation   0.01
+graph.odometry_unknown_translation_per_metre 0
+graph.odometry_unknown_rotation      0.05729577951308232
+graph.odometry_unknown_rotation_per_metre 0
 graph.odometry_outlier_threshold     0
 graph.gnss                           false
 graph.odometry_doubt                 false

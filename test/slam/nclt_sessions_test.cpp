@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <filesystem>
 #include <numbers>
 #include <span>
 #include <string>
@@ -11,11 +10,8 @@
 #include "chainslam/core/random.hpp"
 #include "chainslam/evaluation/ape.hpp"
 #include "chainslam/evaluation/inter_session.hpp"
-#include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
-#include "chainslam/io/tum.hpp"
-#include "chainslam/lie/umeyama.hpp"
 #include "chainslam/slam/back_end.hpp"
+#include "slam/nclt_drives.hpp"
 #include "support/quick.hpp"
 #include "support/real_data.hpp"
 
@@ -25,60 +21,7 @@
 namespace chainslam {
 namespace {
 
-/// One drive at the keyframes' places.
-struct RealDrive {
-  std::vector<Timestamp> times;
-  std::vector<SE3d> odometry;
-  std::vector<SE3d> truth;  ///< all drives in one frame, of the odometry's body
-};
-
-std::vector<SE3d> read_truth(const std::filesystem::path& path) {
-  std::vector<SE3d> poses;
-  InputFile file(path);
-  while (const auto line = file.read_line()) {
-    if (line->starts_with('#')) continue;
-    LineFields fields(file, *line, ',');
-    fields.text("utime");
-    Vector6d v;
-    for (double& value : v) value = fields.number("pose");
-    const SO3d rotation = SO3d::exp({0, 0, v[5]}) * SO3d::exp({0, v[4], 0}) * SO3d::exp({v[3], 0, 0});
-    poses.push_back(SE3d(rotation, v.head<3>()));
-  }
-  return poses;
-}
-
-/// The rotation between the bodies of odometry and truth, from what both say of the way covered in ten seconds.
-SO3d mounting(const std::vector<SE3d>& odometry, const std::vector<SE3d>& truth) {
-  constexpr std::size_t steps = 25;
-  std::vector<Eigen::Vector3d> from, to;
-  for (std::size_t i = 0; i + steps < odometry.size(); i += 7) {
-    from.push_back((odometry[i].inverse() * odometry[i + steps]).translation());
-    to.push_back((truth[i].inverse() * truth[i + steps]).translation());
-  }
-  return umeyama(from, to, false).value().rotation();
-}
-
-RealDrive read_drive(const std::filesystem::path& folder, double keyframe_distance) {
-  const Trajectory odometry = read_tum(folder / "odometry.tum");
-  std::vector<SE3d> truth = read_truth(folder / "groundtruth.csv");
-  REQUIRE(truth.size() == odometry.size());
-  const SE3d T_body_odom_body(mounting(odometry.poses, truth), Eigen::Vector3d::Zero());
-  RealDrive drive;
-  for (std::size_t i = 0; i < truth.size(); ++i) {
-    const SE3d& pose = odometry.poses[i];
-    if (i > 0 && (drive.odometry.back().inverse() * pose).translation().norm() < keyframe_distance) continue;
-    drive.times.push_back(odometry.times[i]);
-    drive.odometry.push_back(pose);
-    drive.truth.push_back(truth[i] * T_body_odom_body);
-  }
-  return drive;
-}
-
-std::vector<RealDrive> read_drives(const std::filesystem::path& folder) {
-  std::vector<RealDrive> drives;
-  for (const char* day : {"2012-01-08", "2012-04-29", "2012-08-04"}) drives.push_back(read_drive(folder / day, 6.0));
-  return drives;
-}
+using test::RealDrive;
 
 /// Closures that are wrong by metres, and pass.
 struct Wrong {
@@ -248,7 +191,7 @@ TEST_SUITE("slam/nclt_sessions") {
             doctest::skip(test::quick())) {
     const auto folder = test::real_data("trajectories/nclt");
     if (!folder) return;
-    const std::vector<RealDrive> drives = read_drives(*folder);
+    const std::vector<RealDrive> drives = test::read_nclt_drives(*folder, 6.0);
     double squares = 0, poses = 0;
     for (const RealDrive& drive : drives) {
       const double rmse =
@@ -275,7 +218,7 @@ TEST_SUITE("slam/nclt_sessions") {
   TEST_CASE("wrong closures among those of three NCLT drives are found out" * doctest::skip(test::quick())) {
     const auto folder = test::real_data("trajectories/nclt");
     if (!folder) return;
-    const std::vector<RealDrive> drives = read_drives(*folder);
+    const std::vector<RealDrive> drives = test::read_nclt_drives(*folder, 6.0);
     const Errors clean = errors("all closures right", drives, *mapped(drives, ChainedCloser()));
     const Errors few = errors("a tenth wrong", drives, *mapped(drives, ChainedCloser(), {.alone = 0.1}));
     CHECK(few.wrong > 40);

@@ -74,6 +74,19 @@ TEST_SUITE("slam/odometry_doubt") {
     CHECK((OdometryDoubt{}(frames)-diagonal(4, 0)).cwiseAbs().maxCoeff() < 1e-6);
   }
 
+  TEST_CASE("what is matched after a gap is doubted by how far the body may have gone in it") {
+    std::vector<FrameRecord> frames = frames_of({good, good, good}, {0.01, 0.01, 0.01});
+    frames[2].time = frames[1].time + seconds(4);
+    CHECK(OdometryDoubt{}(frames).isZero(0));  // odometry's own gaps count: with an IMU the motion is known in others
+    frames[2].health.after_gap = true;
+    const Matrix6d doubt = OdometryDoubt{}(frames);
+    CHECK(doubt(0, 0) == doctest::Approx(0.1 * 20 * 20));
+    CHECK(doubt(5, 5) == doctest::Approx(0.1 * 0.4 * 0.4));
+    CHECK(doubt(0, 1) == 0);
+    frames[2].health.status = lost;  // whose covariance says it
+    CHECK(OdometryDoubt{}(frames).isZero(0));
+  }
+
   // A match is wrong with the probability `wrong_rematch`, and then as far off as the pose had been predicted.
   TEST_CASE("where it is switched off, nothing is doubted") {
     const std::vector<FrameRecord> frames = frames_of({good, lost, good, degenerate}, {0.1, 0.5, 0.5, 0.9});
@@ -118,11 +131,62 @@ TEST_SUITE("slam/odometry_doubt") {
     const std::vector<FrameRecord> fine = frames_of({good, good, good, good}, {0.01, 0.01, 0.01, 0.01});
     const Matrix6d plain = measured(fine);
     const Vector6d noise = OdometryNoise{}(SE3d(SO3d(), {3, 0, 0})).sqrt_information().diagonal();
-    for (int i = 0; i < 6; ++i) CHECK(plain(i, i) == doctest::Approx(1 / (noise[i] * noise[i])));
+    for (int i = 0; i < 6; ++i) {
+      const double stated = i < 3 ? 0.5 * 0.5 * (0.01 + 0.01) : 0;
+      CHECK(plain(i, i) == doctest::Approx(1 / (noise[i] * noise[i]) + stated));
+    }
     std::vector<FrameRecord> frames = frames_of({good, lost, lost, good}, {0.01, 25.01, 100.01, 0.01});
     CHECK((measured(frames) - plain - diagonal(10, 0)).cwiseAbs().maxCoeff() < 1e-4);
     frames[2].health.map_restarted = true;
     CHECK((measured(frames) - plain - diagonal(100, 0)).cwiseAbs().maxCoeff() < 1e-4);
+  }
+
+  TEST_CASE("two frames' covariances are those of errors that are theirs alone, as sampling finds") {
+    std::vector<FrameRecord> frames = frames_of({good, good}, {0, 0});
+    Matrix6d stated = diagonal(1e-4, 4e-6);
+    stated(0, 0) = 0.04;
+    for (FrameRecord& frame : frames) frame.covariance = PackedCovariance(stated);
+    frames[1].T_odom_body = SE3d(SO3d::exp({0, 0.2, 1.2}), {8, 5, 1});
+    Rng rng(7);
+    Matrix6d sampled = Matrix6d::Zero();
+    constexpr int draws = 40'000;
+    const auto drawn = [&](const SE3d& pose) {
+      Vector6d error;
+      for (int k = 0; k < 6; ++k) error[k] = rng.normal(0, std::sqrt(stated(k, k)));
+      return pose.retract(error);
+    };
+    const SE3d relative = frames[0].T_odom_body.inverse() * frames[1].T_odom_body;
+    for (int i = 0; i < draws; ++i) {
+      const Vector6d off = relative.local(drawn(frames[0].T_odom_body).inverse() * drawn(frames[1].T_odom_body));
+      sampled += off * off.transpose() / draws;
+    }
+    const Matrix6d found = stated_covariance(frames);
+    CHECK((found - sampled).cwiseAbs().maxCoeff() < 0.03 * sampled.cwiseAbs().maxCoeff());
+    CHECK((found - sampled).bottomRightCorner<3, 3>().cwiseAbs().maxCoeff() < 0.05 * 8e-6);
+    CHECK(stated_covariance(std::span(frames).first(1)).isZero(0));
+  }
+
+  TEST_CASE("in a corridor every step is weak along it and no other way, and what a restart left counts once") {
+    std::vector<FrameRecord> frames = frames_of({degenerate, degenerate, degenerate}, {0, 0, 0});
+    Matrix6d along = Matrix6d::Zero();
+    along(0, 0) = 0.09;  // the scans do not see it: of each frame by itself, the prediction's
+    for (FrameRecord& frame : frames) frame.covariance = PackedCovariance(along);
+    const Matrix6d plain = measured(frames_of({good, good, good}, {1e-12, 1e-12, 1e-12}));
+    CHECK((measured(frames) - plain - 0.25 * 2 * along).cwiseAbs().maxCoeff() < 1e-6);
+
+    std::vector<FrameRecord> after = frames_of({good, good, good}, {25, 25, 25.04});  // of a map restarted before
+    CHECK((measured(after) - plain - diagonal(0.25 * 0.04, 0)).cwiseAbs().maxCoeff() < 1e-5);
+  }
+
+  TEST_CASE("a turn makes the rotation weaker, and odometry that states nothing is weaker in all") {
+    const SE3d straight(SO3d(), {3, 0, 0}), turned(SO3d::exp({0, 0, 0.3}), {3, 0, 0});
+    const auto deviation = [](const NoiseModel<6>& noise, int i) { return 1 / noise.sqrt_information()(i, i); };
+    const OdometryNoise noise;
+    CHECK(deviation(noise(turned), 5) > 4 * deviation(noise(straight), 5));
+    CHECK(deviation(noise(turned), 1) == doctest::Approx(deviation(noise(straight), 1)));
+    const Matrix6d stated = measured(frames_of({good, good, good}, {1e-12, 1e-12, 1e-12}));
+    const Matrix6d silent = measured(frames_of({good, good, good}, {0, 0, 0}));
+    for (int i = 0; i < 6; ++i) CHECK(silent(i, i) > 4 * 4 * stated(i, i));
   }
 
   TEST_CASE("covariances and poses beyond all bounds leave a measurement that says nothing, and a map") {

@@ -10,6 +10,7 @@
 
 #include "chainslam/evaluation/ape.hpp"
 #include "chainslam/map/frame.hpp"
+#include "chainslam/map/frame_record.hpp"
 #include "chainslam/odometry/odometry_counts.hpp"
 #include "chainslam/sensor/packet.hpp"
 #include "chainslam/trajectory/association.hpp"
@@ -19,7 +20,8 @@ namespace chainslam::test {
 
 /// What an odometry made of a drive.
 struct DriveRun {
-  Trajectory lidar;  ///< T_odom_lidar at the frames' times
+  Trajectory lidar;                 ///< T_odom_lidar at the frames' times
+  std::vector<FrameRecord> frames;  ///< as a map keeps them
   LidarOdometryCounts counts;
   double seconds_per_scan = 0;  ///< processor time of the thread, IMU measurements included
 };
@@ -65,6 +67,7 @@ class OdometryRun {
     if (!frame) return false;
     run_.lidar.times.push_back(frame->time);
     run_.lidar.poses.push_back(frame->T_odom_body * T_body_lidar_);
+    run_.frames.push_back(record_of(*frame));
     return true;
   }
 

@@ -298,7 +298,8 @@ Frame LidarInertialOdometry<Map, Kernel>::answer(Attempt& attempt, FrameStatus s
   Frame frame;
   frame.time = motion_.time();
   frame.T_odom_body = leveller_.T_odom_map() * T_odom_body(state());
-  frame.covariance = doubt_.in_odom(frame.T_odom_body, pose_covariance(state(), covariance()));
+  const double times = options_.stated_deviations * options_.stated_deviations;
+  frame.covariance = doubt_.in_odom(frame.T_odom_body, scaled(times, pose_covariance(state(), covariance())));
   frame.health = {.status = status,
                   .points = to_index(attempt.clouds.points.size()),
                   .matches = attempt.match.matches,

@@ -53,6 +53,7 @@ struct LidarInertialOdometryOptions {
   double residual_variance = 0;        ///< m^2; 0: learnt from the residuals
   double max_mounting_position = 0.3;  ///< metres off the given one; farther, the estimate is given up
   double max_mounting_rotation = 0.1;  ///< radians
+  double stated_deviations = 1.0;      ///< times the filter's: what frames state of their poses
 };
 
 /// FAST-LIO2 as published, with its map: settings of `LidarInertialOdometry<IkdTree<float, NearestToCenter>, Trivial>`.
@@ -77,6 +78,9 @@ struct LidarInertialOdometryOptions {
   options.scan = rules.scan;
   options.iteration = rules.iteration;
   options.residual_variance = rules.variance;
+  // It takes thousands of residuals that err alike for as many measurements: on KITTI 00's raw sweeps it states a 20th of
+  // its errors, on simulated drives a 5th to a 50th.
+  options.stated_deviations = 10;
   return options;
 }
 

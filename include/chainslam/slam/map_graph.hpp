@@ -195,9 +195,9 @@ NoiseModel<6> MapGraph<Outliers>::odometry_noise(const Keyframe& last, const Key
   const SE3d T_last_next = last.T_odom_body.inverse() * next.T_odom_body;
   const auto says_nothing = [](const FrameRecord& frame) { return frame.covariance.matrix().isZero(0); };
   if (!frames.empty() && std::all_of(frames.begin(), frames.end(), says_nothing))
-    return options_.odometry_noise.scaled(options_.unknown_odometry)(T_last_next);
-  const Matrix6d doubt = options_.odometry_doubt(frames);
-  return doubt.isZero(0) ? options_.odometry_noise(T_last_next) : options_.odometry_noise(T_last_next, doubt);
+    return options_.unknown_odometry(T_last_next);
+  const Matrix6d stated = options_.odometry_noise.share_of(stated_covariance(frames));
+  return options_.odometry_noise(T_last_next, sum_of(stated, options_.odometry_doubt(frames)));
 }
 
 template <class Outliers>

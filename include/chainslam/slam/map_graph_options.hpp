@@ -9,9 +9,7 @@ namespace chainslam {
 
 struct MapGraphOptions {
   OdometryNoise odometry_noise{};
-  /// How many times its deviations are those of odometry whose frames have no covariance, such as recorded one. (With
-  /// 4, three real drives of NCLT, recorded by another system, are as far off over 100 m as expected.)
-  double unknown_odometry = 4.0;
+  OdometryNoise unknown_odometry = unknown_odometry_noise();  ///< where frames have no covariance, as recorded ones
   OdometryDoubt odometry_doubt{};  ///< where frames between two keyframes were lost or degenerate
   /// Standard deviation of the prior that holds a frame's first keyframe, metres and radians.
   double anchor = 1e-4;

@@ -56,19 +56,54 @@ namespace detail {
   }
 }
 
-/// How much less than its frames' covariances odometry is trusted.
+namespace detail {
+
+/// In place of a covariance that is not finite or huge, one of which sums are: m^2 and rad^2. Beyond, sums with what is
+/// known round that off.
+[[nodiscard]] [[gnu::cold]] inline Matrix6d bounded(const Matrix6d& covariance) {
+  constexpr double unknown = 1e12;
+  for (int k = 0; k < 36; ++k)
+    if (!is_finite(covariance.data()[k]) || std::abs(covariance.data()[k]) > unknown)
+      return scaled(unknown, identity<Matrix6d>());
+  return covariance;
+}
+
+}  // namespace detail
+
+/// Covariance of the relative pose of two keyframes by what odometry states of the two frames: of poses matched to a
+/// local map each by itself, the sum.
+///
+/// A pose that is known to half a metre only was not matched so: its map was restarted where nothing had confirmed it,
+/// and what follows shares that error. Of this counts what it grows by.
+/// @param frames  from the first keyframe's to the second's, both among them.
+/// @returns tangent [translation; rotation] of the second keyframe's pose; zero if less than two frames say something.
+[[nodiscard]] [[gnu::cold]] inline Matrix6d stated_covariance(std::span<const FrameRecord> frames) {
+  constexpr double matched = 0.5;  // metres
+  if (frames.size() < 2) return zeros<Matrix6d>();
+  const FrameRecord &from = frames.front(), &to = frames.back();
+  const Matrix6d of_from = from.covariance.matrix(), of_to = to.covariance.matrix();
+  const Matrix6d carried = detail::carried(of_from, to.T_odom_body.inverse() * from.T_odom_body);
+  const bool shared = std::max({of_from(0, 0), of_from(1, 1), of_from(2, 2)}) > matched * matched;
+  return detail::positive_part(detail::bounded(shared ? difference_of(of_to, carried) : sum_of(of_to, carried)));
+}
+
+/// How much less than that odometry is trusted where scans were lost, the motion was unknown, or a direction unseen.
 struct OdometryDoubt {
   bool enabled = true;  ///< else odometry is trusted the same everywhere (the paper)
   /// Share of wrong matches after lost scans: the scan may fit elsewhere. A relative pose that is off as far as it was
   /// predicted with this probability, and else right, has this share of the prediction's variance. (Of 18 losses of up
   /// to eight scans on KITTI 00 all were followed by right ones.)
   double wrong_rematch = 0.1;
+  /// Deviations of what the body does in a gap of the scans, each axis: as far astray as filters went without them.
+  double gap_speed = 5.0;  ///< m/s
+  double gap_rate = 0.1;   ///< rad/s
 
-  /// Covariance that lost and degenerate frames add to the relative pose of two keyframes, over that of odometry that
-  /// sees all it needs. Zero if all frames between are good.
+  /// Covariance that lost and degenerate frames and gaps add to the relative pose of two keyframes, over that of
+  /// odometry that sees all it needs. Zero if all frames between are good.
   ///
   /// Of degenerate frames that by which their covariance grows. Of lost ones the same, whole if the local map was
-  /// restarted, since nothing ties the keyframes together then; otherwise the share `wrong_rematch`.
+  /// restarted, since nothing ties the keyframes together then; otherwise the share `wrong_rematch`. Of frames matched
+  /// after a gap that share of how far the body may have gone in it.
   /// @param frames  from the first keyframe's to the second's, both among them.
   /// @returns tangent [translation; rotation] of the second keyframe's pose.
   [[nodiscard]] [[gnu::cold]] Matrix6d operator()(std::span<const FrameRecord> frames) const {
@@ -76,25 +111,34 @@ struct OdometryDoubt {
     if (!enabled) return doubt;
     for (std::size_t i = 1; i < frames.size(); ++i) {
       const FrameRecord &before = frames[i - 1], &frame = frames[i];
-      if (frame.health.status != FrameStatus::lost) add(pending, wrong_rematch, doubt);
+      const bool lost = frame.health.status == FrameStatus::lost;
+      if (!lost && frame.health.after_gap) pending = sum_of(pending, after_gap(frames, i));
+      if (!lost) add(pending, wrong_rematch, doubt);
       if (frame.health.status == FrameStatus::good) continue;
       const Matrix6d known =
           detail::carried(before.covariance.matrix(), frame.T_odom_body.inverse() * before.T_odom_body);
       const Matrix6d growth = detail::carried(detail::positive_part(difference_of(frame.covariance.matrix(), known)),
                                               frames.back().T_odom_body.inverse() * frame.T_odom_body);
-      Matrix6d& grown = frame.health.status == FrameStatus::lost ? pending : doubt;
+      Matrix6d& grown = lost ? pending : doubt;
       grown = sum_of(grown, growth);
       if (frame.health.map_restarted) add(pending, 1.0, doubt);
     }
     add(pending, 1.0, doubt);
-    constexpr double unknown = 1e12;  // m^2 and rad^2: beyond, sums with what is known round it off
-    for (int k = 0; k < 36; ++k)
-      if (!is_finite(doubt.data()[k]) || std::abs(doubt.data()[k]) > unknown)
-        return scaled(unknown, identity<Matrix6d>());
-    return doubt;
+    return detail::bounded(doubt);
   }
 
  private:
+  /// How far a frame may be from where the one before it was, seen from the last.
+  [[nodiscard]] [[gnu::cold]] Matrix6d after_gap(std::span<const FrameRecord> frames, std::size_t i) const {
+    const double seconds = to_seconds(frames[i].time - frames[i - 1].time);
+    Matrix6d moved = zeros<Matrix6d>();
+    for (int k = 0; k < 6; ++k) {
+      const double deviation = seconds * (k < 3 ? gap_speed : gap_rate);
+      moved(k, k) = deviation * deviation;
+    }
+    return detail::carried(moved, frames.back().T_odom_body.inverse() * frames[i].T_odom_body);
+  }
+
   static void add(Matrix6d& pending, double share, Matrix6d& doubt) {
     doubt = sum_of(doubt, scaled(share, pending));
     pending = zeros<Matrix6d>();
