@@ -54,6 +54,33 @@ void add_interval_table(const support::RunSummary& summary, support::ReportData&
   data.tables.push_back(std::move(table));
 }
 
+/// Where the map contradicts odometry; where by most if there are many.
+void add_failure_table(const support::RunSummary& summary, support::ReportData& data) {
+  constexpr std::size_t most = 40;
+  std::vector<std::pair<std::string, support::OdometryFailure>> failures;
+  for (const support::SessionSummary& session : summary.sessions)
+    for (const support::OdometryFailure& failure : session.failures) failures.emplace_back(session.name, failure);
+  if (failures.empty()) return;
+  std::ranges::stable_sort(failures, [](const auto& a, const auto& b) { return a.second.off > b.second.off; });
+  support::ReportTable table{
+      .title = "Where odometry failed: steps that closures or fixes contradict",
+      .heads = {"Session", "From", "To", "Distance", "Off by", "rotation"}};
+  const auto text = [](const char* format, double value) {
+    char written[64];
+    std::snprintf(written, sizeof written, format, value);
+    return std::string(written);
+  };
+  for (std::size_t i = 0; i < std::min(most, failures.size()); ++i) {
+    const auto& [session, failure] = failures[i];
+    table.rows.push_back({session, text("%.1f s", failure.begin), text("%.1f s", failure.end),
+                          metres(failure.distance), metres(failure.off),
+                          text("%.2f°", failure.turned * 180 / std::numbers::pi)});
+  }
+  if (failures.size() > most)
+    table.rows.push_back({std::to_string(failures.size() - most) + " more in summary.json", "", "", "", "", ""});
+  data.tables.push_back(std::move(table));
+}
+
 /// What odometry relied on of each session's IMU, and what the scans say of its clock and axes.
 void add_imu_table(const support::RunSummary& summary, support::ReportData& data) {
   support::ReportTable table{.title = "IMU: share of frames that use it, and what the scans say of its clock and axes",
@@ -145,6 +172,7 @@ void add_kitti_table(const RunOutcome& outcome, support::ReportData& data) {
 
 void add_tables(const RunOutcome& outcome, support::ReportData& data) {
   add_interval_table(outcome.summary, data);
+  add_failure_table(outcome.summary, data);
   add_imu_table(outcome.summary, data);
   add_error_table(outcome, data);
   add_kitti_table(outcome, data);

@@ -54,6 +54,14 @@ Json health_json(const SessionSummary& session) {
                                  {"scans", interval.frames},
                                  {"map_restarts", interval.restarts},
                                  {"distance_m", interval.distance}});
+  json["contradicted_steps"] = Json::array();
+  for (const OdometryFailure& failure : session.failures)
+    json["contradicted_steps"].push_back({{"begin_s", failure.begin},
+                                          {"end_s", failure.end},
+                                          {"distance_m", failure.distance},
+                                          {"off_m", failure.off},
+                                          {"off_deg", failure.turned * 180 / std::numbers::pi},
+                                          {"squared_error", failure.squared_error}});
   return json;
 }
 

@@ -12,6 +12,7 @@
 #include "chainslam/io/atomic_file.hpp"
 #include "support/frame_health.hpp"
 #include "support/imu_calibration.hpp"
+#include "support/odometry_failures.hpp"
 #include "support/statistics.hpp"
 
 namespace chainslam::support {
@@ -43,6 +44,7 @@ struct SessionSummary {
   std::optional<ImuCalibration> calibration{};  ///< if the session's IMU was compared with its scans
   std::vector<std::string> notes{};
   SessionHealth health{};  ///< of its frames, also of those that a saved map has
+  std::vector<OdometryFailure> failures{};  ///< steps of its odometry that the map contradicts
 
   /// Scans that odometry did not register: lost, or without a frame.
   [[nodiscard]] Index unregistered_scans() const { return std::max(scans, frames) - frames + lost_frames; }
