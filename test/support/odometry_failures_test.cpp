@@ -13,7 +13,11 @@ TEST_SUITE("support/odometry_failures") {
     SlamMap map;
     const auto at = [](double x) { return SE3d(SO3d(), {x, 0, 0}); };
     for (int session = 0; session < 2; ++session) {
-      map.sessions.push_back({.id = SessionId{session}, .first_keyframe = 4 * session, .keyframes = 4});
+      Session added;
+      added.id = SessionId{session};
+      added.first_keyframe = 4 * session;
+      added.keyframes = 4;
+      map.sessions.push_back(added);
       for (int i = 0; i < 4; ++i) {
         const Index id = 4 * session + i;
         map.keyframes.push_back({.id = KeyframeId{id},
