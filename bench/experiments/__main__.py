@@ -47,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--out", type=Path, metavar="DIR", default=build / "experiments",
                          help="default: build/experiments")
     command.add_argument("--readme", action="store_true",
-                         help="also put the tables into README.md, between its markers")
+                         help="also put the tables into README.md, between its markers; those of other worlds stay there")
     command.add_argument("--recorder", type=Path, metavar="PROGRAM",
                          help="an earlier build of chainslam, whose recordings of odometry are kept; the tables name it")
     for hidden in ("--program", "--lamm", "--graph-seeds", "--street-registration", "--viewpoints"):

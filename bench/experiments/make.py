@@ -128,7 +128,7 @@ class Maker:
         ]
         notes = [self.note(world) for world in self.worlds]
         compared = table1.compare(results, notes)
-        self.write("1", table1.markdown(results, notes, compared) + self.definitions(), notes, results, compared)
+        self.write("1", table1.markdown(results, notes, compared, self.definitions()), notes, results, compared)
         pictures = self.out / "figures"
         pictures.mkdir(exist_ok=True)
         for world in self.worlds:

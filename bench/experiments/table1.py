@@ -57,8 +57,9 @@ def compare(results: Sequence[Result], worlds: Sequence[WorldNote]) -> Compared:
     return compare_neighbours(results, worlds, COMPARED)
 
 
-def markdown(results: Sequence[Result], worlds: Sequence[WorldNote], compared: Compared) -> str:
+def markdown(results: Sequence[Result], worlds: Sequence[WorldNote], compared: Compared, definitions: str = "") -> str:
+    """@param definitions  of the rows."""
     differences = "Differences of neighbouring rows, seed by seed; negative where the first has the smaller error"
     return markdown_with_differences(
-        f"# {TITLE}\n\n{INTRODUCTION}", results, worlds, COLUMNS, compared, HEADS, differences
+        f"# {TITLE}\n\n{INTRODUCTION}{definitions}", results, worlds, COLUMNS, compared, HEADS, differences
     )

@@ -106,6 +106,9 @@ class WholeTable(Scratch):
         self.assertRegex(text, r"\| chained +\|.*\| 2 \(1\.\.3; 2 of 3\) ")
         line = next(line for line in text.splitlines() if line.startswith("| chained - unchained") and "3-D m" in line)
         self.assertEqual([cell.strip() for cell in line.split("|")][3:7], ["2", "2 / 0", "0.500", "-1"])
+        defined = table1.markdown(self.results(), worlds_, compared, "\nRows:\n")  # of all worlds: before the first
+        self.assertEqual(defined.replace("\nRows:\n", ""), text)
+        self.assertLess(defined.index("\nRows:\n"), defined.index("\n## w\n"))
 
     def test_a_seed_that_failed_in_one_row_leaves_the_others_paired(self) -> None:
         results = [r for r in self.results() if (r.row, r.seed) != ("chained", 1)]
@@ -380,6 +383,19 @@ class Readme(unittest.TestCase):
         once = with_result(self.text, "table1", "small", "# T\n\nnew\n")
         self.assertEqual(once, "a\n<!-- begin table1 small -->\n## T\n\nnew\n<!-- end table1 small -->\nb\n")
         self.assertEqual(with_result(once, "table1", "small", "# T\n\nnew\n"), once)
+
+    def test_results_of_other_worlds_stay(self) -> None:
+        def both(first: str, second: str) -> str:
+            return f"# T\n\n{first}\n\n## a/small\n\n{first}\n\n# U\n\n## a/small: 2 minutes\n\n{second}\n"
+
+        old = with_result(self.text, "table1", "small", both("one", "two"))
+        self.assertNotIn("old", old)
+        other = with_result(old, "table1", "small", both("three", "four").replace("a/", "b/"))
+        self.assertEqual(other, "a\n<!-- begin table1 small -->\n## T\n\nthree\n\n### a/small\n\none\n\n"
+                         "### b/small\n\nthree\n\n## U\n\n### a/small: 2 minutes\n\ntwo\n\n"
+                         "### b/small: 2 minutes\n\nfour\n<!-- end table1 small -->\nb\n")
+        again = with_result(other, "table1", "small", both("five", "six"))
+        self.assertEqual(again, other.replace("three", "five", 1).replace("one", "five").replace("two", "six"))
 
     def test_without_markers_nothing_is_written(self) -> None:
         for text in ("a", self.text + self.text):
