@@ -50,6 +50,8 @@ def parser() -> argparse.ArgumentParser:
                          help="also put the tables into README.md, between its markers; those of other worlds stay there")
     command.add_argument("--recorder", type=Path, metavar="PROGRAM",
                          help="an earlier build of chainslam, whose recordings of odometry are kept; the tables name it")
+    command.add_argument("--published", type=Path, metavar="PROGRAM",
+                         help="likewise: maps of the rows with presets paper and released that it has made are kept")
     for hidden in ("--program", "--lamm", "--graph-seeds", "--street-registration", "--viewpoints"):
         command.add_argument(hidden, type=Path, help=argparse.SUPPRESS)
     command.add_argument("--check", action="store_true", help=argparse.SUPPRESS)
@@ -72,8 +74,10 @@ def checked(words: list[str]) -> argparse.Namespace:
         command.error("--seeds: at least 1")
     if not 2 <= arguments.sessions <= 5:
         command.error("--sessions: from 2 to 5")
-    if arguments.recorder and not os.access(arguments.recorder, os.X_OK):
-        command.error(f"--recorder {arguments.recorder}: no program of that name")
+    for option in ("recorder", "published"):
+        program = getattr(arguments, option)
+        if program and not os.access(program, os.X_OK):
+            command.error(f"--{option} {program}: no program of that name")
     for name in arguments.worlds:
         if name not in NAMES and not is_data(Path(name)):
             command.error(f"--world {name}: no world and no folder of that name; worlds: {', '.join(NAMES)}")

@@ -44,6 +44,7 @@ class Maker:
         self.programs = Programs(
             arguments.program, arguments.lamm, arguments.graph_seeds, arguments.street_registration,
             arguments.viewpoints, arguments.recorder and arguments.recorder.resolve(),
+            arguments.published and arguments.published.resolve(),
         )
         self.plan = Plan(self.programs)
         self.runner = Runner(self.out / "tasks", jobs, say, (0, GOAL_MISSED), self.programs.names())
@@ -115,6 +116,7 @@ class Maker:
             "size": self.arguments.size,
             "program": content_digest(self.programs.chainslam),
             "recorder": self.programs.identity("recorder"),
+            "published": self.programs.identity("published"),
             "rows": [asdict(row) for row in self.rows],
         }
 

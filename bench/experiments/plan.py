@@ -33,10 +33,11 @@ class Programs:
     street_registration: Path | None = None
     viewpoints: Path | None = None
     recorder: Path | None = None  # the build of chainslam that records odometry; None: `chainslam`
+    published: Path | None = None  # the build that maps rows of the published system; None: `chainslam`
 
     def path(self, program: str) -> Path:
         path: Path | None = getattr(self, program)
-        if program == "recorder":
+        if program in ("recorder", "published"):
             path = path or self.chainslam
         if path is None:
             raise TaskFailed(f"{program} is not built; run bench/experiments/run.sh, which builds it")
@@ -117,12 +118,15 @@ class Plan:
         """All sessions in one run, and its errors."""
         sets = self.sets(world, seed, row)
         folders = [f"{{{i}}}/set" for i in range(len(sets))]
+        chainslam = "published" if row.is_published else "chainslam"
+        program = chainslam if row.program == "chainslam" else row.program
         task = Task(
             f"{world.name}/seed{seed}/{row.name}",
             (self._map_command(world, row, folders, ()), self._evaluate(folders)),
             after=sets,
-            depends=(self.programs.identity(row.program), self.programs.identity("chainslam"), _recipe()),
+            depends=(self.programs.identity(program), self.programs.identity(chainslam), _recipe()),
             drop=UNUSED if row.name in GRAPH_SOURCES.values() else (*UNUSED, "map/map.cslam"),
+            names=(("chainslam", str(self.programs.path(chainslam))),),
         )
         return Run(world, seed, row, task)
 

@@ -35,6 +35,7 @@ class Task:
     depends: tuple[str, ...] = ()  # what else the result depends on: identities of programs and data
     alone: bool = False  # its time is a result: nothing else runs meanwhile
     drop: tuple[str, ...] = ()  # patterns of files below the folder that nobody needs afterwards
+    names: tuple[tuple[str, str], ...] = ()  # of this task where the runner's differ; `depends` has what they stand for
 
     @property
     def digest(self) -> str:
@@ -177,7 +178,7 @@ class Runner:
         part = self.root / f"{task.folder}.part"
         part.mkdir(parents=True)
         shutil.rmtree(self.root / f"{task.folder}.failed", ignore_errors=True)
-        words = dict(self.names)
+        words = self.names | {f"{{{name}}}": word for name, word in task.names}
         words |= {f"{{{i}}}": str(self.path(before)) for i, before in enumerate(task.after)}
         words |= {OUT: str(part), THREADS: str(os.cpu_count() or 1) if task.alone else "1"}
         records = []

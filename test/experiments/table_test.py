@@ -332,6 +332,19 @@ class RowsAndWorlds(Scratch):
         self.assertEqual(plan.timed_odometry(world, 1, "fast_lio2").commands[0][0], "{chainslam}")
         self.assertEqual(Programs(later).names()["recorder"], str(later))
 
+    def test_maps_of_published_systems_by_an_earlier_build_are_kept(self) -> None:
+        earlier, later = self.root / "earlier", self.root / "later"
+        earlier.write_text("1")
+        later.write_text("2")
+        world, rows = simulated("nclt-hard", "small", 1, 2), {row.name: row for row in MAIN_ROWS}
+        plan = Plan(Programs(later, recorder=earlier, published=earlier))
+        for name in ("fast-lio2", "unchained", "chained", "released", "best-unchained", "best"):
+            task = plan.map(world, 1, rows[name]).task
+            is_published = not name.startswith("best")
+            self.assertEqual(task.names, (("chainslam", str(earlier if is_published else later)),))
+            before = Plan(Programs(earlier)).map(world, 1, rows[name]).task
+            self.assertEqual(task.digest == before.digest, is_published)
+
     def test_each_session_of_a_sequence_loads_the_map_before(self) -> None:
         program = self.root / "chainslam"
         program.touch()

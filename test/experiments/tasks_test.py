@@ -109,6 +109,14 @@ class Tasks(unittest.TestCase):
         self.assertEqual(runner.run([task]), {})
         self.assertEqual((self.root / task.folder / "said").read_text(), "1\n")
 
+    def test_a_task_may_have_a_program_of_its_own(self) -> None:
+        command = (("{shell}", "-c", "echo $0 >{out}/result", "{shell}"),)
+        runner = Runner(self.root, 1, lambda label, text: None, names={"shell": "/bin/sh"})
+        other = Task("other", command, depends=("bash",), names=(("shell", "/bin/bash"),))
+        self.assertEqual(runner.run([Task("one", command), other]), {})
+        self.assertEqual((runner.path(other) / "result").read_text(), "/bin/bash\n")
+        self.assertEqual(other.digest, Task("other", command, depends=("bash",)).digest)
+
     def test_a_command_that_outlives_its_run_keeps_the_folder(self) -> None:
         with locked(self.root) as lock:
             left = subprocess.Popen(["sleep", "60"], pass_fds=(lock,))
