@@ -1,5 +1,6 @@
 // How much FAST-LIO2, as it was published, drifts in simulated worlds, and what each error source of a world adds to
-// that, as Markdown: see bench/README.md. With --platform it has the settings that the program's preset `paper` gives it.
+// that, as Markdown: see bench/README.md. With --platform it has the settings that the program's preset `paper` gives
+// it.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -108,8 +109,7 @@ Outcome outcome_on(simulator::TownDrive& drive, const test::Drive& reference, co
 void run_session(Variant& variant, std::size_t session, const Options& options) {
   simulator::TownDrive drive(variant.preset, options.seed, session);
   const Index scans = options.scans > 0 ? std::min(options.scans, drive.scan_count()) : drive.scan_count();
-  const test::Drive reference =
-      reference_of(drive, variant.preset.lidar.T_body_lidar, static_cast<std::size_t>(scans));
+  const test::Drive reference = reference_of(drive, variant.preset.lidar.T_body_lidar, static_cast<std::size_t>(scans));
   variant.outcomes[session] = outcome_on(drive, reference, options);
   variant.lengths[session] = travelled(reference.reference);
   if (!options.by_source) variant.moving[session] = moving_share(drive, scans);
@@ -232,8 +232,8 @@ std::string tables(const Options& options) {
   std::string text = "## " + options.preset + "/" + options.size + ", seed " + std::to_string(options.seed) +
                      ": FAST-LIO2 as published" +
                      (options.platform.empty() ? "" : ", as the paper configures it for " + options.platform) +
-                     "\n\nSimulated; options " + simulator::options_hash(*preset) + "; sessions: " +
-                     std::to_string(preset->sessions.size()) +
+                     "\n\nSimulated; options " + simulator::options_hash(*preset) +
+                     "; sessions: " + std::to_string(preset->sessions.size()) +
                      (options.scans > 0 ? ", the first " + std::to_string(options.scans) + " scans" : "") +
                      ". APE after SE(3) alignment of each session by itself.\n\n";
   if (options.by_source) return text + source_table(*preset, options);
