@@ -248,25 +248,30 @@ class IncrementalGnc {
     }
   }
 
-  /// Lets groups count in full and decides anew on all that speaks against them, trusted or not; takes that back unless
-  /// the truncated squares fall.
+  /// Lets groups count in full and decides anew on what speaks against them, first with what is trusted, then without;
+  /// takes that back unless the truncated squares fall.
   [[gnu::cold]] void try_in(std::span<const Index> leaders, IncrementalGncReport& report) {
     if (!report.last.ok()) return;
     const double before = truncated_squares();
     detail::Table<double> weights;
     for (Index number = 0; number < suspects_.size(); ++number)
       weights.push_back(smoother_.contains(id(number)) ? smoother_.weight(id(number)) : 0.0);
-    for (const Index leader : leaders) suspects_.for_each_member(leader, [&](Index number) { set_in(number, true); });
-    if (!step(report)) return;
-    trusting_ = false;
+    for (const bool trusting : {true, false}) {
+      IncrementalGncReport trial;
+      for (const Index leader : leaders) suspects_.for_each_member(leader, [&](Index number) { set_in(number, true); });
+      trusting_ = trusting;
+      if (step(trial)) decide(trial);
+      trusting_ = true;
+      try_others(trial, options_.tried_rows);
+      report.steps += trial.steps;
+      report.last = trial.last;
+      if (!trial.last.ok() || truncated_squares() < before) return;
+      for (Index number = 0; number < suspects_.size(); ++number)
+        if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
+          smoother_.set_weight(id(number), weights[number]);
+      if (!step(report)) return;
+    }
     decide(report);
-    trusting_ = true;
-    try_others(report, options_.tried_rows);
-    if (!report.last.ok() || truncated_squares() < before) return;
-    for (Index number = 0; number < suspects_.size(); ++number)
-      if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
-        smoother_.set_weight(id(number), weights[number]);
-    if (step(report)) decide(report);
   }
 
   [[nodiscard]] [[gnu::cold]] double truncated_squares() const {
