@@ -20,8 +20,8 @@
 namespace chainslam {
 
 /// Takes suspects into a growing graph, and decides again which of them are outliers whenever they contradict each
-/// other or the rest, so that the truncated squares become least: squared whitened residuals of what is in, thresholds
-/// for what is out. Three kinds of steps lower them:
+/// other or the rest, so that the truncated squares become least: squared whitened residuals of what is in, prices of
+/// what is out. Three kinds of steps lower them:
 /// - graduated non-convexity (Yang et al. 2020) where a residual says something else than its weight, each step an
 ///   update of the smoother (McGann, Rogers and Kaess 2023, "riSAM", where the steps are those of a scale-invariant
 ///   kernel);
@@ -243,7 +243,9 @@ class IncrementalGnc {
     for (const Index leader : newest) {
       agreeing.clear();
       for (const Index other : unexpected_)
-        if (!is_in(other) && (other == leader || agree(other, leader))) agreeing.push_back(other);
+        if (!is_in(other) && (other == leader || pairwise_consistent(smoother_, factor(other), factor(leader),
+                                                                     suspects_[leader].threshold, options_.max_blur)))
+          agreeing.push_back(other);
       if (agreeing.size() >= options_.support) try_in(agreeing.all(), report);
     }
   }
@@ -301,13 +303,6 @@ class IncrementalGnc {
   }
 
   void set_in(Index number, bool in) { smoother_.set_weight(id(number), in ? 1.0 : suspects_[number].outlier_weight); }
-
-  [[nodiscard]] [[gnu::cold]] bool agree(Index a, Index b) const {
-    const Suspect &one = factor(a), &other = factor(b);
-    if (one.from == none || other.from == none) return false;
-    return pairwise_consistent(smoother_, one, other, std::min(suspects_[a].threshold, suspects_[b].threshold),
-                               options_.max_blur);
-  }
 
   [[nodiscard]] [[gnu::cold]] bool step(IncrementalGncReport& report) {
     report.last = smoother_.update();

@@ -24,7 +24,8 @@ template <class Group>
 }  // namespace detail
 
 /// Whether two measurements agree, by the ways that an estimate knows between their ends: pairwise consistency
-/// (Mangelson, Dominic, Eustice and Vasudevan 2018). Two of one variable are no second opinion: they do not.
+/// (Mangelson, Dominic, Eustice and Vasudevan 2018). Two of one variable are no second opinion, and do not; nor do
+/// those on one variable, whose `from` is negative.
 /// @param threshold  of the squared Mahalanobis distance
 /// @param max_blur   standard deviations of the second up to which the ways may be uncertain: beyond, anything agrees
 template <class Smoother>
@@ -34,7 +35,7 @@ template <class Smoother>
                                                      double threshold, double max_blur) {
   using Group = typename Smoother::Value;
   using Jacobian = typename Group::Jacobian;
-  if (one.to == other.to) return false;
+  if (one.to == other.to || one.from < 0 || other.from < 0) return false;
   const Group T_to = estimate[one.to].inverse() * estimate[other.to];
   const Group T_from = estimate[one.from].inverse() * estimate[other.from];
   auto error = ((T_from * other.measurement).inverse() * (one.measurement * T_to)).log();
