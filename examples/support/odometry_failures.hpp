@@ -16,9 +16,10 @@ struct OdometryFailure {
   double squared_error = 0;   ///< in variances of the step
 };
 
-/// @param threshold  squared error from which a step counts as failed: the back end's own, `GroupGnc::odometry`.
+/// @param threshold  squared error from which a step counts as failed: what it costs the back end to take it for one,
+/// `GroupGnc::odometry`.
 /// @returns those of one session, in the order of time.
 [[nodiscard]] std::vector<OdometryFailure> odometry_failures(const SlamMap& map, const Session& session,
-                                                             double threshold = 100.0);
+                                                             double threshold = 70.0);
 
 }  // namespace chainslam::support
