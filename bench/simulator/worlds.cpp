@@ -164,7 +164,7 @@ std::string printed(const char* format, double value) {
 }
 
 std::string cell(const Mean& mean) {
-  std::string text = printed("%.2f m", mean.ape) + printed(", %.2f %%", mean.kitti);
+  std::string text = printed("%.3f m", mean.ape) + printed(", %.2f %%", mean.kitti);
   return mean.lost > 0 ? text + ", " + std::to_string(mean.lost) + " lost" : text;
 }
 
