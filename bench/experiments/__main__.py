@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--recorder", type=Path, metavar="PROGRAM",
                          help="an earlier build of chainslam, whose recordings of odometry are kept; the tables name it")
     command.add_argument("--published", type=Path, metavar="PROGRAM",
-                         help="likewise: maps of the rows with presets paper and released that it has made are kept")
+                         help="likewise: maps of published systems (LAMM, presets paper and released) are kept")
     for hidden in ("--program", "--lamm", "--graph-seeds", "--street-registration", "--viewpoints"):
         command.add_argument(hidden, type=Path, help=argparse.SUPPRESS)
     command.add_argument("--check", action="store_true", help=argparse.SUPPRESS)

@@ -25,8 +25,8 @@ class Row:
 
     @property
     def is_published(self) -> bool:
-        """By settings of a published system, which changes of the default preset do not concern."""
-        return self.settings[:1] in (PAPER, RELEASED)
+        """A published system, or its settings, which changes of the default preset do not concern."""
+        return self.program == "lamm" or self.settings[:1] in (PAPER, RELEASED)
 
     @property
     def is_front_end(self) -> bool:

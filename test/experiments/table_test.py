@@ -337,12 +337,12 @@ class RowsAndWorlds(Scratch):
         earlier.write_text("1")
         later.write_text("2")
         world, rows = simulated("nclt-hard", "small", 1, 2), {row.name: row for row in MAIN_ROWS}
-        plan = Plan(Programs(later, recorder=earlier, published=earlier))
-        for name in ("fast-lio2", "unchained", "chained", "released", "best-unchained", "best"):
-            task = plan.map(world, 1, rows[name]).task
+        plan = Plan(Programs(later, lamm=earlier, recorder=earlier, published=earlier))
+        for name, row in rows.items():
+            task = plan.map(world, 1, row).task
             is_published = not name.startswith("best")
             self.assertEqual(task.names, (("chainslam", str(earlier if is_published else later)),))
-            before = Plan(Programs(earlier)).map(world, 1, rows[name]).task
+            before = Plan(Programs(earlier, lamm=earlier)).map(world, 1, row).task
             self.assertEqual(task.digest == before.digest, is_published)
 
     def test_each_session_of_a_sequence_loads_the_map_before(self) -> None:
