@@ -61,7 +61,7 @@ inline void sort_unique(std::vector<Key>& keys) {
 }
 
 /// Where a key is in a short list; its size if it is not there.
-[[nodiscard]] inline Index position(std::span<const Key> keys, Key key) {
+[[nodiscard]] inline Index place_of(std::span<const Key> keys, Key key) {
   return static_cast<Index>(std::find(keys.data(), keys.data() + keys.size(), key) - keys.data());
 }
 

@@ -132,7 +132,7 @@ double IncrementalSmoother<Group, Extra...>::forecast(std::span<const F> factors
   for (const F& factor : factors) {
     for (const Key key : factor.keys()) {
       require_known(key);
-      if (detail::position(keys.all(), key) == keys.size()) keys.push_back(key);
+      if (detail::place_of(keys.all(), key) == keys.size()) keys.push_back(key);
     }
   }
   detail::Table<double> jacobian, residual;
@@ -145,7 +145,7 @@ double IncrementalSmoother<Group, Extra...>::forecast(std::span<const F> factors
       jacobian.resize(begin + keys.size() * dof, 0.0);
       const double* from = numbers.data() + row * own_keys * dof;
       for (const Key key : factor.keys()) {
-        std::copy_n(from, dof, jacobian.data() + begin + detail::position(keys.all(), key) * dof);
+        std::copy_n(from, dof, jacobian.data() + begin + detail::place_of(keys.all(), key) * dof);
         from += dof;
       }
     }
