@@ -62,9 +62,8 @@ void add_failure_table(const support::RunSummary& summary, support::ReportData& 
     for (const support::OdometryFailure& failure : session.failures) failures.emplace_back(session.name, failure);
   if (failures.empty()) return;
   std::ranges::stable_sort(failures, [](const auto& a, const auto& b) { return a.second.off > b.second.off; });
-  support::ReportTable table{
-      .title = "Where odometry failed: steps that closures or fixes contradict",
-      .heads = {"Session", "From", "To", "Distance", "Off by", "rotation"}};
+  support::ReportTable table{.title = "Where odometry failed: steps that closures or fixes contradict",
+                             .heads = {"Session", "From", "To", "Distance", "Off by", "rotation"}};
   const auto text = [](const char* format, double value) {
     char written[64];
     std::snprintf(written, sizeof written, format, value);
@@ -72,9 +71,8 @@ void add_failure_table(const support::RunSummary& summary, support::ReportData& 
   };
   for (std::size_t i = 0; i < std::min(most, failures.size()); ++i) {
     const auto& [session, failure] = failures[i];
-    table.rows.push_back({session, text("%.1f s", failure.begin), text("%.1f s", failure.end),
-                          metres(failure.distance), metres(failure.off),
-                          text("%.2f°", failure.turned * 180 / std::numbers::pi)});
+    table.rows.push_back({session, text("%.1f s", failure.begin), text("%.1f s", failure.end), metres(failure.distance),
+                          metres(failure.off), text("%.2f°", failure.turned * 180 / std::numbers::pi)});
   }
   if (failures.size() > most)
     table.rows.push_back({std::to_string(failures.size() - most) + " more in summary.json", "", "", "", "", ""});

@@ -43,7 +43,7 @@ struct SessionSummary {
   std::map<std::string, std::int64_t> imu{};
   std::optional<ImuCalibration> calibration{};  ///< if the session's IMU was compared with its scans
   std::vector<std::string> notes{};
-  SessionHealth health{};  ///< of its frames, also of those that a saved map has
+  SessionHealth health{};                   ///< of its frames, also of those that a saved map has
   std::vector<OdometryFailure> failures{};  ///< steps of its odometry that the map contradicts
 
   /// Scans that odometry did not register: lost, or without a frame.

@@ -69,8 +69,8 @@ TEST_SUITE("odometry/simulated_drive") {
     const test::GraphNees nees(followed.frames, followed.truth, 3.0);
     const test::NeesRatio one = nees.over(1), ten = nees.over(10), hundred = nees.over(100);
     MESSAGE("out of level: map ", map, ", odometry ", odometry,
-            " degrees; errors over expected over 1, 10, 100 m: translation ", one.translation, ", ", ten.translation, ", ",
-            hundred.translation, ", rotation ", one.rotation, ", ", ten.rotation, ", ", hundred.rotation);
+            " degrees; errors over expected over 1, 10, 100 m: translation ", one.translation, ", ", ten.translation,
+            ", ", hundred.translation, ", rotation ", one.rotation, ", ", ten.rotation, ", ", hundred.rotation);
     CHECK(map > 1.0);
     CHECK(odometry < 0.6 * map);
     // More accurate than on real drives, which the noise is set on.

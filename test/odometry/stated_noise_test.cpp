@@ -60,7 +60,8 @@ TEST_SUITE("odometry/stated_noise") {
         CHECK(ratio.rotation > 0.35);
         CHECK(ratio.rotation < 2.0);
       }
-      // What odometry states of its frames, by itself: of a step, good for the direction that is weak, not for the size.
+      // What odometry states of its frames, by itself: of a step, good for the direction that is weak, not for the
+      // size.
       const OdometryNoise stated_alone{.translation = 1e-6,
                                        .translation_per_metre = 0,
                                        .rotation = 1e-7,

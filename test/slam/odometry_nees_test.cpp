@@ -12,8 +12,8 @@ namespace chainslam {
 
 TEST_SUITE("slam/odometry_nees") {
   // Odometry and truth shake by about 0.6 degrees there from frame to frame, which does not add up: whatever the
-  // rotations of independent steps, they look too tight over 1 m or too loose over 100 m. Each bound fails if all noise is
-  // three times as large or as small.
+  // rotations of independent steps, they look too tight over 1 m or too loose over 100 m. Each bound fails if all noise
+  // is three times as large or as small.
   TEST_CASE("a real recording that says nothing of its errors is off by as much as the back end expects") {
     const auto folder = test::real_data("trajectories/nclt");
     if (!folder) return;
@@ -23,9 +23,10 @@ TEST_SUITE("slam/odometry_nees") {
         frames.push_back({.session = {}, .time = drive.times[i], .T_odom_body = drive.odometry[i]});
       const test::GraphNees nees(frames, drive.truth, 3.0);
       const test::NeesRatio one = nees.over(1), ten = nees.over(10), hundred = nees.over(100);
-      std::printf("FIGURE nclt, odometry's errors over expected, 1, 10, 100 m: translation %.2f %.2f %.2f, rotation %.2f "
-                  "%.2f %.2f\n",
-                  one.translation, ten.translation, hundred.translation, one.rotation, ten.rotation, hundred.rotation);
+      std::printf(
+          "FIGURE nclt, odometry's errors over expected, 1, 10, 100 m: translation %.2f %.2f %.2f, rotation %.2f "
+          "%.2f %.2f\n",
+          one.translation, ten.translation, hundred.translation, one.rotation, ten.rotation, hundred.rotation);
       REQUIRE(hundred.count > 500);
       for (const test::NeesRatio& ratio : {one, ten, hundred}) {
         CHECK(ratio.translation > 0.4);

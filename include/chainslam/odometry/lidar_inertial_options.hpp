@@ -78,8 +78,8 @@ struct LidarInertialOdometryOptions {
   options.scan = rules.scan;
   options.iteration = rules.iteration;
   options.residual_variance = rules.variance;
-  // It takes thousands of residuals that err alike for as many measurements: on KITTI 00's raw sweeps it states a 20th of
-  // its errors, on simulated drives a 5th to a 50th.
+  // It takes thousands of residuals that err alike for as many measurements: on KITTI 00's raw sweeps it states a 20th
+  // of its errors, on simulated drives a 5th to a 50th.
   options.stated_deviations = 10;
   return options;
 }

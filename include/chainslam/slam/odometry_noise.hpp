@@ -39,8 +39,8 @@ struct OdometryNoise {
     Matrix6d covariance;
     for (int j = 0; j < 6; ++j)
       for (int i = 0; i < 6; ++i)
-        covariance(i, j) = 0.5 * (added(i, j) + added(j, i)) +
-                           (i == j ? by_way[i] * by_way[i] + rounding * added(i, i) : 0.0);
+        covariance(i, j) =
+            0.5 * (added(i, j) + added(j, i)) + (i == j ? by_way[i] * by_way[i] + rounding * added(i, i) : 0.0);
     return NoiseModel<6>::from_covariance(covariance);
   }
 
