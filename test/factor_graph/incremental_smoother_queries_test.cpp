@@ -623,6 +623,39 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     }
   }
 
+  TEST_CASE("an update that fails takes its suspects back, and the next decides as if they had never been") {
+    const auto step = SE3d(SO3d(), {1, 0, 0});
+    const auto noise = Smoother::Noise::from_sigma(0.1).sqrt_information();
+    const Suspicion odometry{.threshold = 40, .outlier_weight = 1e-8, .trusted = true};
+    const auto grow = [&](Smoother& smoother, IncrementalGnc<Smoother>& gnc, Index count) {
+      for (Index k = 0; k < count; ++k) {
+        const Key key = smoother.add_value(SE3d(SO3d(), {1.0 * smoother.size(), 0, 0}));
+        Suspicion next = odometry;
+        next.previous = key - 2;  // of step `key - 1`, the one before; -1 of the first
+        gnc.add({key - 1, key, step, noise}, next);
+      }
+    };
+    Smoother whole, failed;
+    IncrementalGnc<Smoother> of_whole(whole), of_failed(failed);
+    for (auto [smoother, gnc] : {std::pair{&whole, &of_whole}, {&failed, &of_failed}}) {
+      smoother->add_value(SE3d());
+      smoother->add_prior(0, SE3d(), Smoother::Noise::from_sigma(0.01));
+      grow(*smoother, *gnc, 4);
+      REQUIRE(gnc->update().last.ok());
+    }
+    grow(failed, of_failed, 1);
+    failed.add_value(SE3d());  // which nothing constrains
+    REQUIRE_FALSE(of_failed.update().last.ok());
+    CHECK(failed.size() == 5);
+    for (auto [smoother, gnc] : {std::pair{&whole, &of_whole}, {&failed, &of_failed}}) {
+      grow(*smoother, *gnc, 3);
+      for (const Key to : {6, 7})
+        gnc->add({to - 5, to, SE3d(SO3d(), {9, 0, 0}), noise}, {.threshold = 40, .forecast = true});
+      REQUIRE(gnc->update().last.ok());
+    }
+    CHECK(failed.values() == whole.values());
+  }
+
   TEST_CASE("what is published is what the smoother has, after updates, undoing, moving and loading") {
     Rng rng(4);
     Twin twin;

@@ -31,10 +31,9 @@ namespace chainslam {
 ///   them out; what does not lower the truncated squares is taken back.
 ///
 /// A suspect counts in full until it is contradicted. Outliers count again when the estimate comes to agree with them.
-/// Suspects that follow from one another form a group, which is in as long as half of it agrees with the estimate: one
-/// vote, however many they are; of a group that is in, each is judged by itself too. Where nothing contradicts, an
-/// update costs what the smoother's does and some forecasts. Factors beyond suspicion, which are given to the smoother
-/// itself, or the weights of outliers must hold the graph together.
+/// Suspects that follow from one another form a group with one vote: it is in as long as half of it agrees with the
+/// estimate, and then each member is judged by itself too. Without contradictions, an update costs what the smoother's
+/// does and some forecasts. The smoother's own factors, or the weights of outliers, must constrain the whole graph.
 template <class Smoother>
 class IncrementalGnc {
  public:
@@ -57,9 +56,8 @@ class IncrementalGnc {
     entry.trusted = suspicion.trusted;
     entry.forecast = suspicion.forecast;
     entry.leader = leader;
-    entry.beside = suspicion.beside;
+    entry.previous = suspicion.previous;
     const Index number = suspects_.add(entry);
-    if (entry.beside != none) suspects_[entry.beside].followed_by = number;
     if (suspicion.forecast && suspicion.begins_in)
       waiting_.push_back(number);
     else
@@ -110,8 +108,7 @@ class IncrementalGnc {
     IncrementalGncReport report;
     changed_.clear();
     if (!step(report) || (!waiting_.empty() && (forecast(), !step(report)))) {
-      while (suspects_.size() > settled_) suspects_.drop_last();
-      waiting_.clear();
+      drop_unsettled();
       return report;
     }
     for (Index number = settled_; number < suspects_.size(); ++number) measure(number);
@@ -147,6 +144,16 @@ class IncrementalGnc {
  private:
   using Entry = typename detail::SuspectList<Group>::Entry;
   static constexpr double decisive_mu = 1e6;
+
+  [[gnu::cold]] void drop_unsettled() {
+    const auto settled = [&](Index number) { return number < settled_; };
+    watched_.keep_if(settled);
+    unexpected_.keep_if(settled);
+    touched_.keep_if([&](const Ranked& one) { return settled(one.index); });
+    news_ = 0;
+    waiting_.clear();
+    while (suspects_.size() > settled_) suspects_.drop_last();
+  }
 
   [[gnu::cold]] void decide(IncrementalGncReport& report) {
     double mu = 0.0;
@@ -187,11 +194,10 @@ class IncrementalGnc {
     waiting_.clear();
   }
 
-  /// Trusted factors are tried where they are out and beside those.
+  /// Trusted factors are tried where they are out and next to those.
   [[nodiscard]] bool may_be_tried(Index leader) const {
     const Entry& one = suspects_[leader];
-    return one.factor.from != none &&
-           (one.forecast || is_out(leader) || follows_one(leader) || is_out(one.followed_by));
+    return one.factor.from != none && (one.forecast || is_out(leader) || follows_one(leader) || is_out(one.next));
   }
 
   /// Takes single groups near a change out or in, each once, as long as the forecast says that the truncated squares
@@ -281,24 +287,24 @@ class IncrementalGnc {
     for (Index number = 0; number < suspects_.size(); ++number) {
       const Entry& one = suspects_[number];
       if (!is_out(number)) continue;
-      sum += (follows_one(number) ? options_.continued : 1.0) * one.price / suspects_.votes(one.leader);
+      sum += (follows_one(number) ? options_.consecutive_price : 1.0) * one.price / suspects_.votes(one.leader);
     }
     return sum;
   }
   [[nodiscard]] bool is_out(Index number) const {
     return number != none && smoother_.contains(id(number)) && !is_in(number);
   }
-  /// Whether one that it fails together with is out.
+  /// Whether one shortly before it in its sequence is out.
   [[nodiscard]] bool follows_one(Index number) const {
-    Index before = suspects_[number].beside;
-    for (Index k = 0; k < options_.reach && before != none; ++k, before = suspects_[before].beside)
+    Index before = suspects_[number].previous;
+    for (Index k = 0; k < options_.consecutive_gap && before != none; ++k, before = suspects_[before].previous)
       if (is_out(before)) return true;
     return false;
   }
   /// What it adds to the truncated squares that some members of a group are out.
   [[nodiscard]] [[gnu::cold]] double price(Index leader, Offset members) const {
     const Entry& one = suspects_[leader];
-    return (follows_one(leader) || is_out(one.followed_by) ? options_.continued : 1.0) * one.price *
+    return (follows_one(leader) || is_out(one.next) ? options_.consecutive_price : 1.0) * one.price *
            static_cast<double>(members) / suspects_.votes(leader);
   }
 
@@ -318,14 +324,8 @@ class IncrementalGnc {
   /// A suspect that was removed from the smoother is never contradicted.
   [[gnu::cold]] void measure(Index number) {
     Entry& of = suspects_[number];
-    const Suspect& factor = of.factor;
-    of.ratio = 0.0;
+    of.ratio = smoother_.contains(of.id) ? suspects_.ratio_at(smoother_, number) : 0.0;
     if (!smoother_.contains(of.id)) return;
-    const Group T_from_to =
-        factor.from == none ? smoother_[factor.to] : smoother_[factor.from].inverse() * smoother_[factor.to];
-    const auto residual =
-        whitened<Group::dof, 1>(factor.sqrt_information, (factor.measurement.inverse() * T_from_to).log());
-    for (int k = 0; k < Group::dof; ++k) of.ratio += residual[k] * residual[k] / of.threshold;
     Entry& leader = suspects_[of.leader];
     if (!std::exchange(leader.watched, true)) watched_.push_back(of.leader);
     if (may_be_tried(of.leader) && !std::exchange(leader.touched, true))

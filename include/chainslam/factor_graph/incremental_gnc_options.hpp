@@ -5,18 +5,19 @@
 
 namespace chainslam {
 
+/// Set on three real drives of NCLT with sampled closures, right and wrong (test/slam/nclt_sessions_test.cpp).
 struct IncrementalGncOptions {
-  double growth = 2.0;  ///< of the control parameter, a step
-  Index max_steps = 40;
+  double growth = 2.0;   ///< of the control parameter, per step
+  Index max_steps = 40;  ///< smoother updates per call
   /// Unexpected groups that agree with each other, so that it is tried what follows from them all: an outlier that was
   /// taken in, or a trusted factor that is wrong, makes all later ones unexpected.
   Index support = 2;
   /// Standard deviations of a measurement up to which the way between two may be uncertain, if they are to agree:
   /// farther apart, any two would.
   double max_blur = 10.0;
-  Index memory = 50;       ///< unexpected groups that are remembered for that
-  double continued = 0.1;  ///< share of its price that an outlier near another costs,
-  Index reach = 3;         ///< so many places before it at most
+  Index memory = 50;               ///< unexpected groups that are remembered for that
+  double consecutive_price = 0.1;  ///< fraction of its price that an outlier costs shortly after another
+  Index consecutive_gap = 3;       ///< of the same sequence: so many places after it at most
   /// Rows of residuals of suspects near a change, the newest first, that an update tries the other way round.
   Index tried_rows = 600;
 };
@@ -35,9 +36,9 @@ struct Suspicion {
   bool forecast = false;
   /// Whether it is beyond suspicion until enough others agree that the graph is wrong.
   bool trusted = false;
-  /// Number of a suspect that fails together with this one, if it does, such as the step of odometry before: as an
-  /// outlier beside another, it costs a share of its price only.
-  Index beside = -1;
+  /// Number of the preceding suspect of a sequence that fails as a whole, such as steps of odometry: of consecutive
+  /// outliers only the first costs its full price. -1: none.
+  Index previous = -1;
 };
 
 struct IncrementalGncReport {

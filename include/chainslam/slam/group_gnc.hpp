@@ -17,9 +17,11 @@ namespace chainslam {
 /// against it: see `IncrementalGnc`. A closure that the graph does not expect is left out until enough others agree
 /// with it, or the fixes do; then odometry itself may be found to be wrong. A chained closure is in the group of the
 /// closure that led to it: together they have one vote.
+///
+/// Thresholds are squared Mahalanobis distances, set on three real drives of NCLT (`IncrementalGncOptions`).
 struct GroupGnc {
   double closures = 40.0;        ///< squared whitened residual beyond which a closure is an outlier; 0: none is
-  double odometry = 70.0;        ///< of a step of odometry; one near another that failed counts a tenth; 0: none is
+  double odometry = 70.0;        ///< the same of a step of odometry; consecutive ones cost a tenth each; 0: none is
   double outlier_weight = 1e-8;  ///< what an outlier still counts, so that no session ever comes loose
 };
 
@@ -50,7 +52,7 @@ class GroupGncFactors {
                                    .price = options_.odometry,
                                    .outlier_weight = options_.outlier_weight,
                                    .trusted = true,
-                                   .beside = goes_on ? last_step_ : Gnc::none});
+                                   .previous = goes_on ? last_step_ : Gnc::none});
   }
 
   /// Adds the closure at a position among the map's; they come in their order. What was an outlier begins as one.

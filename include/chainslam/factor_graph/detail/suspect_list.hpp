@@ -24,10 +24,10 @@ class SuspectList {
     double price = 0.0;             ///< what an outlier costs the truncated squares
     double outlier_weight = 0.0;
     double ratio = 0.0;     ///< squared whitened residual at the estimate over the threshold
-    bool trusted = false;   ///< until all is decided anew
+    bool trusted = false;   ///< not judged by its residual alone
     bool forecast = false;  ///< whether it is judged by what the graph says without it
     bool watched = false, touched = false, turned = false;  ///< marks of a leader
-    Index beside = none, followed_by = none;                ///< that fail together with it, the one before and the next
+    Index previous = none, next = none;                     ///< in a sequence, such as steps of odometry
     Index leader = none;                                    ///< of its group
     Index members = 0, newest = none;                       ///< of a leader's group
     Index before = none;                                    ///< in its group
@@ -44,6 +44,7 @@ class SuspectList {
     entries_.push_back(entry);
     Entry& added = entries_.back();
     if (added.leader == none) added.leader = number;
+    if (added.previous != none) entries_[added.previous].next = number;
     Entry& first = entries_[added.leader];
     added.before = std::exchange(first.newest, number);
     ++first.members;
@@ -54,6 +55,7 @@ class SuspectList {
 
   [[gnu::cold]] void drop_last() {
     const Entry& last = entries_.back();
+    if (last.previous != none) entries_[last.previous].next = none;
     if (last.factor.from != none) newest_at_[last.factor.from] = last.older_at_from;
     newest_at_[last.factor.to] = last.older_at_to;
     entries_[last.leader].newest = last.before;
@@ -78,6 +80,20 @@ class SuspectList {
     }
   }
 
+  /// Squared whitened residual over the threshold.
+  template <class Estimate>
+  [[nodiscard]] [[gnu::cold]] double ratio_at(const Estimate& estimate, Index number) const {
+    const Entry& of = entries_[number];
+    const BetweenFactor<Group>& factor = of.factor;
+    const Group T_from_to =
+        factor.from == none ? estimate[factor.to] : estimate[factor.from].inverse() * estimate[factor.to];
+    const auto residual =
+        whitened<Group::dof, 1>(factor.sqrt_information, (factor.measurement.inverse() * T_from_to).log());
+    double squared = 0.0;
+    for (int k = 0; k < Group::dof; ++k) squared += residual[k] * residual[k] / of.threshold;
+    return squared;
+  }
+
   /// How many times more strictly a member is judged than alone: members share their information, and m of them, half
   /// of it common, know as much as 2 m / (m + 1) alone.
   [[nodiscard]] double votes(Index leader) const { return 0.5 * (entries_[leader].members + 1); }
@@ -100,7 +116,7 @@ class SuspectList {
 
   Table<Entry> entries_;
   Table<Index> newest_at_;  ///< of each key, none where there is none
-  Table<Ranked> ratios_;    ///< room for one group's
+  Table<Ranked> ratios_;    ///< workspace of `group_ratio`
 };
 
 }  // namespace chainslam::detail
