@@ -656,6 +656,26 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     CHECK(failed.values() == whole.values());
   }
 
+  TEST_CASE("a suspect that is dropped is neither the next of its sequence nor a member of its group") {
+    detail::SuspectList<SE3d> list;
+    const auto add = [&](Key from, Index leader, Index previous) {
+      detail::SuspectList<SE3d>::Entry entry;
+      entry.factor.from = from;
+      entry.factor.to = from + 1;
+      entry.leader = leader;
+      entry.previous = previous;
+      return list.add(entry);
+    };
+    const Index first = add(0, -1, -1), second = add(1, first, first);
+    CHECK(list[first].next == second);
+    CHECK(list[first].members == 2);
+    list.drop_last();
+    CHECK(list[first].next == list.none);
+    CHECK(list[first].members == 1);
+    CHECK(list[first].newest == first);
+    list.for_each_at(2, [](Index) { FAIL_CHECK("still at its variable"); });
+  }
+
   TEST_CASE("what is published is what the smoother has, after updates, undoing, moving and loading") {
     Rng rng(4);
     Twin twin;
