@@ -1,7 +1,9 @@
 #pragma once
 
 #include <stdexcept>
+#include <vector>
 
+#include "chainslam/cloud/select.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/registration/icp.hpp"
@@ -10,22 +12,38 @@ namespace chainslam {
 
 /// Two registrations in a row: one that reaches far finds the place, one that looks near settles the pose.
 ///
-/// The result is the second's; where the first finds no overlap, or the deadline ends it, it is the first's.
+/// The result is the second's; where the first finds no overlap, or the deadline ends it, it is the first's. The first
+/// looks at some of the points only, since its pose is no more than the second's guess.
 template <class Coarse = Icp<PointToPlane, GemanMcClure>, class Fine = Coarse>
 struct CoarseToFine {
   Coarse coarse{.max_iterations = 20, .max_distance = 5.0, .kernel = {.width = 1.0}};
   Fine fine{.max_iterations = 50, .max_distance = 2.0, .kernel = {.width = 0.3}};
+  Index coarse_points = 2048;  ///< of the source, evenly, at least; 0: all
 
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
                                   const Exec& executor = {}, const Deadline& deadline = {}) const;
 };
 
+namespace detail {
+
+/// One of `every` points.
+template <Cloud Points>
+[[nodiscard]] PointCloud<float> thinned(const Points& cloud, Index every) {
+  std::vector<Index> chosen;
+  for (Index i = 0; i < static_cast<Index>(cloud_size(cloud)); i += every) chosen.push_back(i);
+  return select<float>(cloud, chosen);
+}
+
+}  // namespace detail
+
 template <class Coarse, class Fine>
 template <Cloud Source, AlignTarget Target, Executor Exec>
 AlignResult CoarseToFine<Coarse, Fine>::align(const Source& source, const Target& target, const SE3d& guess,
                                               const Exec& executor, const Deadline& deadline) const {
-  const AlignResult first = coarse.align(source, target, guess, executor, deadline);
+  const auto every = coarse_points > 0 ? static_cast<Index>(cloud_size(source)) / coarse_points : Index{1};
+  const AlignResult first = every > 1 ? coarse.align(detail::thinned(source, every), target, guess, executor, deadline)
+                                      : coarse.align(source, target, guess, executor, deadline);
   if (first.status == AlignStatus::no_overlap || first.status == AlignStatus::too_few_points ||
       first.status == AlignStatus::cancelled)
     return first;
