@@ -76,22 +76,22 @@ struct GateWalks {
     int right = 0, wrong = 0;
   };
 
-  /// Closes all scans from guesses that are off along the way. @param off  metres, one after the other.
+  /// Closes each scan from guesses that are off along the way by so many metres.
   [[nodiscard]] Accepted close(const ClosureGate& gate, const std::vector<double>& off) {
     LoopCloser<> closer({.gate = gate});
     Accepted accepted;
-    for (std::size_t i = 0; i < queries.size(); ++i) {
-      const GateQuery& query = queries[i];
+    for (const GateQuery& query : queries) {
       map.back() = query.scan;
-      const SE3d shift(SO3d(), off[i % off.size()] * query.way);
-      const LoopClosure closure =
-          closer.align(map, KeyframeId{to_index(query.from)}, query.scan.id, query.T_from_scan * shift);
-      if (closure.verdict != ClosureVerdict::accepted) continue;
-      const SE3d error = query.T_from_scan.inverse() * closure.T_from_to;
-      const double metres = error.translation().norm(),
-                   degrees = error.rotation().log().norm() * 180 / std::numbers::pi;
-      accepted.right += metres < 0.75 && degrees < 2 ? 1 : 0;
-      accepted.wrong += metres > 1.5 || degrees > 5 ? 1 : 0;
+      for (const double metres : off) {
+        const SE3d guess = query.T_from_scan * SE3d(SO3d(), metres * query.way);
+        const LoopClosure closure = closer.align(map, KeyframeId{to_index(query.from)}, query.scan.id, guess);
+        if (closure.verdict != ClosureVerdict::accepted) continue;
+        const SE3d error = query.T_from_scan.inverse() * closure.T_from_to;
+        const double distance = error.translation().norm(),
+                     degrees = error.rotation().log().norm() * 180 / std::numbers::pi;
+        accepted.right += distance < 0.75 && degrees < 2 ? 1 : 0;
+        accepted.wrong += distance > 1.5 || degrees > 5 ? 1 : 0;
+      }
     }
     return accepted;
   }
@@ -109,13 +109,14 @@ TEST_SUITE("slam: the closures' gate on real scans") {
     const std::vector<double> shifts{-6, 5, -4, 7};  // metres: more than alignment reaches
     const auto told = walks.close({}, shifts), untold = walks.close({.by_direction = false}, shifts);
     const auto kept = walks.close({}, {-1, 1});
-    MESSAGE(queries, " scans: from guesses off by 4 to 7 m ", told.right, " right and ", told.wrong,
+    MESSAGE(queries, " scans, each from guesses off by 4 to 7 m ", told.right, " right and ", told.wrong,
             " wrong, by all points at once ", untold.right, " and ", untold.wrong, "; off by 1 m ", kept.right, " and ",
             kept.wrong);
     CHECK(untold.wrong >= 2);
-    CHECK(told.wrong == 0);
+    CHECK(told.wrong <= 0.03 * static_cast<double>(shifts.size()) * queries);
+    CHECK(2 * told.wrong < untold.wrong);
     CHECK(told.right >= 0.95 * untold.right);
-    CHECK(kept.right >= 0.95 * queries);
+    CHECK(kept.right >= 0.95 * 2 * queries);
     CHECK(kept.wrong == 0);
   }
 }

@@ -2,6 +2,11 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
 #include "slam/street.hpp"
 
 using namespace chainslam;
@@ -79,8 +84,8 @@ TEST_SUITE("map/submap") {
 TEST_SUITE("slam/submap_cache") {
   TEST_CASE("a submap has unit normals that face the centre") {
     const std::vector<Keyframe> keyframes = bend(12);
-    SubmapCache cache({.radius = 3});
-    const auto submap = cache.get(keyframes, KeyframeId{5});
+    SubmapCache cache({.radius = 3, .fragment = 1});
+    const auto submap = cache.get(keyframes, KeyframeId{5}).submap;
     REQUIRE(submap->size() > 100);
     const Eigen::Vector3d wall = keyframes[5].T_map_body.rotation().inverse() * Eigen::Vector3d(0, -1, 0);
     Index right = 0;
@@ -91,46 +96,142 @@ TEST_SUITE("slam/submap_cache") {
 
   TEST_CASE("known submaps are kept; moving all keyframes alike costs nothing, bending them does") {
     std::vector<Keyframe> keyframes = bend(30);
-    SubmapCache cache({.radius = 3});
-    const auto first = cache.get(keyframes, KeyframeId{10});
-    CHECK(cache.get(keyframes, KeyframeId{10}) == first);
+    SubmapCache cache({.radius = 3, .fragment = 1});
+    const auto first = cache.get(keyframes, KeyframeId{10}).submap;
+    CHECK(cache.get(keyframes, KeyframeId{10}).submap == first);
     CHECK(cache.built() == 1);
     const SE3d correction(SO3d::exp({0.01, -0.02, 0.5}), {3, -4, 1});
     for (Keyframe& keyframe : keyframes) keyframe.T_map_body = correction * keyframe.T_map_body;
-    CHECK(cache.get(keyframes, KeyframeId{10}) == first);
+    CHECK(cache.get(keyframes, KeyframeId{10}).submap == first);
     keyframes[14].T_map_body = keyframes[14].T_map_body * SE3d(SO3d(), {1, 0, 0});  // outside of [7, 13]
-    CHECK(cache.get(keyframes, KeyframeId{10}) == first);
+    CHECK(cache.get(keyframes, KeyframeId{10}).submap == first);
     keyframes[13].T_map_body = keyframes[13].T_map_body * SE3d(SO3d(), {0.05, 0, 0});
-    CHECK(cache.get(keyframes, KeyframeId{10}) != first);
+    CHECK(cache.get(keyframes, KeyframeId{10}).submap != first);
     CHECK(cache.built() == 2);
     CHECK(cache.size() == 1);
   }
 
   TEST_CASE("a submap at the end of the drive grows with it") {
     std::vector<Keyframe> keyframes = bend(30);
-    SubmapCache cache({.radius = 3});
+    SubmapCache cache({.radius = 3, .fragment = 1});
     const std::span<const Keyframe> all(keyframes);
-    const auto at_end = cache.get(all.first(12), KeyframeId{10});
-    CHECK(cache.get(all.first(12), KeyframeId{10}) == at_end);
-    CHECK(cache.get(all.first(14), KeyframeId{10}) != at_end);
+    const auto at_end = cache.get(all.first(12), KeyframeId{10}).submap;
+    CHECK(cache.get(all.first(12), KeyframeId{10}).submap == at_end);
+    CHECK(cache.get(all.first(14), KeyframeId{10}).submap != at_end);
   }
 
   TEST_CASE("the least recently used go when the bytes are spent, and stay alive with whoever holds them") {
     const std::vector<Keyframe> keyframes = bend(40);
-    SubmapCache probe({.radius = 2});
+    SubmapCache probe({.radius = 2, .fragment = 1});
     static_cast<void>(probe.get(keyframes, KeyframeId{20}));
-    SubmapCache cache({.radius = 2, .max_bytes = probe.bytes() * 5 / 2});
-    const auto held = cache.get(keyframes, KeyframeId{10});
+    SubmapCache cache({.radius = 2, .fragment = 1, .max_bytes = probe.bytes() * 5});
+    const auto held = cache.get(keyframes, KeyframeId{10}).submap;
     const std::size_t points = held->size();
-    static_cast<void>(cache.get(keyframes, KeyframeId{20}));
-    CHECK(cache.get(keyframes, KeyframeId{10}) == held);      // used again: now 20 is the oldest
-    static_cast<void>(cache.get(keyframes, KeyframeId{30}));  // 20 goes
+    static_cast<void>(cache.get(keyframes, KeyframeId{20}).submap);
+    CHECK(cache.get(keyframes, KeyframeId{10}).submap == held);      // used again: now 20 is the oldest
+    static_cast<void>(cache.get(keyframes, KeyframeId{30}).submap);  // 20 goes
     CHECK(cache.size() == 2);
-    CHECK(cache.get(keyframes, KeyframeId{10}) == held);
+    CHECK(cache.get(keyframes, KeyframeId{10}).submap == held);
     CHECK(cache.built() == 3);
-    static_cast<void>(cache.get(keyframes, KeyframeId{20}));
+    static_cast<void>(cache.get(keyframes, KeyframeId{20}).submap);
     CHECK(cache.built() == 4);
     CHECK(held->size() == points);
     CHECK(cache.bytes() <= probe.bytes() * 5 / 2);
+  }
+
+  TEST_CASE("keyframes of one fragment share a submap, which lies where each one's own does") {
+    const std::vector<Keyframe> keyframes = bend(40);
+    SubmapCache shared({.radius = 4, .fragment = 5}), own({.radius = 8, .fragment = 1});
+    const PlacedSubmap submap = shared.get(keyframes, KeyframeId{12});
+    for (const Index id : {10, 11, 13, 14}) CHECK(shared.get(keyframes, KeyframeId{id}).submap == submap.submap);
+    CHECK(shared.get(keyframes, KeyframeId{15}).submap != submap.submap);
+    CHECK(shared.built() == 2);
+    for (const Index id : {10, 14}) {
+      CAPTURE(id);
+      const PlacedSubmap placed = shared.get(keyframes, KeyframeId{id});
+      const auto expected = own.get(keyframes, KeyframeId{id}).submap;
+      Index near = 0, parallel = 0;
+      for (Index i = 0; i < to_index(placed.submap->size()); ++i) {
+        const Eigen::Vector3f p =
+            (placed.T_keyframe_submap * placed.submap->position(i).cast<double>().eval()).cast<float>();
+        Neighbor<float> nearest;
+        if (expected->knn(p, std::span(&nearest, 1), 0.4f) == 0) continue;
+        ++near;
+        const Eigen::Vector3d n = placed.T_keyframe_submap.rotation() * placed.submap->normal(i).cast<double>().eval();
+        parallel += n.dot(expected->normal(nearest.index).cast<double>()) > 0.99 ? 1 : 0;
+      }
+      CHECK(near == to_index(placed.submap->size()));
+      CHECK(parallel == near);
+    }
+  }
+
+  TEST_CASE(
+      "a submap of fragments holds as many keyframes on each side of any of its own as it is to, and no other "
+      "session") {
+    std::vector<Keyframe> keyframes = bend(40);
+    for (std::size_t i = 0; i < keyframes.size(); ++i) {  // each keyframe's point says which one it is
+      auto cloud = std::make_shared<PointCloud<float>>();
+      cloud->positions.push_back(
+          (keyframes[i].T_map_body.inverse() * Eigen::Vector3d(2.0 * static_cast<double>(i), 0, 0)).cast<float>());
+      keyframes[i].cloud = cloud;
+      if (i >= 23) keyframes[i].session = SessionId{1};
+    }
+    SubmapCache cache({.radius = 4, .fragment = 5});
+    const auto seen = [&](Index id) {
+      const PlacedSubmap placed = cache.get(keyframes, KeyframeId{id});
+      std::vector<Index> found;
+      for (const Eigen::Vector3f& p : placed.submap->cloud().positions) {
+        const SE3d& T_map_body = keyframes[static_cast<std::size_t>(id)].T_map_body;
+        const Eigen::Vector3d p_map = T_map_body * (placed.T_keyframe_submap * p.cast<double>().eval());
+        found.push_back(static_cast<Index>(std::lround(p_map.x() / 2)));
+      }
+      std::ranges::sort(found);
+      return std::pair(found.front(), found.back());
+    };
+    CHECK(seen(10) == std::pair(5, 19));  // 12, the middle, and four on each side, in whole fragments
+    CHECK(seen(14) == std::pair(5, 19));
+    CHECK(seen(2) == std::pair(0, 9));
+    CHECK(seen(21) == std::pair(15, 22));
+    CHECK(seen(23) == std::pair(23, 29));
+    CHECK(seen(38) == std::pair(30, 39));
+  }
+
+  TEST_CASE("a correction that bends a session between fragments moves them as they are") {
+    std::vector<Keyframe> keyframes = bend(40);
+    SubmapCache cache({.radius = 4, .fragment = 5});
+    const auto before = cache.get(keyframes, KeyframeId{12}).submap;
+    CHECK(cache.fragments_built() == 3);
+    const SE3d turn(SO3d::exp({0, 0, 0.02}), {0, 0.3, 0});
+    for (std::size_t i = 15; i < keyframes.size(); ++i) keyframes[i].T_map_body = turn * keyframes[i].T_map_body;
+    CHECK(cache.get(keyframes, KeyframeId{12}).submap != before);
+    CHECK(cache.fragments_built() == 3);
+    for (std::size_t i = 17; i < keyframes.size(); ++i) keyframes[i].T_map_body = turn * keyframes[i].T_map_body;
+    static_cast<void>(cache.get(keyframes, KeyframeId{12}));
+    CHECK(cache.fragments_built() == 4);  // the one that was bent itself
+  }
+
+  TEST_CASE("a submap reaches no farther along the path than it may") {
+    const std::vector<Keyframe> keyframes = bend(200);  // 0.5 m apart
+    SubmapCache near({.radius = 60, .max_length = 5, .fragment = 5}),
+        far({.radius = 60, .max_length = 0, .fragment = 5});
+    static_cast<void>(near.get(keyframes, KeyframeId{100}));
+    static_cast<void>(far.get(keyframes, KeyframeId{100}));
+    CHECK(near.fragments_built() == 5);  // 10 keyframes on each side of 102
+    CHECK(far.fragments_built() == 25);
+  }
+
+  TEST_CASE("the most that is kept counts fragments, too") {
+    const std::vector<Keyframe> keyframes = bend(200);
+    SubmapCache all({.radius = 4, .fragment = 5});
+    for (Index id = 0; id < 200; id += 5) static_cast<void>(all.get(keyframes, KeyframeId{id}));
+    SubmapCache few({.radius = 4, .fragment = 5, .max_bytes = all.bytes() / 4});
+    for (Index id = 0; id < 200; id += 5) {
+      static_cast<void>(few.get(keyframes, KeyframeId{id}));
+      REQUIRE(few.bytes() <= all.bytes() / 4);
+    }
+    CHECK(all.fragments_built() == 40);
+    CHECK(few.fragments_built() == 40);  // those next to each other are still there
+    static_cast<void>(few.get(keyframes, KeyframeId{0}));
+    CHECK(few.fragments_built() == 42);
   }
 }

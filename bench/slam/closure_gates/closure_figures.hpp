@@ -56,12 +56,15 @@ class ClosureMeasurer {
   [[nodiscard]] ClosureFigures operator()(const ClosurePair& pair, bool full) {
     const std::span<const Keyframe> keyframes = pair.map->keyframes;
     SubmapCache& submaps = cache_of(*pair.map);
-    const auto submap = submaps.get(keyframes, KeyframeId{to_index(pair.from)});
+    const PlacedSubmap placed = submaps.get(keyframes, KeyframeId{to_index(pair.from)});
+    const std::shared_ptr<const Submap>& submap = placed.submap;
     const PointCloud<float>& scan = full ? *pair.query->full[pair.to] : *pair.query->keyframes[pair.to].cloud;
     ClosureFigures figures;
     figures.noise = submaps.surface_noise(*submap);
-    timed(figures.align_us, [&] { figures.aligned = registration_.align(scan, *submap, pair.guess); });
-    const SE3d& T = figures.aligned.T_target_source;
+    const SE3d guess = placed.T_keyframe_submap.inverse() * pair.guess;
+    timed(figures.align_us, [&] { figures.aligned = registration_.align(scan, *submap, guess); });
+    const SE3d T = figures.aligned.T_target_source;
+    figures.aligned.T_target_source = placed.T_keyframe_submap * T;
     SurfaceFit fit;
     timed(figures.fit_us, [&] { fit = surface_fit(scan, *submap, T); });
     figures.rmse = fit.rmse;
@@ -72,10 +75,12 @@ class ClosureMeasurer {
       figures.contradiction =
           FreeSpace(scan, Eigen::Vector3d::Zero()).count(submap->cloud(), T.inverse()).contradiction();
     });
-    figures.own_contradiction =
-        FreeSpace(*keyframes[pair.from].cloud, Eigen::Vector3d::Zero()).count(submap->cloud(), SE3d()).contradiction();
+    figures.own_contradiction = FreeSpace(*keyframes[pair.from].cloud, Eigen::Vector3d::Zero())
+                                    .count(submap->cloud(), placed.T_keyframe_submap)
+                                    .contradiction();
     figures.seen_through = figures.contradiction - 1.5 * figures.own_contradiction;
-    timed(figures.map_view_us, [&] { figures.before_map = before_map(pair, scan, T).share(); });
+    timed(figures.map_view_us,
+          [&] { figures.before_map = before_map(pair, scan, figures.aligned.T_target_source).share(); });
     judge(pair, figures);
     return figures;
   }

@@ -70,4 +70,14 @@ struct SubmapRange {
   return voxel_downsample(points, voxel_size);
 }
 
+/// Adds `more` to `points`, normals on the side that is seen from the origin.
+inline void append_seen_from_origin(PointCloud<float>& points, const PointCloud<float>& more) {
+  points.positions.insert(points.positions.end(), more.positions.begin(), more.positions.end());
+  for (std::size_t i = 0; i < more.normals.size(); ++i) {
+    const Eigen::Vector3f &n = more.normals[i], &p = more.positions[i];
+    const bool away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2] > 0;
+    points.normals.emplace_back(away ? -n[0] : n[0], away ? -n[1] : n[1], away ? -n[2] : n[2]);
+  }
+}
+
 }  // namespace chainslam

@@ -182,11 +182,12 @@ LoopClosure LoopCloser<Candidates, Registration, Covariance>::align(std::span<co
   const Keyframe& i = keyframes[static_cast<std::size_t>(to.value)];
   LoopClosure closure{.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::too_few_inliers};
   if (!i.cloud) return closure;
-  const auto submap = submaps_.get(keyframes, from, executor);
-  const AlignResult result = registration_.align(scan_of(i), *submap, guess, executor);
-  closure.T_from_to = result.T_target_source;
-  closure.verdict = options_.gate.judge(result, guess);
-  if (closure.verdict == ClosureVerdict::accepted && !fits(scan_of(i), *submap, result.T_target_source))
+  const PlacedSubmap at = submaps_.get(keyframes, from, executor);
+  const SE3d guess_in_submap = at.T_keyframe_submap.inverse() * guess;
+  const AlignResult result = registration_.align(scan_of(i), *at.submap, guess_in_submap, executor);
+  closure.T_from_to = at.T_keyframe_submap * result.T_target_source;
+  closure.verdict = options_.gate.judge(result, guess_in_submap);
+  if (closure.verdict == ClosureVerdict::accepted && !fits(scan_of(i), *at.submap, result.T_target_source))
     closure.verdict = ClosureVerdict::high_residual;
   closure.mean_squared_error = result.mean_squared_error;
   closure.inlier_ratio = result.inlier_ratio;

@@ -1,15 +1,16 @@
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
-#include <list>
 #include <memory>
 #include <optional>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/lru_cache.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/normals.hpp"
@@ -20,126 +21,188 @@
 
 namespace chainslam {
 
-/// The surroundings of a keyframe as a registration target: points with normals and their search, body frame.
+/// The surroundings of a keyframe as a registration target: points with normals and their search.
 using Submap = IndexedCloud<>;
 
 struct SubmapOptions {
-  Index radius = 20;                               ///< keyframes on each side of the centre (n of the paper)
-  double voxel_size = 0.4;                         ///< metres
-  Index normal_neighbors = 12;                     ///< points that a normal is fitted to
-  double normal_radius = 2.0;                      ///< metres, their largest distance
-  std::size_t max_bytes = std::size_t{512} << 20;  ///< of all submaps kept; the least recently used go first
+  Index radius = 20;            ///< keyframes on each side of the centre at least (n of the paper)
+  double max_length = 100;      ///< metres along the path to the first keyframe that is too far; 0: any (the paper)
+  Index fragment = 5;           ///< consecutive keyframes that share a submap and are moved as one; 1: each has its own
+  double voxel_size = 0.4;      ///< metres
+  Index normal_neighbors = 12;  ///< points that a normal is fitted to
+  double normal_radius = 2.0;   ///< metres, their largest distance
+  std::size_t max_bytes = std::size_t{512} << 20;  ///< of all that is kept; the least recently used go first
 };
 
-/// Makes submaps and keeps those used last.
-///
-/// A submap stays good while the poses of its keyframes relative to the centre stay where they were, to within a
-/// twentieth of a voxel; a correction of the graph that moves them all alike costs nothing.
-class SubmapCache {
- public:
-  explicit SubmapCache(const SubmapOptions& options = {}) : options_(options) {}
+/// A submap and where it lies.
+struct PlacedSubmap {
+  std::shared_ptr<const Submap> submap;  ///< stays alive as long as somebody holds it
+  SE3d T_keyframe_submap{};              ///< of the keyframe that it was asked for
+};
 
-  [[nodiscard]] const SubmapOptions& options() const { return options_; }
+/// Keyframes of one session whose poses relative to one of them were such and such.
+struct RigidRange {
+  KeyframeId center{};
+  SubmapRange range{};
+  std::vector<SE3d> T_center_keyframe{};
 
-  /// The submap around `center`, from the cache or made now. It stays alive as long as the caller holds it.
-  /// @param keyframes  all keyframes of the map; ids are positions.
-  template <Executor E = Serial>
-  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const Submap> get(std::span<const Keyframe> keyframes, KeyframeId center,
-                                                                const E& executor = {});
+  [[gnu::cold]] RigidRange(std::span<const Keyframe> keyframes, KeyframeId middle, SubmapRange around)
+      : center(middle), range(around), T_center_keyframe(relative_poses(keyframes, middle, around)) {}
 
-  /// `surface_noise` of a submap that `get` gave, measured once for as long as it is kept.
-  [[nodiscard]] double surface_noise(const Submap& submap) {
-    const auto known = std::find_if(entries_.begin(), entries_.end(),
-                                    [&](const Entry& entry) { return entry.submap.get() == &submap; });
-    if (known == entries_.end()) return chainslam::surface_noise(submap);
-    if (!known->surface_noise) known->surface_noise = chainslam::surface_noise(submap);
-    return *known->surface_noise;
-  }
-
-  [[nodiscard]] std::size_t bytes() const { return bytes_; }  ///< of all submaps kept, about
-  [[nodiscard]] std::size_t size() const { return entries_.size(); }
-  [[nodiscard]] std::size_t built() const { return built_; }  ///< submaps made so far
-
- private:
-  struct Entry {
-    KeyframeId center;
-    SubmapRange range;
-    std::vector<SE3d> T_center_keyframe;
-    std::shared_ptr<const Submap> submap;
-    std::size_t bytes = 0;
-    std::optional<double> surface_noise{};
-  };
-  using Entries = std::list<Entry>;
-
-  [[nodiscard]] [[gnu::cold]] static std::vector<SE3d> relative_poses(std::span<const Keyframe> keyframes,
-                                                                      KeyframeId center, SubmapRange range) {
-    const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
-    std::vector<SE3d> poses;
-    for (Index i = range.begin; i < range.end; ++i) {
-      const SE3d T_center_keyframe = T_center_map * keyframes[static_cast<std::size_t>(i)].T_map_body;
-      poses.push_back(T_center_keyframe);
-    }
-    return poses;
-  }
-
-  [[nodiscard]] [[gnu::cold]] bool still_good(const Entry& entry, std::span<const Keyframe> keyframes,
-                                              SubmapRange range) const {
-    if (!(entry.range == range)) return false;
-    const double shift = options_.voxel_size / 20;
+  /// Whether the same keyframes still lie where they did, to within `shift` metres.
+  [[nodiscard]] [[gnu::cold]] bool holds(std::span<const Keyframe> keyframes, KeyframeId middle, SubmapRange around,
+                                         double shift) const {
+    if (middle != center || !(around == range)) return false;
     constexpr double lever = 20;  // metres at which a turned scan has moved as far as a shifted one
-    const std::vector<SE3d> now = relative_poses(keyframes, entry.center, range);
+    const std::vector<SE3d> now = relative_poses(keyframes, center, range);
     for (std::size_t i = 0; i < now.size(); ++i) {
-      const Vector6d moved = entry.T_center_keyframe[i].local(now[i]);
+      const Vector6d moved = T_center_keyframe[i].local(now[i]);
       if (block_of<3, 1>(moved, 0, 0).norm() + lever * block_of<3, 1>(moved, 3, 0).norm() > shift) return false;
     }
     return true;
   }
 
-  template <Executor E>
-  [[nodiscard]] [[gnu::cold]] Entry build(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
-                                          const E& executor) const;
+ private:
+  [[nodiscard]] [[gnu::cold]] static std::vector<SE3d> relative_poses(std::span<const Keyframe> keyframes,
+                                                                      KeyframeId center, SubmapRange range) {
+    const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
+    std::vector<SE3d> poses;
+    for (Index i = range.begin; i < range.end; ++i)
+      poses.push_back(T_center_map * keyframes[static_cast<std::size_t>(i)].T_map_body);
+    return poses;
+  }
+};
 
-  [[gnu::cold]] void erase(Entries::iterator entry) {
-    bytes_ -= entry->bytes;
-    entries_.erase(entry);
+/// Makes submaps and keeps those used last.
+///
+/// A session is cut into fragments of some consecutive keyframes. Their scans are put together and given normals once;
+/// a submap is made of the fragments around one, and serves all keyframes of that. Both stay good while the poses of
+/// their keyframes relative to the middle one stay where they were, to within a twentieth of a voxel; a correction of
+/// the graph that moves them all alike costs nothing, one that bends a session moves fragments.
+class SubmapCache {
+ public:
+  explicit SubmapCache(const SubmapOptions& options = {})
+      : options_(options), submaps_(options.max_bytes / 2), fragments_(options.max_bytes / 2) {}
+
+  [[nodiscard]] const SubmapOptions& options() const { return options_; }
+
+  /// The submap around keyframe `id`, from the cache or made now.
+  /// @param keyframes  all keyframes of the map; ids are positions.
+  template <Executor E = Serial>
+  [[nodiscard]] [[gnu::cold]] PlacedSubmap get(std::span<const Keyframe> keyframes, KeyframeId id,
+                                               const E& executor = {});
+
+  /// `surface_noise` of a submap that `get` gave, measured once for as long as it is kept.
+  [[nodiscard]] double surface_noise(const Submap& submap) {
+    Kept* known = submaps_.find_if([&](const Kept& kept) { return kept.submap.get() == &submap; });
+    if (known == nullptr) return chainslam::surface_noise(submap);
+    if (!known->surface_noise) known->surface_noise = chainslam::surface_noise(submap);
+    return *known->surface_noise;
   }
 
+  [[nodiscard]] std::size_t bytes() const { return submaps_.bytes() + fragments_.bytes(); }  ///< kept, about
+  [[nodiscard]] std::size_t size() const { return submaps_.size(); }                         ///< submaps kept
+  [[nodiscard]] std::size_t built() const { return built_; }                                 ///< submaps made so far
+  [[nodiscard]] std::size_t fragments_built() const { return fragments_built_; }
+
+ private:
+  struct Kept {
+    RigidRange at;
+    std::shared_ptr<const Submap> submap;
+    std::optional<double> surface_noise{};
+  };
+  struct Fragment {
+    RigidRange at;
+    PointCloud<float> points;  // body frame of `at.center`, with normals
+  };
+
+  [[nodiscard]] double allowed_shift() const { return options_.voxel_size / 20; }
+
+  /// The fragment that a keyframe belongs to: those of the same session whose numbers have the same quotient.
+  [[nodiscard]] [[gnu::cold]] SubmapRange fragment_of(std::span<const Keyframe> keyframes, Index keyframe) const {
+    const Index size = std::max(options_.fragment, Index{1});
+    const auto session = [&](Index i) { return keyframes[static_cast<std::size_t>(i)].session; };
+    SubmapRange range{keyframe / size * size, std::min(keyframe / size * size + size, to_index(keyframes.size()))};
+    while (session(range.begin) != session(keyframe)) ++range.begin;
+    while (session(range.end - 1) != session(keyframe)) --range.end;
+    return range;
+  }
+  [[nodiscard]] static KeyframeId middle_of(SubmapRange range) { return KeyframeId{(range.begin + range.end) / 2}; }
+
+  /// Of scans put together by the poses as they are, with normals; in the body frame of `center`.
+  template <Executor E>
+  [[nodiscard]] [[gnu::cold]] PointCloud<float> oriented(std::span<const Keyframe> keyframes, KeyframeId center,
+                                                         SubmapRange range, const E& executor) const {
+    PointCloud<float> points = assemble_submap(keyframes, center, range, options_.voxel_size);
+    estimate_normals(points, NormalOptions{.neighbors = options_.normal_neighbors, .radius = options_.normal_radius},
+                     Eigen::Vector3d::Zero(), executor);
+    return points;
+  }
+
+  template <Executor E>
+  [[nodiscard]] [[gnu::cold]] const Fragment& fragment(std::span<const Keyframe> keyframes, SubmapRange range,
+                                                       const E& executor);
+
+  /// The fragments of `range`, in the body frame of `center`.
+  template <Executor E>
+  [[nodiscard]] [[gnu::cold]] PointCloud<float> joined(std::span<const Keyframe> keyframes, KeyframeId center,
+                                                       SubmapRange range, const E& executor);
+
   SubmapOptions options_;
-  Entries entries_;  // the most recently used first
-  std::size_t bytes_ = 0;
+  LruCache<KeyframeId, Kept> submaps_;        // by the middle keyframe
+  LruCache<KeyframeId, Fragment> fragments_;  // by the first
   std::size_t built_ = 0;
+  std::size_t fragments_built_ = 0;
 };
 
 template <Executor E>
-std::shared_ptr<const Submap> SubmapCache::get(std::span<const Keyframe> keyframes, KeyframeId center,
-                                               const E& executor) {
-  const SubmapRange range = submap_range(keyframes, center, options_.radius);
-  auto known = entries_.begin();  // some hundred at the most: a search of nanoseconds
-  while (known != entries_.end() && known->center != center) ++known;
-  if (known != entries_.end()) {
-    if (still_good(*known, keyframes, range)) {
-      entries_.splice(entries_.begin(), entries_, known);
-      return entries_.front().submap;
-    }
-    erase(known);
+PlacedSubmap SubmapCache::get(std::span<const Keyframe> keyframes, KeyframeId id, const E& executor) {
+  const KeyframeId center = middle_of(fragment_of(keyframes, id.value));
+  const auto pose = [&](KeyframeId i) -> const SE3d& {
+    return keyframes[static_cast<std::size_t>(i.value)].T_map_body;
+  };
+  const SE3d T_keyframe_submap = pose(id).inverse() * pose(center);
+  SubmapRange range = submap_range(keyframes, center, options_.radius, options_.max_length);
+  range = {fragment_of(keyframes, range.begin).begin, fragment_of(keyframes, range.end - 1).end};
+  if (const Kept* known = submaps_.find(center)) {
+    if (known->at.holds(keyframes, center, range, allowed_shift())) return {known->submap, T_keyframe_submap};
+    submaps_.erase(center);
   }
   ++built_;
-  entries_.push_front(build(keyframes, center, range, executor));
-  bytes_ += entries_.front().bytes;
-  while (bytes_ > options_.max_bytes && entries_.size() > 1) erase(std::prev(entries_.end()));
-  return entries_.front().submap;
+  auto submap = std::make_shared<const Submap>(options_.fragment > 1 ? joined(keyframes, center, range, executor)
+                                                                     : oriented(keyframes, center, range, executor));
+  // Positions and normals, and as much again for the tree's own columns and links.
+  const std::size_t bytes = submap->cloud().size() * 4 * sizeof(Eigen::Vector3f);
+  submaps_.insert(center, {RigidRange(keyframes, center, range), submap}, bytes);
+  return {std::move(submap), T_keyframe_submap};
 }
 
 template <Executor E>
-SubmapCache::Entry SubmapCache::build(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
-                                      const E& executor) const {
-  PointCloud<float> points = assemble_submap(keyframes, center, range, options_.voxel_size);
-  estimate_normals(points, NormalOptions{.neighbors = options_.normal_neighbors, .radius = options_.normal_radius},
-                   Eigen::Vector3d::Zero(), executor);
-  // Positions and normals, and as much again for the tree's own columns and links.
-  const std::size_t bytes = points.size() * 4 * sizeof(Eigen::Vector3f);
-  return {center, range, relative_poses(keyframes, center, range), std::make_shared<const Submap>(std::move(points)),
-          bytes};
+const SubmapCache::Fragment& SubmapCache::fragment(std::span<const Keyframe> keyframes, SubmapRange range,
+                                                   const E& executor) {
+  const KeyframeId first{range.begin}, center = middle_of(range);
+  if (const Fragment* known = fragments_.find(first)) {
+    if (known->at.holds(keyframes, center, range, allowed_shift())) return *known;
+    fragments_.erase(first);
+  }
+  ++fragments_built_;
+  PointCloud<float> points = oriented(keyframes, center, range, executor);
+  const std::size_t bytes = points.size() * 2 * sizeof(Eigen::Vector3f);
+  return fragments_.insert(first, {RigidRange(keyframes, center, range), std::move(points)}, bytes);
+}
+
+template <Executor E>
+PointCloud<float> SubmapCache::joined(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
+                                      const E& executor) {
+  const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
+  PointCloud<float> points;
+  for (Index begin = range.begin; begin < range.end;) {
+    const Fragment& part = fragment(keyframes, fragment_of(keyframes, begin), executor);
+    const SE3d T_center_part = T_center_map * keyframes[static_cast<std::size_t>(part.at.center.value)].T_map_body;
+    append_seen_from_origin(points, transformed(part.points, T_center_part));
+    begin = part.at.range.end;
+  }
+  return voxel_downsample(points, options_.voxel_size);
 }
 
 }  // namespace chainslam
