@@ -71,6 +71,8 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
         "closures.scan_voxel",
         "closures.voxel_size",
         "closures.submap_radius",
+        "closures.submap_length",
+        "closures.submap_fragment",
     ),
     "gates": (
         "closures.take_iteration_limit",
@@ -89,6 +91,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
         "closures.max_candidates",
         "closures.heading_weight",
         "closures.min_interval",
+        "closures.max_alignments",
         "closures.before_merge",
     ),
     "search-spacing": ("closures.min_travel", "closures.min_period"),

@@ -58,11 +58,28 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
   configuration.add(
       "closures.min_period", parts.closures.min_period,
       {.unit = "s", .min = 0, .max = 1e6, .help = "Time of the data between two searches. 0: the way alone decides."});
+  configuration.add(
+      "closures.max_alignments", parts.back_end.max_alignments,
+      {.min = 0,
+       .max = 1000000,
+       .help = "Alignments after which the searches along a merged or corrected session wait for the next "
+               "keyframe. 0: all are made at once."});
   configuration.add("closures.before_merge", parts.back_end.close_before_merge,
                     {.help = "Whether a session that follows others closes loops before it is joined to one of them."});
   configuration.add(
       "closures.submap_radius", parts.closures.submap.radius,
       {.min = 0, .max = 1000, .help = "Keyframes on each side of the candidate that make up its submap."});
+  configuration.add("closures.submap_length", parts.closures.submap.max_length,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1e6,
+                     .help = "Path on each side of the candidate that its submap reaches at most. 0: as many keyframes "
+                             "as stated."});
+  configuration.add("closures.submap_fragment", parts.closures.submap.fragment,
+                    {.min = 1,
+                     .max = 1000,
+                     .help = "Consecutive keyframes whose scans are put together once, and which share a submap. 1: "
+                             "each has its own."});
   configuration.add("closures.voxel_size", parts.closures.submap.voxel_size,
                     {.unit = "m", .min = 0.02, .max = 10, .help = "Edge of a submap's voxels."});
   configuration.add("closures.scan_voxel", parts.closures.scan_voxel,

@@ -366,6 +366,47 @@ TEST_SUITE("slam: several sessions") {
     for (std::size_t i = 1; i < some.size(); ++i) CHECK(some[i] - some[i - 1] >= 5);
   }
 
+  TEST_CASE("what a merge gives to do is spread over the keyframes that follow, and at the end all is done") {
+    struct Run {
+      std::vector<Index> alignments;  ///< that each keyframe of the second session caused, and the end
+      std::vector<Index> rechecked;   ///< keyframes closed because of the merge
+      double error = 0;
+    };
+    const auto run = [](Index found_at, Index max_alignments) {
+      DrivesRoundTheBlock drives(2);
+      drives.place(per_session + found_at, found_at + 12);
+      auto back_end = scripted_back_end(drives, {.min_travel = 0, .confirmations = 1},
+                                        {.recheck_travel = 0, .max_alignments = max_alignments});
+      drives.drive(back_end, 0);
+      back_end.begin_session("b");
+      Run result;
+      const auto count_from = [&](Index before) { result.alignments.push_back(back_end.counts().alignments - before); };
+      for (Index i = 0; i < per_session; ++i) {
+        const Index before = back_end.counts().alignments;
+        back_end.add(keyframe_at(i, drives.odometry[static_cast<std::size_t>(per_session + i)]));
+        count_from(before);
+      }
+      const Index before = back_end.counts().alignments;
+      const auto map = back_end.finish();
+      count_from(before);
+      for (const LoopClosure& closure : map->closures)
+        if (closure.kind == ClosureKind::direct && closure.cause >= 0) result.rechecked.push_back(closure.to.value);
+      result.error = inter_session_error(drives, *map, 0, 1);
+      return result;
+    };
+    const auto most_of_one = [](const Run& one) {
+      return *std::max_element(one.alignments.begin(), one.alignments.end() - 1);
+    };
+    const Run at_once = run(20, 0), spread = run(20, 4);
+    CHECK(most_of_one(at_once) > 15);
+    CHECK(most_of_one(spread) < 8);  // what is begun when the fourth is made is ended
+    CHECK(spread.rechecked == at_once.rechecked);
+    CHECK(spread.error < 0.1);
+    const Run late = run(36, 1);  // too few keyframes follow
+    CHECK(late.alignments.back() > 15);
+    CHECK(late.rechecked == run(36, 0).rechecked);
+  }
+
   TEST_CASE("without merging, sessions stay in frames of their own and close no loops with each other") {
     const DrivesRoundTheBlock drives(2);
     UnmergedBackEnd back_end({}, drives.closer());

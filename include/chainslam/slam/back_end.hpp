@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <concepts>
+#include <limits>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -19,6 +21,7 @@
 #include "chainslam/slam/map_graph.hpp"
 #include "chainslam/slam/map_merger.hpp"
 #include "chainslam/slam/position_index.hpp"
+#include "chainslam/slam/repeated_searches.hpp"
 
 namespace chainslam {
 
@@ -139,35 +142,33 @@ class BackEnd {
   template <Executor E>
   [[gnu::cold]] void merge(const std::vector<LoopClosure>& closures, const E& executor);
 
-  /// Direct and chained closures of the whole current session with those that have come into its frame.
+  /// Direct and chained closures of the current session with those that have come into its frame.
   template <Executor E>
-  [[gnu::cold]] void recheck(const detail::Table<char>& joined, Index cause, const E& executor);
+  [[gnu::cold]] void recheck(const E& executor);
+
+  /// Whether the keyframe at hand has caused as many alignments as it may.
+  [[nodiscard]] bool spent() const { return counts_.alignments >= alignments_end_; }
+  void allow(Index more) { alignments_end_ = more > 0 ? counts_.alignments + more : std::numeric_limits<Index>::max(); }
+  /// Does all that was put off.
+  [[gnu::cold]] void catch_up() {
+    allow(0);
+    if (!in_session_) return;
+    recheck(Serial{});
+    search_moved(Serial{});
+  }
 
   /// Tries keyframes of the current session again that have been moved far since they were tried.
   template <Executor E>
   [[gnu::cold]] void search_moved(const E& executor) {
     if constexpr (requires { closer_.search(map().keyframes, positions_, KeyframeId{}, executor); }) {
       if (!(options_.search_again > 0) || !may_close()) return;
-      const Session current = session();
-      looked_from_.resize(current.keyframes);
-      double travelled = options_.recheck_travel;
-      for (Index k = 0; k < current.keyframes; ++k) {
-        const KeyframeId id{current.first_keyframe + k};
-        if (k > 0) travelled += step_length(id);
-        const Eigen::Vector3d now = keyframe(id).T_map_body.translation();
-        if (!((now - looked_from_[k]).norm() > options_.search_again)) continue;
-        looked_from_[k] = now;
-        if (travelled < options_.recheck_travel) continue;
-        travelled = 0;
-        if (take(closer_.search(map().keyframes, positions_, id, executor), -1, true, executor)) optimise();
+      moved_.begin_pass(options_.recheck_travel);
+      while (!spent()) {
+        const auto id = moved_.next(map().keyframes, session(), options_.search_again, options_.recheck_travel);
+        if (!id) return;
+        if (take(closer_.search(map().keyframes, positions_, *id, executor), -1, true, executor)) optimise();
       }
     }
-  }
-
-  /// Metres from the keyframe before, by odometry.
-  [[nodiscard]] double step_length(KeyframeId id) const {
-    const SE3d& before = keyframe(KeyframeId{id.value - 1}).T_odom_body;
-    return (before.inverse() * keyframe(id).T_odom_body).translation().norm();
   }
 
   [[gnu::cold]] void optimise();
@@ -182,15 +183,17 @@ class BackEnd {
   ClosureGraph closure_graph_;
   PositionIndex positions_;
   GnssInterpolator gnss_;
-  detail::Table<Eigen::Vector3d>
-      looked_from_;  ///< of each keyframe of the session, where it was when it was tried last
+  MovedKeyframes moved_;
+  std::vector<Recheck> rechecks_;  ///< of the current session, in their order
   bool in_session_ = false;
   BackEndCounts counts_;
+  Index alignments_end_ = 0;  ///< of `counts_`, what the keyframe at hand may bring them to
   Snapshot<SE3d> T_map_odom_;
 };
 
 template <class Closer, class Chainer, class Merger, class Outliers>
 void BackEnd<Closer, Chainer, Merger, Outliers>::load(const SlamMap& map) {
+  catch_up();
   const Index known = to_index(graph_.map().closures.size());
   withdraw();
   in_session_ = false;
@@ -201,8 +204,9 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::load(const SlamMap& map) {
 
 template <class Closer, class Chainer, class Merger, class Outliers>
 void BackEnd<Closer, Chainer, Merger, Outliers>::begin_session(std::string name) {
+  catch_up();
   withdraw();
-  looked_from_ = {};
+  moved_.begin_session();
   gnss_ = GnssInterpolator();  // the clocks of two drives have nothing in common
   graph_.begin_session(std::move(name));
   in_session_ = true;
@@ -223,15 +227,16 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, co
     begin_session({});
   }
   const KeyframeId id = graph_.append(std::move(keyframe));
-  const Keyframe& added = map().keyframes.back();
-  positions_.append(id, added.T_map_body.translation());
-  gnss_.add(id, added.time);
+  allow(options_.max_alignments);
+  positions_.append(id, map().keyframes.back().T_map_body.translation());
+  gnss_.add(id, map().keyframes.back().time);
   const bool found = may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor);
   // Where the last one failed, fixes do not make the next one better.
   if (found || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok())) optimise();
-  looked_from_.push_back(map().keyframes.back().T_map_body.translation());
-  search_moved(executor);
+  moved_.searched(map().keyframes.back());
   try_merge(id, executor);
+  recheck(executor);
+  search_moved(executor);
   publish_frame();
   return id;
 }
@@ -245,18 +250,19 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::add(const GnssFix& fix, const E
     located.push_back(id);
   });
   for (const KeyframeId id : located) try_merge(id, executor);
-  if (!located.empty()) publish_frame();
+  if (located.empty()) return;
+  recheck(executor);
+  publish_frame();
 }
 
 template <class Closer, class Chainer, class Merger, class Outliers>
 std::shared_ptr<const SlamMap> BackEnd<Closer, Chainer, Merger, Outliers>::finish() {
+  catch_up();
   withdraw();
   if (!map().closures.empty()) {
+    graph_.converge();
+    catch_up();
     counts_.end = graph_.converge();
-    if (in_session_) {
-      search_moved(Serial{});
-      counts_.end = graph_.converge();
-    }
     count_optimisation(counts_.end.ok());
   }
   publish_frame();
@@ -337,35 +343,26 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClo
   for (const LoopClosure& closure : closures)
     position = take(closure, options_.chain_merges && !closure.sqrt_information.isZero(0), executor);
   optimise();
-  recheck(joined, position, executor);
+  rechecks_.emplace_back(session(), std::move(joined), position);
+  moved_.moved_together(map().keyframes, session());
 }
 
 template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const detail::Table<char>& joined, Index cause,
-                                                         const E& executor) {
-  double travelled = options_.recheck_travel;
-  Index pause = 0;
-  const Session current = session();
-  PositionIndex others;
-  const auto index_others = [&] {
-    others.rebuild(map().keyframes, [&](const Keyframe& one) { return joined[one.session.value] != 0; });
-  };
-  index_others();
-  for (Index i = current.first_keyframe; i < current.end_keyframe(); ++i) {
-    if (i > current.first_keyframe) travelled += step_length(KeyframeId{i});
-    if (travelled < options_.recheck_travel) continue;
-    travelled = 0;
-    if (pause > 0) {
-      --pause;
-      continue;
+void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const E& executor) {
+  if constexpr (!std::same_as<Merger, NoMerging>) {
+    while (!rechecks_.empty() && !spent()) {
+      Recheck& one = rechecks_.front();
+      const std::optional<KeyframeId> id = one.next(map().keyframes, options_.recheck_travel);
+      if (!id) {
+        rechecks_.erase(rechecks_.begin());
+        continue;
+      }
+      auto tried = closer_.search(map().keyframes, one.others(map().keyframes), *id, executor);
+      if (!take(std::move(tried), one.cause(), options_.chain_in_recheck, executor)) continue;
+      one.pause(options_.recheck_pause);
+      optimise();
     }
-    if (!take(closer_.search(map().keyframes, others, KeyframeId{i}, executor), cause, options_.chain_in_recheck,
-              executor))
-      continue;
-    pause = options_.recheck_pause;
-    optimise();
-    index_others();
   }
 }
 

@@ -13,6 +13,9 @@ struct BackEndOptions {
   Index fixes_at_once = 10;  ///< GNSS fixes that wait before they make an optimisation of their own
   /// Metres that a keyframe of the current session is moved by before it is tried again: its neighbours are others now.
   double search_again = 3.0;
+  /// Scans that a keyframe aligns, until what is left to search again waits for the next one; 0: any number (the
+  /// paper).
+  Index max_alignments = 4;
   Index recheck_pause = 0;       ///< keyframes that are passed over after one that was found (released: 4)
   bool chain_in_recheck = true;  ///< the released code does not
   bool chain_merges = false;     ///< whether what joins two frames is chained, as direct closures are
