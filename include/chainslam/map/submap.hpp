@@ -70,13 +70,29 @@ struct SubmapRange {
   return voxel_downsample(points, voxel_size);
 }
 
-/// Adds `more` to `points`, normals on the side that is seen from the origin.
-inline void append_seen_from_origin(PointCloud<float>& points, const PointCloud<float>& more) {
-  points.positions.insert(points.positions.end(), more.positions.begin(), more.positions.end());
-  for (std::size_t i = 0; i < more.normals.size(); ++i) {
-    const Eigen::Vector3f &n = more.normals[i], &p = more.positions[i];
-    const bool away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2] > 0;
-    points.normals.emplace_back(away ? -n[0] : n[0], away ? -n[1] : n[1], away ? -n[2] : n[2]);
+/// Adds `more`, seen from frame a, to `points`; normals on the side that is seen from a's origin.
+[[gnu::noinline]] inline void append_seen_from(const SE3d& T_a_b, const PointCloud<float>& more,
+                                               PointCloud<float>& points) {
+  const Eigen::Matrix3d R = T_a_b.rotation().matrix();
+  const Eigen::Vector3d& t = T_a_b.translation();
+  const std::size_t before = points.size();
+  points.positions.resize(before + more.size());
+  points.normals.resize(before + more.size());
+  for (std::size_t i = 0; i < more.size(); ++i) {
+    double p[3], n[3], away = 0;
+    for (int k = 0; k < 3; ++k) {
+      p[k] = t[k];
+      n[k] = 0;
+      for (int l = 0; l < 3; ++l) {
+        p[k] += R(k, l) * static_cast<double>(more.positions[i][l]);
+        n[k] += R(k, l) * static_cast<double>(more.normals[i][l]);
+      }
+      away += n[k] * p[k];
+    }
+    for (int k = 0; k < 3; ++k) {
+      points.positions[before + i][k] = static_cast<float>(p[k]);
+      points.normals[before + i][k] = static_cast<float>(away > 0 ? -n[k] : n[k]);
+    }
   }
 }
 

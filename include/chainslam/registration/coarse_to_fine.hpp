@@ -3,9 +3,11 @@
 #include <stdexcept>
 #include <vector>
 
-#include "chainslam/cloud/select.hpp"
+#include "chainslam/cloud/columns.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/deadline.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/registration/icp.hpp"
 
 namespace chainslam {
@@ -27,12 +29,16 @@ struct CoarseToFine {
 
 namespace detail {
 
-/// One of `every` points.
+/// One of `every` points, with its normal.
 template <Cloud Points>
-[[nodiscard]] PointCloud<float> thinned(const Points& cloud, Index every) {
-  std::vector<Index> chosen;
-  for (Index i = 0; i < static_cast<Index>(cloud_size(cloud)); i += every) chosen.push_back(i);
-  return select<float>(cloud, chosen);
+[[nodiscard]] PointCloud<float> thinned(const Points& cloud, std::size_t every) {
+  PointCloud<float> some;
+  for (std::size_t i = 0; i < cloud_size(cloud); i += every)
+    some.positions.push_back(converted<float>(position(cloud, i)));
+  if (carries_normals(cloud))
+    for (std::size_t i = 0; i < cloud_size(cloud); i += every)
+      some.normals.push_back(converted<float>(normal(cloud, i)));
+  return some;
 }
 
 }  // namespace detail
@@ -41,7 +47,7 @@ template <class Coarse, class Fine>
 template <Cloud Source, AlignTarget Target, Executor Exec>
 AlignResult CoarseToFine<Coarse, Fine>::align(const Source& source, const Target& target, const SE3d& guess,
                                               const Exec& executor, const Deadline& deadline) const {
-  const auto every = coarse_points > 0 ? static_cast<Index>(cloud_size(source)) / coarse_points : Index{1};
+  const std::size_t every = coarse_points > 0 ? cloud_size(source) / static_cast<std::size_t>(coarse_points) : 1;
   const AlignResult first = every > 1 ? coarse.align(detail::thinned(source, every), target, guess, executor, deadline)
                                       : coarse.align(source, target, guess, executor, deadline);
   if (first.status == AlignStatus::no_overlap || first.status == AlignStatus::too_few_points ||

@@ -7,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/lru_cache.hpp"
@@ -199,7 +198,7 @@ PointCloud<float> SubmapCache::joined(std::span<const Keyframe> keyframes, Keyfr
   for (Index begin = range.begin; begin < range.end;) {
     const Fragment& part = fragment(keyframes, fragment_of(keyframes, begin), executor);
     const SE3d T_center_part = T_center_map * keyframes[static_cast<std::size_t>(part.at.center.value)].T_map_body;
-    append_seen_from_origin(points, transformed(part.points, T_center_part));
+    append_seen_from(T_center_part, part.points, points);
     begin = part.at.range.end;
   }
   return voxel_downsample(points, options_.voxel_size);
