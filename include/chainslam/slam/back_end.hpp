@@ -327,7 +327,8 @@ template <Executor E>
 void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClosure>& closures, const E& executor) {
   const LoopClosure& newest = closures.back();
   if constexpr (requires { merger_.contradicted(map()); })
-    if (graph_.frame(keyframe(newest.from)) == graph_.frame(keyframe(newest.to))) part(merger_.contradicted(map()).all());
+    if (graph_.frame(keyframe(newest.from)) == graph_.frame(keyframe(newest.to)))
+      part(merger_.contradicted(map()).all());
   const SessionId there = graph_.frame(keyframe(newest.from));
   detail::Table<char> joined;  // of each session, whether it is
   for (const Session& session : map().sessions) joined.push_back(session.frame == there ? 1 : 0);

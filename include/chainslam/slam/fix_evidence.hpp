@@ -23,9 +23,9 @@ enum class FixVerdict {
 };
 
 struct FixEvidenceOptions {
-  double apart = 10.0;     ///< metres that fixes of two sessions may differ by; 0: they are not asked
+  double apart = 10.0;         ///< metres that fixes of two sessions may differ by; 0: they are not asked
   double contradiction = 2.0;  ///< times as much, in the median, contradicts
-  Index least_fixes = 10;  ///< of each part
+  Index least_fixes = 10;      ///< of each part
   double least_spread = 15.0;  ///< metres (rms) along its main direction
   double max_sigma = 20.0;     ///< metres: fixes that state more are not used
 };
@@ -145,13 +145,13 @@ class FixEvidence {
   }
 
   /// Median over `seen` of how far its fixes are from where `known` puts them, by what is allowed: as much again for
-  /// each spread of `known` that a position lies away from its middle, since fixes turn it.
+  /// each spread of `known` that a fix lies away from its middle, since fixes turn it.
   [[nodiscard]] [[gnu::cold]] double discrepancy(const Part& known, double spread_known, const Part& seen) const {
     const OnGround ground = fit(known);
     const Eigen::Vector3d center = middle(known, &FixedPosition::position);
     detail::Table<Ranked> off;
     for (const FixedPosition& fix : seen) {
-      const double away = std::hypot(fix.position.x() - center.x(), fix.position.y() - center.y());
+      const double away = ground.off({center, fix.ecef});
       off.push_back({ground.off(fix) / (options_.apart * (1 + away / spread_known)), 0});
     }
     return median(off);
@@ -175,8 +175,9 @@ class FixEvidence {
     if (a == b || closure.verdict != ClosureVerdict::accepted) continue;
     char& answer = asked[static_cast<Offset>(a.value) * sessions + b.value];
     if (answer == 0)
-      answer = evidence(map, [&](const Session& one) { return one.id == a; },
-                        [&](const Session& one) { return one.id == b; }, SE3d()) == FixVerdict::contradict
+      answer = evidence(
+                   map, [&](const Session& one) { return one.id == a; },
+                   [&](const Session& one) { return one.id == b; }, SE3d()) == FixVerdict::contradict
                    ? 2
                    : 1;
     if (answer == 2) found.push_back(i);

@@ -76,8 +76,7 @@ inline void unite(Table<Index>& groups, Index a, Index b) {
   for (const Index position : positions)
     map.closures[static_cast<std::size_t>(position)].verdict = ClosureVerdict::reverted;
   for (LoopClosure& closure : map.closures)  // what a closure led to comes after it
-    if (closure.cause >= 0 &&
-        map.closures[static_cast<std::size_t>(closure.cause)].verdict == ClosureVerdict::reverted)
+    if (closure.cause >= 0 && map.closures[static_cast<std::size_t>(closure.cause)].verdict == ClosureVerdict::reverted)
       closure.verdict = ClosureVerdict::reverted;
 }
 

@@ -87,11 +87,12 @@ class MapGraph {
   /// as it is linearised. They keep priors at the aligned poses, or none.
   [[gnu::cold]] void join(SessionId frame, SessionId joined, const SE3d& T_frame_joined);
 
-  /// Joins the frames of a closure's keyframes where it puts them, the later one to the earlier. One frame stays as it is.
+  /// Joins the frames of a closure's keyframes where it puts them, the later one to the earlier. One frame stays as it
+  /// is.
   [[gnu::cold]] void join(const LoopClosure& closure);
 
-  /// Takes closures back, by their positions, with all that they led to, and parts frames that no accepted closure holds
-  /// together any more: what leaves a frame goes back to where odometry has it. Poses are to be optimised then.
+  /// Takes closures back, by their positions, with all that they led to, and parts frames that no accepted closure
+  /// holds together any more: what leaves a frame goes back to where odometry has it. Poses are to be optimised then.
   /// @returns whether anything changed.
   [[gnu::cold]] bool part(std::span<const Index> withdrawn = {});
 
