@@ -326,12 +326,11 @@ template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
 void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClosure>& closures, const E& executor) {
   const LoopClosure& newest = closures.back();
+  const auto frame = [&](KeyframeId id) { return graph_.frame(keyframe(id)); };
   if constexpr (requires { merger_.contradicted(map()); })
-    if (graph_.frame(keyframe(newest.from)) == graph_.frame(keyframe(newest.to)))
-      part(merger_.contradicted(map()).all());
-  const SessionId there = graph_.frame(keyframe(newest.from));
+    if (frame(newest.from) == frame(newest.to)) part(merger_.contradicted(map()).all());
   detail::Table<char> joined;  // of each session, whether it is
-  for (const Session& session : map().sessions) joined.push_back(session.frame == there ? 1 : 0);
+  for (const Session& session : map().sessions) joined.push_back(session.frame == frame(newest.from) ? 1 : 0);
   graph_.join(newest);
   ++counts_.merges;
   Index position = -1;
