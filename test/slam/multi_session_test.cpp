@@ -180,8 +180,8 @@ TEST_SUITE("slam: several sessions") {
     DrivesRoundTheBlock drives(2);
     drives.place(per_session + 5, 17, SE3d(SO3d(), {1, 0, 0}));
     auto back_end = scripted_back_end(drives, {.min_travel = 0});
-    drives.drive(back_end, 0);
-    drives.drive(back_end, 1);
+    drives.drive(back_end, 0, false);
+    drives.drive(back_end, 1, false);
     CHECK(back_end.map().refusals.empty());
     const auto map = back_end.finish();
     CHECK(frames(*map) == std::vector<Index>{0, 1});
