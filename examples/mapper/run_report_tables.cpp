@@ -115,8 +115,8 @@ void add_join_table(const SlamMap& map, support::ReportData& data) {
   const auto name = [&](SessionId id) { return data.sessions[static_cast<std::size_t>(id.value)].name; };
   for (const support::SessionJoin& join : support::session_joins(map)) {
     const std::string doubts = support::doubts_of(join);
-    table.rows.push_back({name(join.first) + ", " + name(join.second), support::evidence_of(join),
-                          doubts.empty() ? "–" : doubts});
+    table.rows.push_back(
+        {name(join.first) + ", " + name(join.second), support::evidence_of(join), doubts.empty() ? "–" : doubts});
   }
   if (!table.rows.empty()) data.tables.push_back(std::move(table));
 }

@@ -9,8 +9,8 @@ namespace chainslam::support {
 
 /// What connects two sessions, and what was tried to: read off a map's closures and refusals.
 struct SessionJoin {
-  SessionId first{}, second{};  ///< in this order
-  Index places = 0;             ///< at which they were found to meet: merge closures that count
+  SessionId first{}, second{};    ///< in this order
+  Index places = 0;               ///< at which they were found to meet: merge closures that count
   Index direct = 0, chained = 0;  ///< other closures between them that count
   Index rejected = 0;             ///< closures that contradict the map
   Index reverted_places = 0;      ///< of merges that were taken back,
