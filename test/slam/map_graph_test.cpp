@@ -121,6 +121,27 @@ TEST_SUITE("slam/map_graph") {
     CHECK(graph.smoother().count<Map::ClosureFactor>() == to_index(after.closures.size()));
   }
 
+  TEST_CASE("a closure joins the frames of its keyframes where it puts them, whichever of them is the earlier one") {
+    for_all(20, [](Rng& rng, int size) {
+      RandomSessions sessions(rng, 3, 6);
+      const bool forward = size % 2 == 0;
+      LoopClosure closure{.from = {forward ? 2 : 13}, .to = {forward ? 13 : 2}, .T_from_to = random_motion(rng, 50, 3)};
+      const SlamMap before = sessions.graph.map();
+      sessions.graph.join(closure);
+      const SlamMap& map = sessions.graph.map();
+      CHECK(map.sessions[2].frame == SessionId{0});
+      CHECK(map.sessions[1].frame == SessionId{1});
+      const auto pose = [&](KeyframeId id) { return map.keyframes[static_cast<std::size_t>(id.value)].T_map_body; };
+      CHECK((pose(closure.from).inverse() * pose(closure.to)).local(closure.T_from_to).norm() < 1e-9);
+      for (Index i = 0; i < 12; ++i)  // the earlier frame stays, and the one that has nothing to do with it
+        CHECK(map.keyframes[static_cast<std::size_t>(i)].T_map_body ==
+              before.keyframes[static_cast<std::size_t>(i)].T_map_body);
+      sessions.graph.join(closure);  // they are one now
+      CHECK(farthest_apart(map, sessions.graph.map()) == 0);
+      CHECK((pose(closure.from).inverse() * pose(closure.to)).local(closure.T_from_to).norm() < 1e-9);
+    });
+  }
+
   TEST_CASE("as in the paper, a joined session can be held where it was aligned") {
     Rng rng(3);
     MapGraphOptions options = to_the_end;

@@ -240,6 +240,34 @@ TEST_SUITE("slam: merges that are reverted") {
     check_together(drives, *map);
   }
 
+  TEST_CASE("sessions whose frames lie far from each other and are turned are joined in one step, to where they were") {
+    for (const double turn : {0.5, 1.6, 3.0}) {
+      DrivesRoundTheBlock drives(2);
+      const SE3d T_odom_odom(SO3d::exp({0, 0, turn}), {400, -300, 5});
+      for (Index i = per_session; i < 2 * per_session; ++i) {
+        SE3d& pose = drives.odometry[static_cast<std::size_t>(i)];
+        pose = T_odom_odom * pose;
+      }
+      auto back_end = misled_back_end(drives, {});
+      drives.drive(back_end, 0);
+      back_end.begin_session("b");
+      for (Index i = 0; back_end.counts().merges == 0 && i < per_session; ++i) {
+        const auto at = static_cast<std::size_t>(per_session + i);
+        back_end.add(test::keyframe_at(i, drives.odometry[at]));
+        back_end.add(test::fix_at(Timestamp::from_seconds(i), drives.truth[at].translation()));
+      }
+      REQUIRE(back_end.counts().merges == 1);
+      CHECK(back_end.counts().failed_optimisations == 0);
+      const SlamMap& map = back_end.map();
+      const SE3d T_world_map = drives.truth[0] * map.keyframes[0].T_map_body.inverse();
+      for (const Keyframe& one : map.keyframes)  // half a metre of drift, but no turn
+        CHECK(test::translation_error(drives.truth[static_cast<std::size_t>(one.id.value)],
+                                      T_world_map * one.T_map_body) < 1.5);
+      // Nothing had to be pulled: what closes along the joined session agrees with where it was put.
+      for (const LoopClosure& closure : map.closures) CHECK(closure.verdict == ClosureVerdict::accepted);
+    }
+  }
+
   TEST_CASE("two maps are joined by a session that is in both by turns: what speaks for one does not undo the other") {
     DrivesRoundTheBlock drives(3);
     BackEnd<TruthCloser, ChainedCloser, NoMerging> a({}, drives.closer()), b({}, drives.closer());
