@@ -87,13 +87,16 @@ class FixEvidence {
   [[gnu::cold]] static void flatten(Part& a, Part& b) {
     const Eigen::Vector3d base = middle(a, &FixedPosition::ecef);
     const double around = std::hypot(base.x(), base.y()), length = std::hypot(around, base.z());
-    const Eigen::Vector3d east(-base.y() / around, base.x() / around, 0);
-    const Eigen::Vector3d up(base.x() / length, base.y() / length, base.z() / length);
-    const Eigen::Vector3d north = up.cross(east);
+    const double east[3] = {-base.y() / around, base.x() / around, 0};
+    const double up[3] = {base.x() / length, base.y() / length, base.z() / length};
+    const double north[3] = {-up[2] * east[1], up[2] * east[0], up[0] * east[1] - up[1] * east[0]};  // up x east
     for (Part* part : {&a, &b})
       for (FixedPosition& fix : *part) {
         const Eigen::Vector3d way = difference_of(fix.ecef, base);
-        fix.ecef = Eigen::Vector3d(east.dot(way), north.dot(way), up.dot(way));
+        const auto along = [&](const double* axis) {
+          return axis[0] * way.x() + axis[1] * way.y() + axis[2] * way.z();
+        };
+        fix.ecef = Eigen::Vector3d(along(east), along(north), along(up));
       }
   }
 
