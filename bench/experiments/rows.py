@@ -113,7 +113,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
         "merge.confidence",
         "merge.min_",
     ),
-    "merge-confirmation": ("merge.confirmations", "merge.apart"),
+    "merge-confirmation": ("merge.confirmations", "merge.apart", "merge.witnesses", "merge.fixes_apart", "merge.misplaced"),
     "merge-factor": ("merge.measurement", "merge.lambda"),
     "merge-chaining": ("merge.chained", "merge.recheck_"),
     "odometry-noise": ("graph.odometry_",),

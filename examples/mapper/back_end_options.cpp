@@ -257,6 +257,23 @@ void add_merge(Configuration& configuration, BackEndParts& parts) {
                     {.min = 1, .max = 1000, .help = "Places that must agree before sessions are joined."});
   configuration.add("merge.apart", merge.apart,
                     {.unit = "m", .min = 0, .max = 1e6, .help = "Way between two such places."});
+  configuration.add("merge.witnesses", merge.witnesses,
+                    {.min = 0,
+                     .max = 20,
+                     .help = "Scans around one place that suffice to join sessions there, if the fixes of both agree "
+                             "with it. 0: one place never suffices."});
+  configuration.add("merge.fixes_apart", merge.fixes.apart,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1e6,
+                     .help = "Distance by which the GNSS fixes of two sessions may differ, in the median. Beyond twice "
+                             "that they contradict a merge. 0: they are not asked."});
+  configuration.add("merge.misplaced", parts.gnss.misplaced,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1e9,
+                     .help = "Distance in the map, beyond merge.gnss_radius, of keyframes that are tried because GNSS "
+                             "puts them near each other."});
   configuration.add("merge.chained", parts.back_end.chain_merges,
                     {.help = "Whether the closure that joins two sessions is chained, as direct ones are."});
   configuration.add("merge.recheck_travel", parts.back_end.recheck_travel,

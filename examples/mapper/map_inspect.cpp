@@ -10,6 +10,7 @@
 #include "map_file.hpp"
 #include "support/frame_health.hpp"
 #include "support/report_data.hpp"
+#include "support/session_joins.hpp"
 
 namespace chainslam::mapper {
 
@@ -60,6 +61,16 @@ void add_closures(const SlamMap& map, datasets::Inspection& result) {
   for (const auto& [verdict, count] : verdicts) result.facts.emplace_back("refusals." + verdict, std::to_string(count));
 }
 
+/// How sessions were joined, and what was taken back.
+void add_joins(const SlamMap& map, datasets::Inspection& result) {
+  for (const support::SessionJoin& join : support::session_joins(map)) {
+    const std::string doubts = support::doubts_of(join);
+    result.facts.emplace_back(
+        "sessions " + std::to_string(join.first.value) + " and " + std::to_string(join.second.value),
+        "joined by " + support::evidence_of(join) + (doubts.empty() ? "" : "; " + doubts));
+  }
+}
+
 void add_file(const LoadedMap& loaded, datasets::Inspection& result) {
   const MapFileReport& report = loaded.report;
   char id[24];
@@ -91,6 +102,7 @@ datasets::Inspection inspect_map_file(const std::filesystem::path& path) {
   const auto fixes = std::ranges::count_if(map.keyframes, [](const Keyframe& k) { return k.gnss.has_value(); });
   result.facts.emplace_back("gnss fixes", std::to_string(fixes));
   add_closures(map, result);
+  add_joins(map, result);
   add_file(loaded, result);
   if (loaded.report.unknown_chunks > 0)
     result.warnings.push_back(std::to_string(loaded.report.unknown_chunks) + " parts that this version does not know");

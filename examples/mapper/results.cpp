@@ -182,7 +182,8 @@ void write_graph(const FileTarget& target, const SlamMap& map) {
   for (const Session& session : map.sessions)
     if (session.keyframes > 0 && session.frame == session.id) graph.fixed.push_back(session.first_keyframe);
   for (const OdometryMeasurement& step : map.odometry) add_edge(step);
-  for (const LoopClosure& closure : map.closures) add_edge(closure);
+  for (const LoopClosure& closure : map.closures)
+    if (closure.is_factor()) add_edge(closure);
   write_g2o(target, graph);
 }
 

@@ -9,6 +9,7 @@
 
 #include "chainslam/evaluation/kitti_errors.hpp"
 #include "support/imu_calibration.hpp"
+#include "support/session_joins.hpp"
 
 namespace chainslam::mapper {
 
@@ -107,6 +108,19 @@ void add_imu_table(const support::RunSummary& summary, support::ReportData& data
   if (!table.rows.empty()) data.tables.push_back(std::move(table));
 }
 
+/// How sessions were joined, and what was taken back.
+void add_join_table(const SlamMap& map, support::ReportData& data) {
+  support::ReportTable table{.title = "What joins sessions",
+                             .heads = {"Sessions", "Joined by", "Rejected, reverted or refused"}};
+  const auto name = [&](SessionId id) { return data.sessions[static_cast<std::size_t>(id.value)].name; };
+  for (const support::SessionJoin& join : support::session_joins(map)) {
+    const std::string doubts = support::doubts_of(join);
+    table.rows.push_back(
+        {name(join.first) + ", " + name(join.second), support::evidence_of(join), doubts.empty() ? "–" : doubts});
+  }
+  if (!table.rows.empty()) data.tables.push_back(std::move(table));
+}
+
 /// Errors of each session, of all together and between them.
 void add_error_table(const RunOutcome& outcome, support::ReportData& data) {
   constexpr double degrees = 180 / std::numbers::pi;
@@ -169,6 +183,7 @@ void add_kitti_table(const RunOutcome& outcome, support::ReportData& data) {
 }  // namespace
 
 void add_tables(const RunOutcome& outcome, support::ReportData& data) {
+  add_join_table(*outcome.mapping.map, data);
   add_interval_table(outcome.summary, data);
   add_failure_table(outcome.summary, data);
   add_imu_table(outcome.summary, data);

@@ -127,6 +127,10 @@ std::string name_of(ClosureVerdict verdict) {
       return "contradicts the map";
     case ClosureVerdict::unconfirmed:
       return "not confirmed by a second place";
+    case ClosureVerdict::reverted:
+      return "merge reverted";
+    case ClosureVerdict::against_fixes:
+      return "contradicts the fixes";
   }
   return "unknown";
 }
@@ -194,9 +198,8 @@ SE3d odometry_placement(const SlamMap& map, const Session& session) {
 
 std::vector<ReportComponent> adjacency_components(const SlamMap& map) {
   ConnectedComponents connected(to_index(map.keyframes.size()));
-  const auto is_factor = [](const LoopClosure& closure) { return !closure.sqrt_information.isZero(0); };
   for (const LoopClosure& closure : map.closures)
-    if (is_factor(closure)) connected.connect(closure.from.value, closure.to.value);
+    if (closure.is_factor()) connected.connect(closure.from.value, closure.to.value);
 
   std::map<Index, ReportComponent> by_node;  // that stands for the component
   for (const Keyframe& keyframe : map.keyframes) {
@@ -207,7 +210,7 @@ std::vector<ReportComponent> adjacency_components(const SlamMap& map) {
     if (component.sessions.empty() || component.sessions.back() != session) component.sessions.push_back(session);
   }
   for (const LoopClosure& closure : map.closures)
-    if (is_factor(closure)) ++by_node[connected.component_of(closure.from.value)].closures;
+    if (closure.is_factor()) ++by_node[connected.component_of(closure.from.value)].closures;
 
   std::vector<ReportComponent> components;
   for (auto& [node, component] : by_node) components.push_back(std::move(component));

@@ -153,7 +153,7 @@ SlamMap golden_map_1_0() {
 }
 
 /// The same with frames, as format 1.1 has them.
-SlamMap golden_map() {
+SlamMap golden_map_1_1() {
   SlamMap map = golden_map_1_0();
   for (Index i = 0; i < 12; ++i) {
     FrameRecord frame;
@@ -175,6 +175,13 @@ SlamMap golden_map() {
     if (i < 8) frame.health.imu_use = static_cast<ImuUse>(i % 4);
     map.frames.push_back(frame);
   }
+  return map;
+}
+
+/// The same with a closure that was taken back, as format 1.2 has it.
+SlamMap golden_map() {
+  SlamMap map = golden_map_1_1();
+  map.closures[1].verdict = ClosureVerdict::reverted;
   return map;
 }
 
@@ -272,6 +279,18 @@ TEST_SUITE("io/map_format") {
     CHECK(loaded.report.format_minor == 1);
     CHECK(loaded.parameters == golden_options().parameters);
     CHECK(loaded.unknown == golden_options().unknown);
+    CHECK(same_map(loaded.map, golden_map_1_1()));
+    const TemporaryFolder folder;
+    save_map(folder / "again", loaded);
+    CHECK(load_map(folder / "again").report.format_minor == chainslam::detail::map_minor);
+    CHECK(same_map(load_map(folder / "again").map, golden_map_1_1()));
+  }
+
+  TEST_CASE("the golden file of format 1.2 says what it said when it was made") {
+    const std::string path = CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_2.cslam";
+    const LoadedMap loaded = load_map(path);
+    CHECK(loaded.report.complete);
+    CHECK(loaded.report.format_minor == 2);
     CHECK(same_map(loaded.map, golden_map()));
     const TemporaryFolder folder;
     save_map(folder / "again", loaded);
@@ -428,7 +447,8 @@ TEST_SUITE("io/map_format") {
     CHECK(loaded.report.format_minor == 3);
     CHECK(same_map(loaded.map, map));
     write_bytes(folder / "major", with_header(folder / "a", 8, 2));
-    CHECK(says(io_error([&] { return load_map(folder / "major", {.recover = true}); }), "format 2.1"));
+    CHECK(says(io_error([&] { return load_map(folder / "major", {.recover = true}); }),
+               "format 2." + std::to_string(chainslam::detail::map_minor)));
     write_bytes(folder / "flags", with_header(folder / "a", 24, 1));
     CHECK(says(io_error([&] { return load_map(folder / "flags", {.recover = true}); }), "flags 1"));
   }
@@ -473,7 +493,7 @@ TEST_SUITE("io/map_format") {
     CHECK(says(after_change(ChunkType::odometry, put(16 + 4, 12)), "record 0, to"));
     CHECK(says(after_change(ChunkType::odometry, put(16 + 4, 12)), "12, where there are 12 keyframes"));
     CHECK(says(after_change(ChunkType::closures, put(16 + 8, std::uint16_t{3})), "record 0, kind"));
-    CHECK(says(after_change(ChunkType::closures, put(16 + 10, std::uint16_t{8})), "record 0, verdict"));
+    CHECK(says(after_change(ChunkType::closures, put(16 + 10, std::uint16_t{10})), "record 0, verdict"));
     CHECK(says(after_change(ChunkType::closures, put(16 + 12, 5)), "cause"));
     CHECK(says(after_change(ChunkType::gnss, put(16 + 4, 6)), "quality"));
     CHECK(says(after_change(ChunkType::gnss, put(16 + 40, -1.0)), "positive semi-definite"));

@@ -72,8 +72,11 @@ bool is_part(const LoadedMap& part, const SlamMap& whole) {
     return some.size() <= all.size() && std::equal(some.begin(), some.end(), all.begin(),
                                                    [](const auto& a, const auto& b) { return same_record(a, b); });
   };
+  std::vector<LoopClosure> closures = whole.closures;
+  for (std::size_t i = 0; i < std::min(closures.size(), part.map.closures.size()); ++i)  // what was decided later
+    if (part.map.closures[i].verdict == ClosureVerdict::accepted) closures[i].verdict = ClosureVerdict::accepted;
   if (!begins(part.map.keyframes, whole.keyframes) || !begins(part.map.odometry, whole.odometry) ||
-      !begins(part.map.closures, whole.closures) || part.map.sessions.size() > whole.sessions.size())
+      !begins(part.map.closures, closures) || part.map.sessions.size() > whole.sessions.size())
     return false;
   for (const LoopClosure& refusal : part.map.refusals)
     if (std::none_of(whole.refusals.begin(), whole.refusals.end(),

@@ -65,9 +65,11 @@ class GrowingMap {
                              .prior_sqrt_information = random_root(rng_)});
   }
 
-  /// Joins the newest session to the first one's frame.
+  /// Joins the newest session to the first one's frame; some closures are decided otherwise then.
   void merge() {
     map_.sessions.back().frame = SessionId{0};
+    for (std::size_t i = 1; i < map_.closures.size(); i += 3)
+      map_.closures[i].verdict = i % 2 == 0 ? ClosureVerdict::inconsistent : ClosureVerdict::reverted;
     move_poses();
   }
 

@@ -38,6 +38,8 @@ TEST_SUITE("program/map_file") {
     CHECK(contains(result.output, "refusals."));
     CHECK(contains(result.output, "\n0,0,4,direct,accepted,-1,"));
     CHECK(contains(result.output, "bytes a point"));
+    CHECK(contains(result.output, "sessions 0 and 1"));
+    CHECK(contains(result.output, "joined by 0 places, 0 direct, 1 chained closures"));
   }
 
   TEST_CASE("check is content with a whole map and exits with 3 on a damaged one, saying what is left") {

@@ -134,6 +134,9 @@ merge.min_rotation                   0 0 2.0258172320113044 2.0258172320113044
 merge.measurement                    submaps submaps scan scan
 merge.lambda                         1e-4
 merge.confirmations                  1
+merge.witnesses                      0
+merge.fixes_apart                    0
+merge.misplaced                      1e9
 merge.chained                        true
 merge.recheck_travel                 16 25 0 0
 merge.recheck_pause                  0 0 4 4

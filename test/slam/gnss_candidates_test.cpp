@@ -185,6 +185,27 @@ TEST_SUITE("slam/gnss_candidates") {
     });
   }
 
+  TEST_CASE("of its own frame, what the map has far from where fixes put it is proposed, and nothing else") {
+    SlamMap map = two_sessions({{3, 0, 0}, {4, 0, 0}, {5, 0, 0}, {25, 0, 0}});
+    map.sessions[1].frame = SessionId{0};
+    map.keyframes[0].T_map_body = test::shift(12, 0, 0);
+    map.keyframes[1].T_map_body = test::shift(39.9, 0, 0);  // 10 + 30 m are allowed
+    map.keyframes[2].T_map_body = test::shift(0, 40.1, 0);
+    map.keyframes[3].T_map_body = test::shift(90, 0, 0);
+    const auto misplaced = [&](const GnssCandidateOptions& options) {
+      std::vector<Index> found;
+      for (const KeyframeId id : GnssCandidates(options).misplaced(map, KeyframeId{4})) found.push_back(id.value);
+      return found;
+    };
+    CHECK(proposals(all, map).empty());
+    CHECK(misplaced(all) == std::vector<Index>{2});
+    GnssCandidateOptions near = all;
+    near.misplaced = 0;
+    CHECK(misplaced(near) == std::vector<Index>{0, 1, 2});
+    map.sessions[1].frame = SessionId{1};
+    CHECK(misplaced(all).empty());
+  }
+
   TEST_CASE("an empty map of earlier sessions gives nothing") { CHECK(proposals(all, two_sessions({})).empty()); }
 }
 

@@ -121,6 +121,27 @@ TEST_SUITE("slam/map_graph") {
     CHECK(graph.smoother().count<Map::ClosureFactor>() == to_index(after.closures.size()));
   }
 
+  TEST_CASE("a closure joins the frames of its keyframes where it puts them, whichever of them is the earlier one") {
+    for_all(20, [](Rng& rng, int size) {
+      RandomSessions sessions(rng, 3, 6);
+      const bool forward = size % 2 == 0;
+      LoopClosure closure{.from = {forward ? 2 : 13}, .to = {forward ? 13 : 2}, .T_from_to = random_motion(rng, 50, 3)};
+      const SlamMap before = sessions.graph.map();
+      sessions.graph.join(closure);
+      const SlamMap& map = sessions.graph.map();
+      CHECK(map.sessions[2].frame == SessionId{0});
+      CHECK(map.sessions[1].frame == SessionId{1});
+      const auto pose = [&](KeyframeId id) { return map.keyframes[static_cast<std::size_t>(id.value)].T_map_body; };
+      CHECK((pose(closure.from).inverse() * pose(closure.to)).local(closure.T_from_to).norm() < 1e-9);
+      for (Index i = 0; i < 12; ++i)  // the earlier frame stays, and the one that has nothing to do with it
+        CHECK(map.keyframes[static_cast<std::size_t>(i)].T_map_body ==
+              before.keyframes[static_cast<std::size_t>(i)].T_map_body);
+      sessions.graph.join(closure);  // they are one now
+      CHECK(farthest_apart(map, sessions.graph.map()) == 0);
+      CHECK((pose(closure.from).inverse() * pose(closure.to)).local(closure.T_from_to).norm() < 1e-9);
+    });
+  }
+
   TEST_CASE("as in the paper, a joined session can be held where it was aligned") {
     Rng rng(3);
     MapGraphOptions options = to_the_end;
@@ -236,6 +257,41 @@ TEST_SUITE("slam/map_graph") {
     CHECK(map.closures[a.closures.size()].cause == -1);
     CHECK(map.refusals.back().cause == 3 + to_index(a.closures.size()));
     CHECK(first.graph.optimise().ok());
+  }
+
+  TEST_CASE(
+      "frames that were joined wrongly part again, and what is left has the optimum of a graph without the join") {
+    for_all(8, [](Rng& rng, int) {
+      RandomSessions sessions(rng, 3, 12);
+      sessions.join(rng, 0, 1);
+      REQUIRE(sessions.graph.converge().ok());
+      const SlamMap before = sessions.graph.map();
+      CHECK_FALSE(sessions.graph.part());
+      const Index first = to_index(before.closures.size());
+      sessions.graph.join(SessionId{0}, SessionId{2}, random_motion(rng, 50, 2));
+      LoopClosure wrong = random_closure(rng, sessions.truth, 3, 26);
+      wrong.T_from_to = random_motion(rng, 30, 2);
+      CHECK(sessions.graph.accept(wrong) == first);
+      wrong.to = KeyframeId{30};
+      wrong.cause = first;
+      sessions.graph.accept(wrong);
+      REQUIRE(sessions.graph.optimise().ok());
+      const std::vector<Index> withdrawn{first};
+      CHECK(sessions.graph.part(withdrawn));
+      const SlamMap& map = sessions.graph.map();
+      CHECK(map.sessions[1].frame == SessionId{0});
+      CHECK(map.sessions[2].frame == SessionId{2});
+      for (Index i = 0; i < to_index(map.closures.size()); ++i)
+        CHECK((map.closures[static_cast<std::size_t>(i)].verdict == ClosureVerdict::reverted) == (i >= first));
+      REQUIRE(sessions.graph.converge().ok());
+      CHECK(farthest_apart(map, before) < 1e-6);
+      CHECK(sessions.graph.smoother().count<PriorFactor<SE3d>>() == 2);
+      CHECK_FALSE(sessions.graph.part());
+      // It may be joined again, on other evidence.
+      sessions.join(rng, 0, 2);
+      REQUIRE(sessions.graph.optimise().ok());
+      CHECK(map.sessions[2].frame == SessionId{0});
+    });
   }
 
   TEST_CASE("a loaded map that is measured again from its optimum has no residuals left") {

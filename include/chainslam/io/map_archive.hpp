@@ -53,8 +53,10 @@
 //   8005 odometry *   352 bytes: i32 from, i32 to, pose T_from_to, information root
 //   8006 closures *   376 bytes: i32 from, i32 to, u16 kind (0 direct, 1 chained, 2 merge), u16 verdict (0 accepted,
 //                     1 not converged, 2 too few inliers, 3 high residual, 4 implausible, 5 low fitness,
-//                     6 inconsistent, 7 unconfirmed), i32 number of the closure that led to it (-1: none), pose
-//                     T_from_to, information root, f64 mean squared error (m^2), f64 inlier ratio
+//                     6 inconsistent, 7 unconfirmed, since 1.2 8 reverted, 9 against the fixes), i32 number of the
+//                     closure that led to it (-1: none), pose T_from_to, information root, f64 mean squared error
+//                     (m^2), f64 inlier ratio. Since 1.2, later ones of the same number replace earlier ones: what was
+//                     decided otherwise.
 //   0007 refusals *   as closures: tried and refused
 //   8008 poses *      56 bytes: T_map_body of consecutive keyframes; later ones replace earlier ones
 //   8009 gnss *       112 bytes: i32 keyframe, u32 quality (0 none, 1 2-D, 2 3-D, 3 differential, 4 RTK float, 5 RTK

@@ -26,9 +26,9 @@ struct MapArchiveOptions {
 /// Writes a map to a file while it grows, so that a crash at any moment loses nothing that was committed.
 ///
 /// The file grows as NAME.partial; `finish` gives it its name. Without `finish`, NAME.partial stays with all that was
-/// committed, for `load_map` with `recover`; if nothing was, it is removed. Only additions are written: the map's
-/// vectors may only grow. The same calls give the same bytes. After an IoError the journal takes nothing more.
-/// Format: map_archive.hpp.
+/// committed, for `load_map` with `recover`; if nothing was, it is removed. The map's vectors may only grow; of what
+/// was written, poses, sessions and the verdicts of closures may change. The same calls give the same bytes. After an
+/// IoError the journal takes nothing more. Format: map_archive.hpp.
 template <class Files = RealFileSystem>
 class MapJournal {
   static_assert(
@@ -50,8 +50,9 @@ class MapJournal {
   ///
   /// Written: new sessions and those whose frame or prior changed; new keyframes with their scans; GNSS fixes of new
   /// keyframes and of the 256 before; new measurements and frames. Poses are written whole when an eighth more
-  /// keyframes have come or a session was merged, so that the file does not grow with the square of the map; on
-  /// recovery, later keyframes are placed by odometry. Calls without news write nothing.
+  /// keyframes have come or a session was merged, so that the file does not grow with the square of the map, and with
+  /// them closures that were decided otherwise; on recovery, later keyframes are placed by odometry. Calls without news
+  /// write nothing.
   /// @throws std::invalid_argument, before anything is written, if a record breaks the format's rules or the map
   /// shrank.
   /// @throws IoError if the disk fails; what had been committed stays.
@@ -61,7 +62,7 @@ class MapJournal {
     const bool all_poses = has_merged(map) || std::int64_t{count(map.keyframes)} * 8 >= std::int64_t{posed_} * 9;
     check(map, first_gnss, all_poses ? 0 : fresh);
     in_doubt_ = true;
-    if (append_new(map, first_gnss)) {
+    if (append_new(map, first_gnss, all_poses)) {
       if (all_poses)
         append_poses(map, 0, count(map.keyframes));
       else
@@ -77,7 +78,7 @@ class MapJournal {
   void finish(const SlamMap& map) {
     check(map, 0, 0);
     in_doubt_ = true;
-    append_new(map, 0);
+    append_new(map, 0, true);
     for (const UnknownChunk& unknown : options_.unknown)
       writer_.append({.type = unknown.type,
                       .version = unknown.version,
@@ -188,8 +189,9 @@ class MapJournal {
 
   // ---- what is new ----
 
+  /// @param decided  whether closures are written again that were decided otherwise.
   /// @returns whether anything was.
-  bool append_new(const SlamMap& map, Index first_gnss) {
+  bool append_new(const SlamMap& map, Index first_gnss, bool decided) {
     const std::uint64_t before = writer_.chunks();
     if (writer_.chunks() == 0) append_start(map);
     append_sessions(map);
@@ -200,9 +202,9 @@ class MapJournal {
     const Index odometry = std::exchange(counts_.odometry, count(map.odometry));
     writer_.append_records(Type::odometry, detail::odometry_bytes, odometry, counts_.odometry,
                            [&](auto& out, Index i) { detail::append_odometry(out, at(map.odometry, i)); });
-    const Index closures = std::exchange(counts_.closures, count(map.closures));
-    writer_.append_records(Type::closures, detail::closure_bytes, closures, counts_.closures,
-                           [&](auto& out, Index i) { detail::append_closure(out, at(map.closures, i)); });
+    if (decided) append_decided(map);
+    append_closures(map, counts_.closures, count(map.closures));
+    counts_.closures = count(map.closures);
     const Index refusals = std::exchange(counts_.refusals, count(map.refusals));
     writer_.append_records(Type::refusals, detail::closure_bytes, refusals, counts_.refusals,
                            [&](auto& out, Index i) { detail::append_closure(out, at(map.refusals, i)); });
@@ -262,6 +264,24 @@ class MapJournal {
     });
   }
 
+  void append_closures(const SlamMap& map, Index first, Index end) {
+    writer_.append_records(Type::closures, detail::closure_bytes, first, end,
+                           [&](auto& out, Index i) { detail::append_closure(out, at(map.closures, i)); });
+    verdicts_.resize(static_cast<std::size_t>(std::max(end, count(verdicts_))));
+    for (Index i = first; i < end; ++i) verdicts_[static_cast<std::size_t>(i)] = at(map.closures, i).verdict;
+  }
+
+  /// Closures whose verdicts in the file are no longer the map's, as many in one block as follow one another.
+  void append_decided(const SlamMap& map) {
+    const auto differs = [&](Index i) { return at(map.closures, i).verdict != at(verdicts_, i); };
+    for (Index i = 0; i < counts_.closures; ++i) {
+      if (!differs(i)) continue;
+      const Index first = i;
+      while (i < counts_.closures && differs(i)) ++i;
+      append_closures(map, first, i);
+    }
+  }
+
   void append_poses(const SlamMap& map, Index first, Index end) {
     writer_.append_records(Type::poses, detail::pose_bytes, first, end,
                            [&](auto& out, Index i) { detail::append_pose(out, at(map.keyframes, i).T_map_body); });
@@ -278,6 +298,7 @@ class MapJournal {
   detail::ChunkWriter<Files> writer_;
   detail::MapCounts counts_;  ///< written so far
   std::vector<Session> sessions_;
+  std::vector<ClosureVerdict> verdicts_;  ///< of closures, as written last
   std::vector<bool> has_gnss_;
   Index frames_ = 0;       ///< written so far
   Index posed_ = 0;        ///< keyframes that the last whole set of poses has

@@ -22,7 +22,9 @@ enum class ClosureVerdict {
   implausible,   ///< farther from the estimate than that may be off
   low_fitness,   ///< too little of the target found again
   inconsistent,  ///< contradicts what is already connected
-  unconfirmed    ///< a merge that no second place agreed with
+  unconfirmed,   ///< a merge that neither a second place nor enough of one agreed with
+  reverted,      ///< of a merge that was taken back, or derived from it
+  against_fixes  ///< a merge that the GNSS fixes of both sessions contradict
 };
 
 /// A measured relative pose between two keyframes that are not neighbours in time, or the record of one that was
@@ -41,6 +43,9 @@ struct LoopClosure {
   /// Position among the map's closures of the one that led to this: a chained one's direct closure, or the merge whose
   /// recheck found a direct one. -1: none.
   Index cause = -1;
+
+  /// Whether it is in the pose graph, if only with the weight of an outlier.
+  [[nodiscard]] bool is_factor() const { return verdict != ClosureVerdict::reverted && !sqrt_information.isZero(0); }
 };
 
 }  // namespace chainslam

@@ -25,7 +25,8 @@ struct SlamMap {
   std::vector<Session> sessions;
   std::vector<Keyframe> keyframes;
   std::vector<OdometryMeasurement> odometry;
-  std::vector<LoopClosure> closures;  ///< accepted, in the order in which they were
+  /// Accepted once, in the order in which they were; the verdict says what has become of them since.
+  std::vector<LoopClosure> closures;
   std::vector<LoopClosure> refusals;  ///< tried and refused
   /// Every frame of odometry, session by session, in the order of time. Maps made without them have none.
   std::vector<FrameRecord> frames;

@@ -31,7 +31,6 @@ namespace chainslam {
 /// one thread may call `load`, `add`, `begin_session` and `finish`; `snapshot` and `T_map_odom` may be read by any.
 /// Each session starts in a frame of its own, where its odometry says, and is moved as a whole by a merge. Loaded maps
 /// count as earlier sessions.
-/// What is done once a session, a merge or a load is compiled for size (`gnu::cold`).
 /// @tparam Closer   finds closures: `LoopCloser` with its policies.
 /// @tparam Chainer  finds more of them from each: `ChainedCloser`, or `NoChaining`.
 /// @tparam Merger   joins frames: `MapMerger` with its policies, or `NoMerging`.
@@ -110,16 +109,6 @@ class BackEnd {
     positions_.rebuild(map().keyframes, [&](const Keyframe& one) { return graph_.frame(one) == session().frame; });
   }
 
-  [[gnu::cold]] void connect(const LoopClosure& closure, Index position) {
-    closure_graph_.resize(to_index(map().keyframes.size()));
-    if (!closure.sqrt_information.isZero(0)) closure_graph_.add_edge(closure.from.value, closure.to.value, position);
-  }
-  [[gnu::cold]] Index accept(const LoopClosure& closure) {
-    const Index position = graph_.accept(closure);
-    connect(closure, position);
-    return position;
-  }
-
   /// Takes what a search tried into the map, and what chaining finds from it.
   /// @param cause  the closure that made the search, -1 if none.
   /// @returns whether anything was accepted.
@@ -138,7 +127,22 @@ class BackEnd {
   template <Executor E>
   [[gnu::cold]] void try_merge(KeyframeId query, const E& executor);
 
-  /// Joins the frames that `closures` connect, by the newest of them, and searches along the aligned session again.
+  /// Withdraws closures with all that they led to, and parts frames that nothing holds together any more.
+  /// @returns whether anything changed.
+  [[gnu::cold]] bool part(std::span<const Index> withdrawn = {}) {
+    if (!graph_.part(withdrawn)) return false;
+    ++counts_.reverted;
+    closure_graph_ = ClosureGraph();
+    connect_closures(closure_graph_, map(), 0);
+    std::erase_if(rechecks_, [&](const Recheck& one) {
+      return map().closures[static_cast<std::size_t>(one.cause())].verdict == ClosureVerdict::reverted;
+    });
+    optimise();
+    return true;
+  }
+
+  /// Joins the frames that `closures` connect, by the newest of them, and searches along the aligned session again. If
+  /// they are one, what the closures and the fixes contradict is reverted first.
   template <Executor E>
   [[gnu::cold]] void merge(const std::vector<LoopClosure>& closures, const E& executor);
 
@@ -186,6 +190,7 @@ class BackEnd {
   MovedKeyframes moved_;
   std::vector<Recheck> rechecks_;  ///< of the current session, in their order
   bool in_session_ = false;
+  Index held_after_ = 0;  ///< optimisations until it was last looked whether frames hold together
   BackEndCounts counts_;
   Index alignments_end_ = 0;  ///< of `counts_`, what the keyframe at hand may bring them to
   Snapshot<SE3d> T_map_odom_;
@@ -198,8 +203,8 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::load(const SlamMap& map) {
   withdraw();
   in_session_ = false;
   graph_.load(map);
-  for (Index i = known; i < to_index(graph_.map().closures.size()); ++i)
-    connect(graph_.map().closures[static_cast<std::size_t>(i)], i);
+  connect_closures(closure_graph_, graph_.map(), known);
+  part();
 }
 
 template <class Closer, class Chainer, class Merger, class Outliers>
@@ -263,6 +268,7 @@ std::shared_ptr<const SlamMap> BackEnd<Closer, Chainer, Merger, Outliers>::finis
     graph_.converge();
     catch_up();
     counts_.end = graph_.converge();
+    if (part()) counts_.end = graph_.converge();
     count_optimisation(counts_.end.ok());
   }
   publish_frame();
@@ -297,14 +303,15 @@ Index BackEnd<Closer, Chainer, Merger, Outliers>::take(LoopClosure closure, bool
   if (chain)
     chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
   counts_.alignments += to_index(chained.size());
-  const Index position = accept(closure);
+  const Index position = graph_.accept(closure);
   for (LoopClosure& one : chained) {
     one.cause = position;
     if (one.verdict == ClosureVerdict::accepted)
-      accept(one);
+      graph_.accept(one);
     else
       graph_.refuse(one);
   }
+  connect_closures(closure_graph_, map(), position);
   return position;
 }
 
@@ -312,6 +319,7 @@ template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
 void BackEnd<Closer, Chainer, Merger, Outliers>::try_merge(KeyframeId query, const E& executor) {
   if constexpr (!std::same_as<Merger, NoMerging>) {
+    if (std::exchange(held_after_, counts_.optimisations) != counts_.optimisations) part();
     if (keyframe(query).session != session().id) return;
     std::vector<LoopClosure> accepted;
     for (const LoopClosure& closure : merger_.attempt(map(), query, closer_, executor)) {
@@ -328,16 +336,12 @@ template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
 void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClosure>& closures, const E& executor) {
   const LoopClosure& newest = closures.back();
-  const Keyframe& j = keyframe(newest.from);
-  const Keyframe& i = keyframe(newest.to);
-  const SE3d T_there_here = j.T_map_body * newest.T_from_to * i.T_map_body.inverse();
-  const SessionId here = graph_.frame(i), there = graph_.frame(j);
+  const auto frame = [&](KeyframeId id) { return graph_.frame(keyframe(id)); };
+  if constexpr (requires { merger_.contradicted(map()); })
+    if (frame(newest.from) == frame(newest.to)) part(merger_.contradicted(map()).all());
   detail::Table<char> joined;  // of each session, whether it is
-  for (const Session& session : map().sessions) joined.push_back(session.frame == there ? 1 : 0);
-  if (there < here)  // the earlier frame stays
-    graph_.join(there, here, T_there_here);
-  else
-    graph_.join(here, there, T_there_here.inverse());
+  for (const Session& session : map().sessions) joined.push_back(session.frame == frame(newest.from) ? 1 : 0);
+  graph_.join(newest);
   ++counts_.merges;
   Index position = -1;
   for (const LoopClosure& closure : closures)

@@ -28,6 +28,7 @@ struct BackEndCounts {
   Index optimisations = 0;
   Index failed_optimisations = 0;  ///< the estimates before were kept
   Index merges = 0;                ///< frames joined
+  Index reverted = 0;              ///< times that closures were withdrawn, or frames parted again
   Index alignments = 0;            ///< scans aligned to submaps, accepted or not; without those that confirm a merge
   UpdateReport last;               ///< of the last one, but for the one that finishes
   ConvergeReport end;              ///< of the one that finishes

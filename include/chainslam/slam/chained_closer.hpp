@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <concepts>
+#include <cstddef>
 #include <span>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "chainslam/graph/breadth_first_search.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/loop_closure.hpp"
+#include "chainslam/map/slam_map.hpp"
 #include "chainslam/map/submap.hpp"
 #include "chainslam/slam/position_index.hpp"
 
@@ -21,6 +23,14 @@ namespace chainslam {
 
 /// Keyframes and the accepted closures between them; an edge knows its position among the map's closures.
 using ClosureGraph = AdjacencyGraph<Index>;
+
+/// Adds the map's closures that are factors, from a position on.
+[[gnu::cold]] inline void connect_closures(ClosureGraph& graph, const SlamMap& map, Index first) {
+  graph.resize(to_index(map.keyframes.size()));
+  for (Index i = first; i < to_index(map.closures.size()); ++i)
+    if (const LoopClosure& closure = map.closures[static_cast<std::size_t>(i)]; closure.is_factor())
+      graph.add_edge(closure.from.value, closure.to.value, i);
+}
 
 /// Aligns one keyframe's scan to another's submap, and knows which pairs may be closed: what chaining and merging take
 /// from the loop closer.

@@ -31,6 +31,9 @@ struct GnssCandidateOptions {
   double max_sigma = 20.0;    ///< metres: fixes that state more are not used
   Index min_separation = 10;  ///< keyframes between two proposals of one session
   Index max_count = 2;        ///< proposals
+  /// Metres that the map has two keyframes of one frame apart beyond the radius, so that fixes that put them near each
+  /// other speak against it.
+  double misplaced = 30.0;
 };
 
 /// Keyframes that GNSS puts near the query: its own and the receiver's word for it, whatever the frames (section 6 of
@@ -40,19 +43,17 @@ class GnssCandidates {
   explicit GnssCandidates(const GnssCandidateOptions& options = {}) : options_(options) {}
 
   [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
+    const SessionId here = frame(map, keyframe(map, query));
+    return propose(map, query, [&](const Keyframe& one) { return frame(map, one) != here; });
+  }
+
+  /// The same among keyframes of the query's own frame that the map has elsewhere.
+  [[nodiscard]] std::vector<KeyframeId> misplaced(const SlamMap& map, KeyframeId query) {
     const Keyframe& here = keyframe(map, query);
-    std::vector<KeyframeId> proposals;
-    if (!usable(here)) return proposals;
-    index_earlier_sessions(map, here.session);
-    for (const Found& found : near(map, here)) {
-      if (to_index(proposals.size()) >= options_.max_count) break;
-      bool known = false;
-      for (const KeyframeId other : proposals)
-        known = known || (std::abs(found.id.value - other.value) < options_.min_separation &&
-                          keyframe(map, found.id).session == keyframe(map, other).session);
-      if (!known) proposals.push_back(found.id);
-    }
-    return proposals;
+    return propose(map, query, [&](const Keyframe& one) {
+      const Eigen::Vector3d way = here.T_map_body.translation() - one.T_map_body.translation();
+      return frame(map, one) == frame(map, here) && way.norm() > options_.radius + options_.misplaced;
+    });
   }
 
  private:
@@ -87,8 +88,26 @@ class GnssCandidates {
       if (one.session < session && usable(one)) fixes_.push_back({one.id, one.gnss->position_ecef});
   }
 
-  /// Fixes of other frames within the radius, the nearest first.
-  [[nodiscard]] std::vector<Found> near(const SlamMap& map, const Keyframe& here) const {
+  template <class Wanted>
+  [[nodiscard]] std::vector<KeyframeId> propose(const SlamMap& map, KeyframeId query, const Wanted& wanted) {
+    const Keyframe& here = keyframe(map, query);
+    std::vector<KeyframeId> proposals;
+    if (!usable(here)) return proposals;
+    index_earlier_sessions(map, here.session);
+    for (const Found& found : near(map, here, wanted)) {
+      if (to_index(proposals.size()) >= options_.max_count) break;
+      bool known = false;
+      for (const KeyframeId other : proposals)
+        known = known || (std::abs(found.id.value - other.value) < options_.min_separation &&
+                          keyframe(map, found.id).session == keyframe(map, other).session);
+      if (!known) proposals.push_back(found.id);
+    }
+    return proposals;
+  }
+
+  /// Fixes within the radius of keyframes that are wanted, the nearest first.
+  template <class Wanted>
+  [[nodiscard]] std::vector<Found> near(const SlamMap& map, const Keyframe& here, const Wanted& wanted) const {
     const Eigen::Vector3d& center = here.gnss->position_ecef;
     const Eigen::Vector3d up = center.normalized();  // off the vertical by less than 0.2 degrees
     std::vector<Found> found;
@@ -98,8 +117,7 @@ class GnssCandidates {
       const Eigen::Vector3d climb = height * up;
       const Eigen::Vector3d ground = way - climb;
       const double distance = options_.with_height ? way.norm() : ground.norm();
-      if (distance <= options_.radius && std::abs(height) <= options_.max_height &&
-          frame(map, keyframe(map, fix.id)) != frame(map, here))
+      if (distance <= options_.radius && std::abs(height) <= options_.max_height && wanted(keyframe(map, fix.id)))
         found.push_back({fix.id, distance});
     }
     PositionIndex::sort(found);

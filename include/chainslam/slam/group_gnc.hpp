@@ -59,7 +59,7 @@ class GroupGncFactors {
   [[gnu::cold]] void add_closure(const SlamMap& map, Index position) {
     const LoopClosure& closure = map.closures[static_cast<std::size_t>(position)];
     suspects_.push_back(Gnc::none);
-    if (closure.sqrt_information.isZero(0)) return;
+    if (!closure.is_factor()) return;
     const ClosureFactor factor{closure.from.value, closure.to.value, closure.T_from_to, closure.sqrt_information};
     if (!(options_.closures > 0)) {
       smoother_.add(factor);

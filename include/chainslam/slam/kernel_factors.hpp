@@ -32,7 +32,7 @@ class KernelFactors {
   /// Adds the closure at a position among the map's.
   [[gnu::cold]] void add_closure(const SlamMap& map, Index position) {
     const LoopClosure& closure = map.closures[static_cast<std::size_t>(position)];
-    if (closure.sqrt_information.isZero(0)) return;
+    if (!closure.is_factor()) return;
     smoother_.add(
         ClosureFactor{closure.from.value, closure.to.value, closure.T_from_to, closure.sqrt_information, kernel_});
   }

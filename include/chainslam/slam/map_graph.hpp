@@ -16,7 +16,9 @@
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/map/append_map.hpp"
 #include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/frame_parting.hpp"
 #include "chainslam/slam/group_gnc.hpp"
 #include "chainslam/slam/kernel_factors.hpp"
 #include "chainslam/slam/map_graph_options.hpp"
@@ -84,6 +86,15 @@ class MapGraph {
   /// Carries all sessions of the frame `joined` over into `frame`, as one body: what lies between their keyframes stays
   /// as it is linearised. They keep priors at the aligned poses, or none.
   [[gnu::cold]] void join(SessionId frame, SessionId joined, const SE3d& T_frame_joined);
+
+  /// Joins the frames of a closure's keyframes where it puts them, the later one to the earlier. One frame stays as it
+  /// is.
+  [[gnu::cold]] void join(const LoopClosure& closure);
+
+  /// Takes closures back, by their positions, with all that they led to, and parts frames that no accepted closure
+  /// holds together any more: what leaves a frame goes back to where odometry has it. Poses are to be optimised then.
+  /// @returns whether anything changed.
+  [[gnu::cold]] bool part(std::span<const Index> withdrawn = {});
 
   /// Adds another map: its sessions follow those that are here, in frames of their own, and everything in it keeps the
   /// measurements it had. If the map is empty, all numbers stay the same.
@@ -262,44 +273,33 @@ void MapGraph<Outliers>::join(SessionId frame, SessionId joined, const SE3d& T_f
 }
 
 template <class Outliers>
+void MapGraph<Outliers>::join(const LoopClosure& closure) {
+  const Keyframe &j = keyframe(closure.from.value), &i = keyframe(closure.to.value);
+  const SE3d T_there_here = j.T_map_body * closure.T_from_to * i.T_map_body.inverse();
+  const SessionId there = frame(j), here = frame(i);
+  if (there < here) join(there, here, T_there_here);
+  if (here < there) join(here, there, T_there_here.inverse());
+}
+
+template <class Outliers>
+bool MapGraph<Outliers>::part(std::span<const Index> withdrawn) {
+  if (withdrawn.empty() && is_held(map_)) return false;
+  const Change change(*this);
+  withdraw_closures(map_, withdrawn);
+  part_frames(map_, NoiseModel<6>::from_sigma(options_.anchor).sqrt_information());
+  rebuild();
+  return true;
+}
+
+template <class Outliers>
 void MapGraph<Outliers>::load(const SlamMap& other) {
   const Change change(*this);
   const Index keyframes = to_index(map_.keyframes.size());
   const Index sessions = to_index(map_.sessions.size());
   const Index odometry = to_index(map_.odometry.size());
   const Index closures = to_index(map_.closures.size());
-  const auto moved = [&](KeyframeId id) { return KeyframeId{id.value + keyframes}; };
-  for (Session session : other.sessions) {
-    session.id.value += sessions;
-    session.frame.value += sessions;
-    session.first_keyframe += keyframes;
-    priors_.push_back({});
-    map_.sessions.push_back(std::move(session));
-  }
-  for (Keyframe keyframe : other.keyframes) {
-    keyframe.id = moved(keyframe.id);
-    keyframe.session.value += sessions;
-    map_.keyframes.push_back(std::move(keyframe));
-  }
-  for (OdometryMeasurement step : other.odometry) {
-    step.from = moved(step.from);
-    step.to = moved(step.to);
-    map_.odometry.push_back(step);
-  }
-  const auto append_closures = [&](const std::vector<LoopClosure>& from, std::vector<LoopClosure>& to) {
-    for (LoopClosure closure : from) {
-      closure.from = moved(closure.from);
-      closure.to = moved(closure.to);
-      if (closure.cause >= 0) closure.cause += closures;
-      to.push_back(closure);
-    }
-  };
-  for (FrameRecord frame : other.frames) {
-    frame.session.value += sessions;
-    map_.frames.push_back(frame);
-  }
-  append_closures(other.closures, map_.closures);
-  append_closures(other.refusals, map_.refusals);
+  append_map(map_, other);
+  priors_.resize(to_index(map_.sessions.size()));
   for (const Keyframe& one : std::span(map_.keyframes).subspan(static_cast<std::size_t>(keyframes)))
     factors_->wait(one);
   if (options_.remeasure_loaded)

@@ -15,45 +15,17 @@
 #include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/closure_covariance.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
+#include "chainslam/slam/merge_hypotheses.hpp"
+#include "chainslam/slam/merge_options.hpp"
 
 namespace chainslam {
-
-/// What measures a merge's closure, once the submaps lie on each other.
-enum class MergeMeasurement {
-  refined,  ///< alignment of the scan to the submap, which must accept the place too
-  submaps,  ///< the registration of the submaps itself: the paper's alignment factor
-  scan,     ///< the scan to the submap (released); if that refuses, the frames are joined without a measurement
-};
-
-struct MergeOptions {
-  bool enabled = true;
-  double min_travel = 4.0;  ///< metres along the path between two attempts
-  double min_period = 0;    ///< seconds of the data between two attempts
-  /// Keyframes n: up to 2n+1 of the earlier session, n+1 of the current one, which has no future.
-  Index submap_radius = 20;
-  double submap_length = 60;  ///< metres along the path on each side, at most; 0: any (the paper)
-  double voxel_size = 1.0;    ///< metres, of both submaps
-  /// Inliers over target points (tau_R), and over matched features, of a registration that did not verify its pose. Of
-  /// half submaps of four real sensors sought in whole ones, 101 of 102 right poses meet both, and none of 474 wrong
-  /// ones.
-  double min_fitness = 0.30;
-  double min_putative = 0.05;
-  double min_source_fitness = 0;  ///< inliers over source points (released: 0.5, by Open3D 0.15.1, which it builds)
-  double min_translation = 0;     ///< metres and
-  double min_rotation = 0;  ///< radians: frames that lie nearer together than both are not joined (released: 1, 0.035)
-  MergeMeasurement measurement = MergeMeasurement::refined;
-  double lambda = 1e-4;  ///< of `submaps`: variance, m^2 and rad^2, over the inliers' mean squared distance (the paper)
-  Index confirmations = 2;         ///< places that have to agree before the frames are joined (the paper: 1)
-  double apart = 10.0;             ///< metres along the path between two such places
-  double agree_translation = 2.0;  ///< metres that two places may differ by,
-  double agree_per_metre = 0.02;   ///< and metres for each metre of the path between them
-  double agree_rotation = 0.1;     ///< radians
-};
 
 /// Joins the current session's frame with those of earlier ones: place recognition, registration of submap to submap
 /// without a guess, and a check (section 6 of the paper).
 ///
-/// A place that passes is a hypothesis, until as many others as asked for agree with it.
+/// A place that passes is a hypothesis, until as many others as asked for agree with it, or the fixes and scans around
+/// it do. Hypotheses of different frames stand side by side; those of a frame that was joined otherwise are given up.
+/// Keyframes of the session's own frame are tried, too, where fixes say that it lies wrong there.
 /// @tparam Candidates    which keyframes to try.
 /// @tparam Registration  aligns submaps from nothing.
 template <class Candidates = GnssCandidates, class Registration = FeatureRegistration<>>
@@ -67,13 +39,17 @@ class MapMerger {
  public:
   [[gnu::cold]] explicit MapMerger(const MergeOptions& options = {}, Candidates candidates = Candidates{},
                                    Registration registration = Registration{})
-      : options_(options), candidates_(std::move(candidates)), registration_(std::move(registration)) {}
+      : options_(options),
+        candidates_(std::move(candidates)),
+        registration_(std::move(registration)),
+        hypotheses_(options) {}
 
   /// Tries to find `query`, of the current session, in earlier sessions of other frames.
   ///
   /// @param closer  refines, and so confirms, what registration found.
   /// @returns what was tried. Accepted closures, of kind merge, agree with each other and join two frames: the newest
-  /// comes last. Those that wait for others to agree with them are not among them: see `withdraw`.
+  /// comes last. If it is one frame, they contradict `contradicted`. Those that wait for others to agree with them are
+  /// not among them: see `withdraw`.
   template <ClosureAligner Closer, Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> attempt(const SlamMap& map, KeyframeId query, Closer& closer,
                                                                const E& executor = {});
@@ -81,13 +57,14 @@ class MapMerger {
   /// Gives up what waits for confirmation: at the session's end. @returns it as refusals.
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> withdraw();
 
+  /// Positions of closures that hold sessions together where their fixes contradict it.
+  [[nodiscard]] [[gnu::cold]] detail::Table<Index> contradicted(const SlamMap& map) const {
+    return hypotheses_.contradicted(map);
+  }
+
   [[nodiscard]] const MergeOptions& options() const { return options_; }
 
  private:
-  struct Hypothesis {
-    LoopClosure closure;
-    double travelled = 0;  ///< metres from the session's start to `closure.to`
-  };
   /// Length of the session's path up to a keyframe.
   struct Path {
     KeyframeId to;
@@ -96,9 +73,6 @@ class MapMerger {
 
   [[nodiscard]] static const Keyframe& keyframe(const SlamMap& map, KeyframeId id) {
     return map.keyframes[static_cast<std::size_t>(id.value)];
-  }
-  [[nodiscard]] static SessionId frame(const SlamMap& map, KeyframeId id) {
-    return map.sessions[static_cast<std::size_t>(keyframe(map, id).session.value)].frame;
   }
 
   /// Queries come in order.
@@ -111,23 +85,25 @@ class MapMerger {
   [[nodiscard]] [[gnu::cold]] ClosureVerdict judge(const SlamMap& map, const LoopClosure& closure,
                                                    const GlobalAlignResult& result) const;
 
-  /// If enough hypotheses agree with the newest, moves all to `tried`: the others as refusals, then those that agree.
-  [[nodiscard]] [[gnu::cold]] bool confirm(const SlamMap& map, std::vector<LoopClosure>& tried);
+  /// Whom to try, those last that lie in the session's frame although fixes contradict it.
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> candidates(const SlamMap& map, KeyframeId query);
 
-  /// Whether two places put the newer of them at the same pose, as far as the paths between them can be trusted.
-  [[nodiscard]] [[gnu::cold]] bool agree(const SlamMap& map, const Hypothesis& a, const Hypothesis& b) const;
-
-  /// Carries the current session's frame over into the other one's: x_j T_j_i x_i^-1.
-  [[nodiscard]] static SE3d T_frame_joined(const SlamMap& map, const LoopClosure& closure) {
-    return keyframe(map, closure.from).T_map_body * closure.T_from_to * keyframe(map, closure.to).T_map_body.inverse();
-  }
+  /// If a hypothesis needs no other, accepts it.
+  template <class Closer, Executor E>
+  [[gnu::cold]] void confirm_alone(const SlamMap& map, std::vector<LoopClosure>& tried, Closer& closer,
+                                   const E& executor);
+  /// Whether enough scans around a place lie where it puts them.
+  template <class Closer, Executor E>
+  [[nodiscard]] [[gnu::cold]] bool is_witnessed(const SlamMap& map, const LoopClosure& closure, Closer& closer,
+                                                const E& executor) const;
 
   MergeOptions options_;
   Candidates candidates_;
   [[no_unique_address]] Registration registration_;
-  detail::Table<Hypothesis> hypotheses_;
+  MergeHypotheses hypotheses_;
   Path path_;
   double last_attempt_ = -std::numeric_limits<double>::infinity();  ///< metres from the session's start
+  double last_asked_ = -std::numeric_limits<double>::infinity();    ///< whether one place is enough, the same
   std::optional<Timestamp> last_time_;
 };
 
@@ -142,7 +118,7 @@ std::vector<LoopClosure> MapMerger<Candidates, Registration>::attempt(const Slam
   if (since < options_.min_travel || since <= 0) return tried;  // asked again at the same place: nothing new to see
   const Timestamp now = keyframe(map, query).time;
   if (last_time_ && to_seconds(now - *last_time_) < options_.min_period) return tried;
-  for (const KeyframeId candidate : candidates_.find(map, query)) {
+  for (const KeyframeId candidate : candidates(map, query)) {
     last_attempt_ = travelled;
     last_time_ = now;
     LoopClosure closure = register_submaps(map, candidate, query, closer, executor);
@@ -150,24 +126,38 @@ std::vector<LoopClosure> MapMerger<Candidates, Registration>::attempt(const Slam
       tried.push_back(closure);
       continue;
     }
-    hypotheses_.push_back({closure, travelled});
-    if (confirm(map, tried)) break;
+    hypotheses_.add(closure, travelled);
+    if (hypotheses_.confirm(map, tried)) return tried;
+    last_asked_ = -std::numeric_limits<double>::infinity();
+  }
+  if (travelled - last_asked_ >= options_.apart) {
+    last_asked_ = travelled;
+    confirm_alone(map, tried, closer, executor);
   }
   return tried;
 }
 
 template <class Candidates, class Registration>
-std::vector<LoopClosure> MapMerger<Candidates, Registration>::withdraw() {
-  std::vector<LoopClosure> refused;
-  for (Hypothesis& hypothesis : hypotheses_) {
-    hypothesis.closure.verdict = ClosureVerdict::unconfirmed;
-    refused.push_back(hypothesis.closure);
+std::vector<KeyframeId> MapMerger<Candidates, Registration>::candidates(const SlamMap& map, KeyframeId query) {
+  std::vector<KeyframeId> found = candidates_.find(map, query);
+  if constexpr (requires { candidates_.misplaced(map, query); }) {
+    LoopClosure as_it_is;
+    as_it_is.to = query;
+    for (const KeyframeId id : candidates_.misplaced(map, query)) {
+      as_it_is.from = id;
+      as_it_is.T_from_to = keyframe(map, id).T_map_body.inverse() * keyframe(map, query).T_map_body;
+      if (hypotheses_.ask_fixes(map, as_it_is) == FixVerdict::contradict) found.push_back(id);
+    }
   }
-  hypotheses_.clear();
+  return found;
+}
+
+template <class Candidates, class Registration>
+std::vector<LoopClosure> MapMerger<Candidates, Registration>::withdraw() {
   path_ = {};
-  last_attempt_ = -std::numeric_limits<double>::infinity();
+  last_attempt_ = last_asked_ = -std::numeric_limits<double>::infinity();
   last_time_.reset();
-  return refused;
+  return hypotheses_.withdraw();
 }
 
 template <class Candidates, class Registration>
@@ -226,36 +216,40 @@ ClosureVerdict MapMerger<Candidates, Registration>::judge(const SlamMap& map, co
 }
 
 template <class Candidates, class Registration>
-bool MapMerger<Candidates, Registration>::confirm(const SlamMap& map, std::vector<LoopClosure>& tried) {
-  const Hypothesis newest = hypotheses_.back();
-  std::vector<LoopClosure> agreeing, others;
-  double last = -std::numeric_limits<double>::infinity();
-  for (const Hypothesis& one : hypotheses_) {
-    const bool is_newest = &one == &hypotheses_.back();
-    const bool apart = one.travelled - last >= options_.apart && newest.travelled - one.travelled >= options_.apart;
-    if (is_newest || (apart && agree(map, one, newest))) {
-      agreeing.push_back(one.closure);
-      last = one.travelled;
-    } else {
-      others.push_back(one.closure);
-      others.back().verdict = ClosureVerdict::unconfirmed;
+template <class Closer, Executor E>
+void MapMerger<Candidates, Registration>::confirm_alone(const SlamMap& map, std::vector<LoopClosure>& tried,
+                                                        Closer& closer, const E& executor) {
+  for (MergeHypothesis& one : hypotheses_.all()) {
+    if (options_.witnesses <= 0 || one.needs_others) continue;
+    if (hypotheses_.ask_fixes(map, one.closure) != FixVerdict::agree) continue;
+    if (is_witnessed(map, one.closure, closer, executor)) {
+      hypotheses_.accept(map, one, tried);
+      return;
     }
+    one.needs_others = path_.length - one.travelled >= options_.apart;  // else there are scans to come
   }
-  if (to_index(agreeing.size()) < options_.confirmations) return false;
-  for (const auto& list : {&others, &agreeing})
-    for (const LoopClosure& closure : *list) tried.push_back(closure);
-  hypotheses_.clear();
-  return true;
 }
 
 template <class Candidates, class Registration>
-bool MapMerger<Candidates, Registration>::agree(const SlamMap& map, const Hypothesis& a, const Hypothesis& b) const {
-  if (frame(map, a.closure.from) != frame(map, b.closure.from)) return false;
-  const SE3d& here = keyframe(map, b.closure.to).T_map_body;
-  const SE3d difference = (T_frame_joined(map, a.closure) * here).inverse() * (T_frame_joined(map, b.closure) * here);
-  const double path = b.travelled - a.travelled;
-  return difference.translation().norm() <= options_.agree_translation + options_.agree_per_metre * path &&
-         difference.rotation().log().norm() <= options_.agree_rotation;
+template <class Closer, Executor E>
+bool MapMerger<Candidates, Registration>::is_witnessed(const SlamMap& map, const LoopClosure& closure, Closer& closer,
+                                                       const E& executor) const {
+  constexpr double share = 0.25;  // of what two places may differ by
+  const Session& session = map.sessions[static_cast<std::size_t>(keyframe(map, closure.to).session.value)];
+  Index agreeing = 0;
+  for (Index step = 1; step <= options_.witnesses; ++step)
+    for (const Index near : {closure.to.value - step, closure.to.value + step}) {
+      if (near < session.first_keyframe || near >= session.end_keyframe()) continue;
+      const SE3d T_to_near =
+          keyframe(map, closure.to).T_map_body.inverse() * keyframe(map, KeyframeId{near}).T_map_body;
+      const SE3d guess = closure.T_from_to * T_to_near;
+      const LoopClosure seen = closer.align(map.keyframes, closure.from, KeyframeId{near}, guess, executor);
+      const SE3d off = guess.inverse() * seen.T_from_to;
+      if (seen.verdict == ClosureVerdict::accepted && off.translation().norm() <= share * options_.agree_translation &&
+          off.rotation().log().norm() <= share * options_.agree_rotation)
+        ++agreeing;
+    }
+  return agreeing >= options_.witnesses;
 }
 
 /// Joins no frames: every session stays by itself.

@@ -227,8 +227,13 @@ class MapDecoder {
   }
 
   void add_closure(std::size_t number, std::size_t i, Index id, ByteReader in) {
-    require_next(number, i, id, loaded_.map.closures);
-    loaded_.map.closures.push_back(read_closure(number, i, in));
+    auto& closures = loaded_.map.closures;
+    if (id >= std::ssize(closures)) require_next(number, i, id, closures);
+    const LoopClosure closure = read_closure(number, i, in);
+    if (id == std::ssize(closures))
+      closures.push_back(closure);
+    else  // it was decided otherwise since
+      closures[static_cast<std::size_t>(id)] = closure;
   }
   void add_refusal(std::size_t number, std::size_t i, Index id, ByteReader in) {
     if (!refusals_lost_) require_next(number, i, id, loaded_.map.refusals);

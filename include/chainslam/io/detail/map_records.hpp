@@ -135,7 +135,7 @@ inline MaybeFault fault_of(const LoopClosure& closure, const MapCounts& counts) 
       {fault_of_number("kind", static_cast<Index>(closure.kind), 0, static_cast<Index>(ClosureKind::merge) + 1,
                        "kinds known to this version"),
        fault_of_number("verdict", static_cast<Index>(closure.verdict), 0,
-                       static_cast<Index>(ClosureVerdict::unconfirmed) + 1, "verdicts known to this version"),
+                       static_cast<Index>(ClosureVerdict::against_fixes) + 1, "verdicts known to this version"),
        fault_of_number("from", closure.from.value, 0, counts.keyframes, "keyframes"),
        fault_of_number("to", closure.to.value, 0, counts.keyframes, "keyframes"),
        closure.from == closure.to ? MaybeFault(Fault{"to", "the keyframe that it comes from"}) : std::nullopt,
