@@ -64,7 +64,8 @@ TEST_SUITE("slam/group_gnc: values") {
     }
   }
 
-  TEST_CASE("odometry: a pair of wrong closures is not worth two steps of odometry, a pair of right ones is worth one") {
+  TEST_CASE(
+      "odometry: a pair of wrong closures is not worth two steps of odometry, a pair of right ones is worth one") {
     const Rounds rounds(90);
     Growing map(rounds);
     map.drive_to(46);
