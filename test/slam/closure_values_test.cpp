@@ -81,7 +81,7 @@ TEST_SUITE("slam: what is tried by default") {
     places.add(0, {14, 0, 0});
     places.add(1, {16, 0, 0});
     places.add(9, {1, 0, 0}, 0, 0);
-    places.add(9, {1, 0, 0}, 0, 31);
+    places.add(9, {0.5, 0, 0}, 0, 31);
     places.add(9, {0, 0, 0}, 0, 60);
     CHECK(places.proposed() == Ids{2, 0});
     Places turned;
@@ -134,7 +134,7 @@ TEST_SUITE("slam: what is tried by default") {
     places.add_street(0, 20, 1, 0);
     places.add_street(1, 60, 1, 0);
     places.add(9, {10, 1, 0});
-    places.edges = {{10, 48}, {48, 51}, {51, 30}, {30, 35}, {35, 34}};  // at 28, 31, 10, 15 and 14 m along the street
+    places.edges = {{10, 48}, {48, 58}, {58, 30}, {30, 35}, {35, 34}};  // at 28, 38, 10, 15 and 14 m along the street
     CHECK(partners(places.chained(10)) == Ids{30, 35, 48});
     Places crowd;
     crowd.add(0, {0, 0, 0});
