@@ -123,7 +123,8 @@ TEST_SUITE("slam: the closures' gate on real scans") {
 
 TEST_SUITE("slam: the closures' gate") {
   TEST_CASE("corrections of 8 m and 0.4 rad are accepted, of 20 m or 1 rad refused, by default") {
-    AlignResult result{.status = AlignStatus::converged};
+    AlignResult result;
+    result.status = AlignStatus::converged;
     result.inlier_ratio = 0.9;
     const auto verdict = [&](const Eigen::Vector3d& shift, double turn) {
       const SE3d guess(SO3d::exp({0.1, 0, 2}), {300, -100, 5});
@@ -138,7 +139,8 @@ TEST_SUITE("slam: the closures' gate") {
   }
 
   TEST_CASE("three in ten points without a partner are accepted, half of them is too many, by default") {
-    AlignResult result{.status = AlignStatus::converged};
+    AlignResult result;
+    result.status = AlignStatus::converged;
     result.inlier_ratio = 0.7;
     CHECK(ClosureGate{}.judge(result, SE3d()) == ClosureVerdict::accepted);
     result.inlier_ratio = 0.5;

@@ -13,13 +13,13 @@ namespace chainslam {
 namespace {
 
 /// Fixes around the truth: white noise of half a metre, and an error that stays much the same over ten fixes.
-struct Receiver {
+struct WanderingReceiver {
   double wander = 0;  ///< metres, standard deviation of that error on each axis
   double jump = 0;    ///< metres to one side, of the fixes 100 to 119
 };
 
 /// Root mean square error of a drive without closures, metres. @param bend  see `Rounds`
-double error_of_drive(double bend, const Receiver& receiver, const GnssFactorOptions& gnss = {}) {
+double error_of_drive(double bend, const WanderingReceiver& receiver, const GnssFactorOptions& gnss = {}) {
   constexpr double earth_radius = 6378137, kept = 0.9;
   const test::Rounds rounds(240, {}, bend);
   MapGraphOptions options;
