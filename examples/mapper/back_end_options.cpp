@@ -299,6 +299,31 @@ void add_gnss(Configuration& configuration, GnssFactorOptions& gnss) {
                     {.min = 0.1, .max = 1e9, .help = "Squared error, in variances, beyond which a fix is left out."});
 }
 
+/// Which fixes are used, and when they suffice to place a frame on the Earth.
+void add_fixes(Configuration& configuration, GnssFactorOptions& gnss) {
+  configuration.add(
+      "graph.gnss_max_sigma", gnss.max_sigma,
+      {.unit = "m", .min = 0, .max = 1e9, .help = "Fixes that state a larger standard deviation are not used."});
+  configuration.add("graph.gnss_least_fixes", gnss.least_fixes,
+                    {.min = 3, .max = 1000000, .help = "Minimum number of fixes before a frame is georeferenced."});
+  configuration.add("graph.gnss_least_spread", gnss.least_spread,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1e6,
+                     .help = "Minimum root mean square spread of these fixes across their main direction."});
+}
+
+void add_submap_memory(Configuration& configuration, SubmapOptions& submap) {
+  constexpr double mebibyte = 1 << 20;
+  configuration.add("closures.submap_memory", submap.max_bytes,
+                    {.unit = "MiB",
+                     .min = 1,
+                     .max = 1e6,
+                     .factor = mebibyte,
+                     .help = "Maximum memory of submaps that are kept for reuse. The least recently used are dropped "
+                             "first; what the map becomes does not depend on it."});
+}
+
 void add_graph(Configuration& configuration, MapGraphOptions& graph) {
   OdometryNoise& noise = graph.odometry_noise;
   configuration.add("graph.odometry_translation", noise.translation,
@@ -359,6 +384,8 @@ void add_back_end(Configuration& configuration, BackEndParts& parts) {
                      .max = 1e9,
                      .help = "The same of a step of odometry, where closures or fixes agree against it; 0: never."});
   add_gnss(configuration, parts.back_end.graph.gnss);
+  add_fixes(configuration, parts.back_end.graph.gnss);
+  add_submap_memory(configuration, parts.closures.submap);
 }
 
 }  // namespace chainslam::mapper

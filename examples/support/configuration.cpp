@@ -530,7 +530,9 @@ void Configuration::assign(Key& key, const Value& value) {
                  },
                  [&](Numbers& numbers) { numbers.set(std::get<std::vector<double>>(value)); },
                  [&](auto* integer) {
-                   *integer = static_cast<std::remove_pointer_t<decltype(integer)>>(std::get<std::int64_t>(value));
+                   const std::int64_t stated = std::get<std::int64_t>(value);
+                   *integer = static_cast<std::remove_pointer_t<decltype(integer)>>(
+                       key.info.factor == 1.0 ? stated : std::llround(static_cast<double>(stated) * key.info.factor));
                  }},
       key.target);
 }
@@ -584,7 +586,10 @@ std::string Configuration::value_text(const Key& key) {
                    const std::size_t i = choice.get();
                    return i < choice.names.size() ? in_quotes(choice.names[i]) : std::string("(none of its choices)");
                  },
-                 [](const auto* value) { return std::to_string(*value); }},
+                 [&](const auto* value) {
+                   return factor == 1.0 ? std::to_string(*value)
+                                        : std::to_string(std::llround(static_cast<double>(*value) / factor));
+                 }},
       key.target);
 }
 

@@ -74,6 +74,23 @@ TEST_SUITE("slam/closure_covariance") {
       CHECK(result.topLeftCorner<3, 3>().diagonal().maxCoeff() <= 25 + 0.05 * 0.05 + 1e-6);
     });
   }
+
+  TEST_CASE(
+      "a turn that the points do not determine stays as open as the search was wide, others are known to the floor") {
+    const HessianCovariance covariance;
+    Vector6d hessian = Vector6d::Constant(1e8);
+    hessian[5] = 0;
+    const Matrix6d result = covariance(aligned(hessian.asDiagonal(), 0.01, 0.001));
+    CHECK(std::sqrt(result(5, 5)) == doctest::Approx(std::hypot(0.2, 0.002)).epsilon(1e-3));
+    CHECK(std::sqrt(result(4, 4)) == doctest::Approx(0.002).epsilon(1e-2));
+    CHECK(std::sqrt(result(0, 0)) == doctest::Approx(0.05).epsilon(1e-3));
+  }
+
+  TEST_CASE("a hundred residuals count as one: neighbours err together") {
+    const Vector6d hessian = Vector6d::Constant(1000);
+    const Matrix6d result = HessianCovariance{}(aligned(hessian.asDiagonal(), 0.01, 0.01));
+    CHECK(std::sqrt(result(0, 0) - 0.05 * 0.05) == doctest::Approx(0.1 / std::sqrt(1000.0 / 100)).epsilon(1e-3));
+  }
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <filesystem>
@@ -118,5 +119,60 @@ TEST_SUITE("slam: the closures' gate on real scans") {
     CHECK(told.right >= 0.95 * untold.right);
     CHECK(kept.right >= 0.95 * 2 * queries);
     CHECK(kept.wrong == 0);
+  }
+}
+
+TEST_SUITE("slam: the closures' gate") {
+  TEST_CASE("corrections of 8 m and 0.4 rad are accepted, of 20 m or 1 rad refused, by default") {
+    AlignResult result;
+    result.status = AlignStatus::converged;
+    result.inlier_ratio = 0.9;
+    const auto verdict = [&](const Eigen::Vector3d& shift, double turn) {
+      const SE3d guess(SO3d::exp({0.1, 0, 2}), {300, -100, 5});
+      result.T_target_source = guess * SE3d(SO3d::exp({0, 0, turn}), shift);
+      return ClosureGate{}.judge(result, guess);
+    };
+    CHECK(verdict({8, 0, 0}, 0.4) == ClosureVerdict::accepted);
+    CHECK(verdict({0, 20, 0}, 0) == ClosureVerdict::implausible);
+    CHECK(verdict({0, 0, -20}, 0.4) == ClosureVerdict::implausible);
+    CHECK(verdict({0, 0, 0}, 1) == ClosureVerdict::implausible);
+    CHECK(verdict({8, 0, 0}, -1) == ClosureVerdict::implausible);
+  }
+
+  TEST_CASE("three in ten points without a partner are accepted, half of them is too many, by default") {
+    AlignResult result;
+    result.status = AlignStatus::converged;
+    result.inlier_ratio = 0.7;
+    CHECK(ClosureGate{}.judge(result, SE3d()) == ClosureVerdict::accepted);
+    result.inlier_ratio = 0.5;
+    CHECK(ClosureGate{}.judge(result, SE3d()) == ClosureVerdict::too_few_inliers);
+  }
+}
+
+TEST_SUITE("slam: the closures' covariance on real scans") {
+  TEST_CASE("closures of one walk with another are off by half of what their covariances say, and none by more") {
+    const auto folder = test::real_data("hku_square_two_sessions");
+    if (!folder) return;
+    GateWalks walks(*folder, 4);
+    LoopCloser<> closer;
+    double sum = 0, most = 0;
+    int count = 0;
+    for (const GateQuery& query : walks.queries) {
+      walks.map.back() = query.scan;
+      const LoopClosure closure =
+          closer.align(walks.map, KeyframeId{to_index(query.from)}, query.scan.id, query.T_from_scan);
+      if (closure.verdict != ClosureVerdict::accepted) continue;
+      const Vector6d error = (query.T_from_scan.inverse() * closure.T_from_to).log();
+      const double squared = (closure.sqrt_information * error).squaredNorm() / 6;
+      sum += squared;
+      most = std::max(most, squared);
+      ++count;
+    }
+    MESSAGE(count, " closures: squared error over 6 variances ", sum / count, ", at most ", most);
+    REQUIRE(count > 10);
+    // Truth is that of the walks, which bend by centimetres themselves.
+    CHECK(sum / count < 0.35);
+    CHECK(sum / count > 0.15);
+    CHECK(most < 0.5);
   }
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "chainslam/slam/back_end.hpp"
@@ -362,6 +363,54 @@ TEST_SUITE("slam: several sessions") {
     REQUIRE(map->keyframes.size() == expected->keyframes.size());
     for (std::size_t i = 0; i < map->keyframes.size(); ++i)
       CHECK(map->keyframes[i].T_map_body == expected->keyframes[i].T_map_body);
+  }
+}
+
+TEST_SUITE("slam: several sessions, by default") {
+  TEST_CASE("what the recheck finds is chained, so that keyframes are tied to both other sessions where they meet") {
+    Index tied[2];
+    for (const bool chained : {false, true}) {
+      DrivesRoundTheBlock drives(3);
+      drives.place(per_session + 20, 32);
+      drives.place(2 * per_session + 35, per_session + 47);
+      BackEndOptions options;
+      if (!chained) options.chain_in_recheck = false;
+      auto back_end = scripted_back_end(drives, {.min_travel = 0, .confirmations = 1}, options);
+      for (Index session = 0; session < 3; ++session) drives.drive(back_end, session, false);
+      std::vector<char> to_first(per_session), to_second(per_session);
+      for (const LoopClosure& closure : back_end.map().closures) {
+        if (closure.to.value < 2 * per_session) continue;
+        const auto i = static_cast<std::size_t>(closure.to.value - 2 * per_session);
+        (closure.from.value < per_session ? to_first : to_second)[i] = 1;
+      }
+      Index& both = tied[chained ? 1 : 0] = 0;
+      for (std::size_t i = 0; i < to_first.size(); ++i) both += to_first[i] != 0 && to_second[i] != 0 ? 1 : 0;
+    }
+    MESSAGE("keyframes tied to both: ", tied[0], " -> ", tied[1]);
+    CHECK(tied[1] >= tied[0] + 12);
+  }
+
+  TEST_CASE("a session, and a frame that is found later, are carried to where the place says") {
+    DrivesRoundTheBlock drives(3);
+    drives.place(2 * per_session + 10, 34);
+    drives.place(2 * per_session + 20, per_session + 32);
+    TruthCloser closer = drives.closer();
+    closer.reach = 0;  // no scan fits: nothing but the places moves the sessions
+    ScriptedBackEnd back_end({.graph = {.anchor_joined_sessions = true}, .close_before_merge = false}, closer,
+                             ChainedCloser(),
+                             MapMerger<ScriptedPlaces, ScriptedRegistration>(
+                                 {.min_travel = 0, .measurement = MergeMeasurement::scan, .confirmations = 1},
+                                 {drives.script}, {drives.script}));
+    for (Index session = 0; session < 3; ++session) drives.drive(back_end, session, false);
+    CHECK(back_end.counts().merges == 2);
+    const SlamMap& map = back_end.map();
+    CHECK(frames(map) == std::vector<Index>{0, 0, 0});
+    for (const auto& [from, to] : {std::pair{34, 2 * per_session + 10}, {per_session + 32, 2 * per_session + 20}}) {
+      const SE3d T_from_to = map.keyframes[static_cast<std::size_t>(from)].T_map_body.inverse() *
+                             map.keyframes[static_cast<std::size_t>(to)].T_map_body;
+      CHECK(translation_error(drives.between(from, to), T_from_to) < 1e-3);
+      CHECK(test::rotation_error(drives.between(from, to), T_from_to) < 1e-3);
+    }
   }
 }
 

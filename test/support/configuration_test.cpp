@@ -441,6 +441,22 @@ pair = [4, 5]
     CHECK_THROWS_AS(configuration.add("a.c", value, {.max = 2}), std::logic_error);
     CHECK_THROWS_AS(configuration.add_rule({"a.d"}, "must be", [] { return true; }), std::logic_error);
   }
+
+  TEST_CASE("a count is kept in its own unit and written in the file's; without a factor no digit is lost") {
+    std::uint64_t bytes = std::uint64_t{512} << 20, seed = (std::uint64_t{1} << 62) + 1;
+    Configuration configuration;
+    configuration.add("cache.memory", bytes, {.unit = "MiB", .min = 1, .max = 1e6, .factor = 1 << 20});
+    configuration.add("random.seed", seed, {});
+    CHECK(configuration.print().find("memory = 512\n") != std::string::npos);
+    CHECK(configuration.print().find("seed = 4611686018427387905\n") != std::string::npos);
+    configuration.set("cache.memory=3");
+    configuration.set("random.seed=4611686018427387903");
+    configuration.apply();
+    CHECK(bytes == std::uint64_t{3} << 20);
+    CHECK(seed == (std::uint64_t{1} << 62) - 1);
+    CHECK_THROWS_AS(configuration.set("cache.memory=0"), ConfigError);
+    CHECK_THROWS_AS(configuration.set("cache.memory=2000000"), ConfigError);
+  }
 }
 
 }  // namespace

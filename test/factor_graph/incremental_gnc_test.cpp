@@ -1,0 +1,83 @@
+#include "chainslam/factor_graph/incremental_gnc.hpp"
+
+#include <doctest/doctest.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "factor_graph/pose_graphs.hpp"
+
+// What the defaults of `IncrementalGncOptions` cost. What they decide is held where their thresholds are set:
+// test/slam/group_gnc_values_test.cpp.
+
+using namespace chainslam;
+
+namespace {
+
+using GncSmoother = IncrementalSmoother<SE3d>;
+
+}  // namespace
+
+TEST_SUITE("factor_graph/incremental_gnc") {
+  TEST_CASE("of a third of wrong closures in one update, none is accepted, after 16 updates of the smoother") {
+    Index steps = 0, accepted = 0, rejected = 0;
+    constexpr int graphs = 20;
+    for (std::uint64_t seed = 1; seed <= graphs; ++seed) {
+      Rng rng(seed);
+      const PoseGraph graph = test::random_graph<SE3d>(rng, 60, 0.02);
+      GncSmoother smoother(SmootherOptions{.patience = 0.0}, NoLag{});
+      IncrementalGnc<GncSmoother> gnc(smoother);
+      for (Key key = 0; key < 60; ++key) smoother.add_value(graph[key]);
+      smoother.add_prior(0, graph[0], NoiseModel<6>::from_sigma(1e-3));
+      std::vector<Index> right, wrong;
+      for (const BetweenFactor<SE3d>& factor : graph.betweens()) {
+        if (factor.to == factor.from + 1)
+          smoother.add(factor);
+        else
+          right.push_back(gnc.add(factor));
+      }
+      for (int k = 0; k < 14; ++k) {
+        const Key from = rng.uniform_index(30);
+        const SE3d off = SE3d::exp(test::random_tangent<SE3d>(rng, 3.0, 0.5));
+        wrong.push_back(gnc.add({from, from + 25, graph[from].inverse() * graph[from + 25] * off,
+                                 NoiseModel<6>::from_sigma(0.02).sqrt_information()}));
+      }
+      const IncrementalGncReport report = gnc.update();
+      CHECK(report.last.ok());
+      CHECK(report.decided);
+      steps += report.steps;
+      for (const Index one : wrong) accepted += gnc.is_in(one) ? 1 : 0;
+      for (const Index one : right) rejected += gnc.is_in(one) ? 0 : 1;
+    }
+    MESSAGE(steps, " updates, ", accepted, " wrong accepted, ", rejected, " right rejected");
+    CHECK(accepted == 0);
+    CHECK(rejected <= 2 * graphs * 29 / 100);  // one in a hundred exceeds the threshold
+    CHECK(steps <= 17 * graphs);
+  }
+
+  TEST_CASE("as long as nothing agrees with them, wrong closures against trusted steps cost one more update each") {
+    GncSmoother smoother(SmootherOptions{.patience = 0.0}, NoLag{});
+    IncrementalGnc<GncSmoother> gnc(smoother);
+    Vector6d sigmas;
+    sigmas << Eigen::Vector3d::Constant(0.05), Eigen::Vector3d::Constant(0.003);
+    const auto noise = NoiseModel<6>::from_sigmas(sigmas).sqrt_information();
+    smoother.add_value(SE3d());
+    smoother.add_prior(0, SE3d(), NoiseModel<6>::from_sigma(0.01));
+    Index last = gnc.none;
+    const SE3d step(SO3d::exp({0, 0, 0.16}), {5, 0, 0});
+    for (Key key = 1; key < 60; ++key) {
+      smoother.add_value(smoother[key - 1] * step);
+      last = gnc.add({key - 1, key, step, noise},
+                     {.threshold = 28, .price = 70, .outlier_weight = 1e-8, .trusted = true, .previous = last});
+    }
+    REQUIRE(gnc.update().last.ok());
+    for (Key key = 0; key < 10; ++key) {
+      const SE3d wrong = smoother[key].inverse() * smoother[key + 40] * SE3d(SO3d(), {3.0 * key, 8, 0});
+      const Index one =
+          gnc.add({key, key + 40, wrong, noise}, {.threshold = 40, .outlier_weight = 1e-8, .forecast = true});
+      CHECK(gnc.update().steps == 2);
+      CHECK_FALSE(gnc.is_in(one));
+    }
+  }
+}

@@ -1,0 +1,139 @@
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "chainslam/slam/back_end.hpp"
+#include "slam/scripted.hpp"
+#include "slam/street.hpp"
+
+// The defaults of `BackEndOptions`: what each changes for two drives round one block.
+
+namespace chainslam {
+namespace {
+
+/// Two drives round a block, 2.05 m between keyframes, side by side; what registration measures is exact.
+struct TwoRounds {
+  std::vector<SE3d> truth;  ///< of both drives
+  std::vector<SE3d> odometry;
+  Index each = 0;
+  Index unseen =
+      0;  ///< before this one, keyframes of the first drive after its fourth see nothing that the second does
+  std::shared_ptr<test::Script> script = std::make_shared<test::Script>();
+
+  /// @param slip  radians that odometry of the second drive turns too far, once, 20 m from its start.
+  explicit TwoRounds(double slip = 0) {
+    const std::vector<SE3d> round = test::way_round(2.05, 14.0);
+    each = to_index(round.size());
+    for (int drive = 0; drive < 2; ++drive)
+      for (const SE3d& pose : round) truth.push_back(pose * SE3d(SO3d(), {0, 0.7 * drive, 0}));
+    const SE3d T_odom_world(SO3d::exp({0, 0, 1}), {500, 0, 0});
+    SE3d turned = T_odom_world;
+    for (Index i = 0; i < 2 * each; ++i) {
+      const SE3d& pose = truth[static_cast<std::size_t>(i)];
+      if (i == each + 10) turned = turned * pose * SE3d(SO3d::exp({0, 0, slip}), {0, 0, 0}) * pose.inverse();
+      odometry.push_back(i < each ? pose : turned * pose);
+    }
+  }
+
+  /// Registration finds keyframe `i` of the second drive where keyframe `candidate` of the first is.
+  void place(Index i, Index candidate) const {
+    script->places.push_back(
+        {each + i, candidate,
+         truth[static_cast<std::size_t>(candidate)].inverse() * truth[static_cast<std::size_t>(each + i)]});
+  }
+
+  using Merger = MapMerger<test::ScriptedPlaces, test::ScriptedRegistration>;
+  using TwoRoundsBackEnd = BackEnd<test::TruthCloser, ChainedCloser, Merger>;
+
+  [[nodiscard]] std::unique_ptr<TwoRoundsBackEnd> run(const BackEndOptions& options,
+                                                      const ProximityCandidates& candidates = {}) const {
+    test::TruthCloser closer;
+    std::vector<SE3d> seen = truth;
+    for (Index i = 4; i < unseen; ++i) seen[static_cast<std::size_t>(i)] = SE3d(SO3d(), {1e4, 0, 0});
+    closer.truth = std::make_shared<const std::vector<SE3d>>(std::move(seen));
+    closer.candidates = candidates;
+    auto back_end = std::make_unique<TwoRoundsBackEnd>(
+        options, closer, ChainedCloser(), Merger({.min_travel = 0, .confirmations = 1}, {script}, {script}));
+    for (Index i = 0; i < 2 * each; ++i) {
+      if (i % each == 0) back_end->begin_session(std::to_string(i / each));
+      back_end->add(test::keyframe_at(i % each, odometry[static_cast<std::size_t>(i)]));
+    }
+    (void)back_end->finish();
+    return back_end;
+  }
+
+  /// Keyframes of the second drive, from one number to another, that closures tie to the first.
+  [[nodiscard]] Index tied(const SlamMap& map, Index begin, Index end) const {
+    std::vector<char> is_tied(static_cast<std::size_t>(each));
+    for (const LoopClosure& closure : map.closures)
+      if (closure.from.value < each && closure.to.value >= each)
+        is_tied[static_cast<std::size_t>(closure.to.value - each)] = 1;
+    return static_cast<Index>(std::count(is_tied.begin() + begin, is_tied.begin() + end, 1));
+  }
+};
+
+}  // namespace
+
+TEST_SUITE("slam/back_end: values") {
+  TEST_CASE("a drive that a closure moves back is searched again where it had been too far off to be found") {
+    TwoRounds rounds(-0.7);
+    rounds.unseen = 30;
+    rounds.place(3, 3);
+    BackEndOptions never;
+    never.search_again = 0;
+    const auto by_default = rounds.run({}), once = rounds.run(never);
+    const Index begin = 32, end = 62;
+    MESSAGE("tied keyframes of 30: ", rounds.tied(once->map(), begin, end), " -> ",
+            rounds.tied(by_default->map(), begin, end));
+    CHECK(rounds.tied(once->map(), begin, end) == 0);
+    CHECK(rounds.tied(by_default->map(), begin, end) >= 12);
+  }
+
+  TEST_CASE("a drive that is joined at its end is searched again every 4 m") {
+    const TwoRounds rounds;
+    rounds.place(75, 75);
+    const auto back_end = rounds.run({});
+    CHECK(back_end->counts().merges == 1);
+    CHECK(rounds.tied(back_end->map(), 0, 70) == 34);
+  }
+
+  TEST_CASE("a drive closes loops before it is joined to another") {
+    const TwoRounds rounds(0.1);
+    rounds.place(78, 78);
+    ProximityCandidates candidates;
+    candidates.min_interval = seconds(3.0);
+    BackEndOptions at_once, after_merge;
+    at_once.recheck_travel = after_merge.recheck_travel = 1e9;
+    after_merge.close_before_merge = false;
+    const auto closures = [&](const BackEndOptions& options) {
+      const auto back_end = rounds.run(options, candidates);
+      return std::ranges::count_if(back_end->map().closures,
+                                   [&](const LoopClosure& closure) { return closure.from.value >= rounds.each; });
+    };
+    const auto found = closures(at_once), late = closures(after_merge);
+    MESSAGE("closures of the second drive with itself: ", late, " -> ", found);
+    CHECK(found > 3 * late);
+  }
+
+  TEST_CASE("ten fixes are worth an optimisation of their own") {
+    test::TruthCloser closer;
+    closer.candidates.max_count = 0;  // nothing else makes one
+    BackEnd<test::TruthCloser, NoChaining, NoMerging> back_end({}, closer);
+    back_end.begin_session("");
+    for (Index i = 0; i < 200; ++i) {
+      const SE3d pose(SO3d(), {30 * std::sin(0.1 * i), -30 * std::cos(0.1 * i), 0});
+      Keyframe keyframe = test::keyframe_at(i, pose);
+      keyframe.gnss = test::fix_at(keyframe.time, pose.translation());
+      back_end.add(std::move(keyframe));
+    }
+    CHECK(back_end.counts().failed_optimisations == 0);
+    CHECK(back_end.counts().optimisations == 20);
+  }
+}
+
+}  // namespace chainslam
