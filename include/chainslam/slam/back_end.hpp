@@ -134,9 +134,7 @@ class BackEnd {
     ++counts_.reverted;
     closure_graph_ = ClosureGraph();
     connect_closures(closure_graph_, map(), 0);
-    std::erase_if(rechecks_, [&](const Recheck& one) {
-      return map().closures[static_cast<std::size_t>(one.cause())].verdict == ClosureVerdict::reverted;
-    });
+    std::erase_if(rechecks_, [&](const Recheck& one) { return one.is_reverted(map()); });
     optimise();
     return true;
   }

@@ -8,6 +8,7 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/session.hpp"
+#include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
@@ -37,6 +38,9 @@ class Recheck {
     return index;
   }
   [[nodiscard]] Index cause() const { return cause_; }
+  [[nodiscard]] bool is_reverted(const SlamMap& map) const {
+    return map.closures[static_cast<std::size_t>(cause_)].verdict == ClosureVerdict::reverted;
+  }
 
   /// The next keyframe to search from, `travel` metres along the path from the last one; none: all are done.
   [[nodiscard]] [[gnu::cold]] std::optional<KeyframeId> next(std::span<const Keyframe> keyframes, double travel) {
