@@ -52,7 +52,7 @@ struct SurfaceFit {
 
   /// The same in the worst of three directions: what slid along a street or a courtyard fits in the others.
   ///
-  /// By `bench_closure_gates` (bench/README.md) all of 52 right poses of real scans (Livox Avia, HDL-32E, OS1-64,
+  /// By `bench_closure_gates` (bench/results.md) all of 52 right poses of real scans (Livox Avia, HDL-32E, OS1-64,
   /// HDL-64E) have at most 2.12, all of 89 simulated ones (16 to 128 lines, in traffic) at most 2.15; of 172 and 317
   /// wrong ones one and four pass `ClosureGate` at 2.2.
   [[nodiscard]] double worst_misfit(double noise) const { return relative(worst_rmse, noise); }
