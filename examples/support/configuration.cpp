@@ -94,7 +94,7 @@ std::string shown(const Configuration::Value& value) {
 }
 
 std::string kind_of(const Configuration::Value& value) {
-  constexpr const char* kinds[] = {"true or false", "an integer", "a number", "a text", "an array of numbers"};
+  constexpr const char* kinds[] = {"true or false", "an integer", "a number", "a string", "an array of numbers"};
   return kinds[value.index()];
 }
 
@@ -296,7 +296,7 @@ class Configuration::TomlReader {
 
   void leave_out(const std::string& name, const toml::node& node) {
     const std::optional<Value> value = value_of(node);
-    left_out_->push_back(name + " = " + (value ? shown(*value) : "(a value of another kind)"));
+    left_out_->push_back(name + " = " + (value ? shown(*value) : "(a value of another type)"));
   }
 
   void read_node(const std::string& name, const toml::node& node, const toml::source_position& position) {
@@ -314,7 +314,7 @@ class Configuration::TomlReader {
       throw ConfigError(place, "'" + name + "' has a value of the wrong type",
                         node.is_table()
                             ? "a table"
-                            : (node.is_array() ? "an array of other things than numbers" : "a date or a time"),
+                            : (node.is_array() ? "an array with values that are not numbers" : "a date or a time"),
                         "write " + type_name(*key) + range_text(*key));
     check(*key, *value, place);
     assignments_.push_back({static_cast<std::size_t>(key - configuration_.keys_.data()), *value, place});
@@ -542,7 +542,7 @@ std::string Configuration::type_name(const Key& key) {
                                [](const float*) { return std::string("a number"); },
                                [](const double*) { return std::string("a number"); },
                                [](const Duration*) { return std::string("a number"); },
-                               [](const std::string*) { return std::string("a text"); },
+                               [](const std::string*) { return std::string("a string"); },
                                [](const std::filesystem::path*) { return std::string("a path"); },
                                [](std::span<double> v) { return std::to_string(v.size()) + " numbers in brackets"; },
                                [](const Choice& choice) {
@@ -644,7 +644,7 @@ ConfigError Configuration::unknown_key(const std::string& place, const std::stri
       candidates.emplace_back(table);
   const auto guess = nearest_of(name, candidates);
   if (!guess)
-    return ConfigError(place, "unknown key '" + name + "'", "no key with a name near it",
+    return ConfigError(place, "unknown key '" + name + "'", "no key with a similar name",
                        "remove it; `chainslam config --print` lists all keys");
   const Key* key = find(*guess);
   const std::string what = key != nullptr

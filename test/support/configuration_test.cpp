@@ -205,18 +205,18 @@ pair = [4, 5]
     CHECK(complaint("[odometri]\nvoxel_size = 0.4\n").find("did you mean 'odometry' (a table)?") != std::string::npos);
     CHECK(complaint("quux_frobnication = 1") ==
           "site.toml, line 1, column 1: unknown key 'quux_frobnication'\n"
-          "  found: no key with a name near it\n"
+          "  found: no key with a similar name\n"
           "  do: remove it; `chainslam config --print` lists all keys");
   }
 
   TEST_CASE("a value of the wrong type is an error that says what to write") {
     CHECK(complaint("[odometry]\nvoxel_size = \"0.4\"") ==
           "site.toml, line 2, column 14: 'odometry.voxel_size' has a value of the wrong type\n"
-          "  found: \"0.4\", a text\n"
+          "  found: \"0.4\", a string\n"
           "  do: write a number, 0.05 to 5 m");
     CHECK(complaint("[icp]\nmax_iterations = 7.0").find("found: 7.0, a number\n  do: write an integer, 1 to 1000") !=
           std::string::npos);
-    CHECK(complaint("name = 3").find("found: 3, an integer\n  do: write a text") != std::string::npos);
+    CHECK(complaint("name = 3").find("found: 3, an integer\n  do: write a string") != std::string::npos);
     CHECK(complaint("dataset = false").find("do: write a path") != std::string::npos);
     CHECK(complaint("[odometry]\ndeskew = 1").find("do: write true or false") != std::string::npos);
     CHECK(complaint("name = 2020-01-01").find("found: a date or a time") != std::string::npos);
@@ -224,7 +224,7 @@ pair = [4, 5]
     CHECK(complaint("odometry = 4").find("write [odometry] on a line of its own") != std::string::npos);
     CHECK(complaint("[sensor]\nlever_arm = [1, 2]").find("do: write 3 numbers in brackets, -10 to 10 m") !=
           std::string::npos);
-    CHECK(complaint("[sensor]\nlever_arm = [1, 2, \"3\"]").find("an array of other things than numbers") !=
+    CHECK(complaint("[sensor]\nlever_arm = [1, 2, \"3\"]").find("an array with values that are not numbers") !=
           std::string::npos);
     CHECK(complaint("[[odometry]]\nvoxel_size = 1").find("'odometry' is a table, not a value") != std::string::npos);
   }
@@ -315,7 +315,7 @@ pair = [4, 5]
         "preset = \"worst\"\nname = \"x\"\ndate = 2020-01-01\nicp = 3\n[odometry]\nvoxel_size = 0.25\n"
         "max_range = -1\nmin_range = \"far\"\nvoxels = [1, 2]\n[old.part]\na = true\n[sensor]\npair = [1]\n",
         "parameters");
-    CHECK(left_out == std::vector<std::string>{"date = (a value of another kind)", "icp = 3", "odometry.max_range = -1",
+    CHECK(left_out == std::vector<std::string>{"date = (a value of another type)", "icp = 3", "odometry.max_range = -1",
                                                "odometry.min_range = \"far\"", "odometry.voxels = [1, 2]",
                                                "old.part.a = true", "preset = \"worst\"", "sensor.pair = [1]"});
     const std::vector<std::string> unassigned = configuration.unassigned();
@@ -340,7 +340,7 @@ pair = [4, 5]
   TEST_CASE("overrides complain as files do") {
     CHECK(complaint_of_override("odometry.voxel_size=fast") ==
           "--set odometry.voxel_size=fast: 'odometry.voxel_size' has a value of the wrong type\n"
-          "  found: \"fast\", a text\n"
+          "  found: \"fast\", a string\n"
           "  do: write a number, 0.05 to 5 m");
     CHECK(complaint_of_override("odometry.voxel_size").find("write --set table.key=value") != std::string::npos);
     CHECK(complaint_of_override("=1").find("no assignment") != std::string::npos);
