@@ -10,8 +10,8 @@ case "${1:-}" in
     cat <<TEXT
 usage: examples/run.sh [--fresh]       simulate three drives through one town, map them into one, check the
                                        result, write a report
-       examples/run.sh VERB ARGS...    build the program and run it: chainslam VERB ARGS...
-                                       (examples/run.sh help lists the verbs)
+       examples/run.sh SUBCOMMAND ...  build the program and run it: chainslam SUBCOMMAND ...
+                                       (examples/run.sh help lists the subcommands)
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_JOBS
 TEXT
     exit 0 ;;

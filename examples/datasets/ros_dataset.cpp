@@ -332,7 +332,7 @@ class RosDataset final : public Dataset {
           .push_back(topic.sentence + (topic.rule ? "" : "; scans are taken as snapshots"));
       if (topic.clock_difference)
         info_.warnings.push_back("the LiDAR's own clock is " + text_of(to_seconds(*topic.clock_difference)) +
-                                 " s from its messages' stamps, which are believed");
+                                 " s from its messages' stamps, which are used");
     }
     if (topic.kind != MessageKind::imu) return;
     topic.convert.emplace(options_, topic.beginning, info_);

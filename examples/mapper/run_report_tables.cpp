@@ -134,8 +134,8 @@ void add_error_table(const RunOutcome& outcome, support::ReportData& data) {
   }
   if (const auto& odometry = outcome.odometry_errors, &optimised = outcome.optimised_errors; odometry || optimised) {
     const Index alignments = optimised ? optimised->alignments : 0;
-    add(several ? "all; the optimised under " + counted(alignments, "alignment")
-                : "aligned by the rigid motion that fits best",
+    add(several ? "all; optimized poses under " + counted(alignments, "alignment")
+                : "rigidly aligned",
         odometry ? pair(odometry->translation, odometry->rotation) : none,
         optimised ? pair(optimised->translation, optimised->rotation) : none);
   }

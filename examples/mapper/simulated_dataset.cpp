@@ -31,7 +31,7 @@ class SimulatedDataset final : public datasets::Dataset {
     info_.p_body_antenna = preset.gnss.antenna_body;
     const std::string lidar(drive_.lidar().model().name);
     info_.sensors = {{lidar, SensorKind::lidar, static_cast<std::size_t>(drive_.scan_count()), "simulated"},
-                     {"inertial unit", SensorKind::imu, drive_.imu().size(), "simulated"},
+                     {"IMU", SensorKind::imu, drive_.imu().size(), "simulated"},
                      {"GNSS receiver", SensorKind::gnss, std::nullopt, "simulated"}};
     info_.source = "simulated";
     info_.notes = {"simulated while it is read: " + preset.summary,

@@ -207,7 +207,7 @@ std::string before_after_section(const ReportData& data) {
   return "<section><h2>Before and after</h2><div class=\"pair\"><figure class=\"panel above\">" +
          drawing.svg("Before the closures", drawing.paths(&ReportSession::odometry)) + "<figcaption>" + before +
          "</figcaption></figure><figure class=\"panel above\">" + drawing.svg("After the closures", after) +
-         "<figcaption>Optimised, with the closures.</figcaption></figure></div></section>\n";
+         "<figcaption>Optimized, with the closures.</figcaption></figure></div></section>\n";
 }
 
 }  // namespace chainslam::support
