@@ -33,7 +33,7 @@ struct PointTimeRule {
 
 /// What is known of the sensor beforehand. What is stated is not inferred.
 struct PointTimeHints {
-  double shortest_sweep = 0.04;  ///< seconds that a scan's points may span: 5 to 20 Hz with room
+  double shortest_sweep = 0.04;  ///< seconds that a scan's points may span: 5 to 20 Hz with a margin
   double longest_sweep = 0.25;   ///< seconds
   double clock_tolerance = 1.0;  ///< seconds that absolute times may lie from the stamp and still be its clock's
   std::optional<TimeUnit> unit = std::nullopt;
@@ -133,7 +133,7 @@ inline StampPlace stamp_place(double first, double last) {
 /// more than one reading fits or none.
 ///
 /// @param raw    the field's values in the order of the points, as numbers; those that are not finite are left out.
-/// @param stamp  the scan's stamp; nothing if the source states none, and absolute times are then believed.
+/// @param stamp  the scan's stamp; nothing if the source states none, and absolute times are then accepted.
 [[nodiscard]] inline PointTimeInference infer_point_time(std::span<const double> raw, std::optional<Timestamp> stamp,
                                                          const PointTimeHints& hints = {}) {
   using detail::number;
