@@ -252,7 +252,7 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
     }
     result.memory_full |= memory_is_full(run);
     await(pipeline, metered, run.progress);
-    const auto measurement = run.times.measure("final optimisation");
+    const auto measurement = run.times.measure("final optimization");
     result.map = back_end.finish();
     result.figures = metered.figures();
   }

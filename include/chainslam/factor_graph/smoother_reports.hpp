@@ -36,7 +36,7 @@ struct SmootherOptions {
   Index lag = 0;
 };
 
-/// Tells `IncrementalSmoother` that its options set no lag.
+/// Options of an `IncrementalSmoother` without lag.
 struct NoLag {};
 
 enum class UpdateStatus {

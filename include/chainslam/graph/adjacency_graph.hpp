@@ -108,7 +108,7 @@ class AdjacencyGraph {
     return false;
   }
 
-  /// Tells the processor that a node's place in the table, or its arcs, will soon be needed.
+  /// Prefetches a node's place in the table, or its arcs.
   [[gnu::always_inline]] void prefetch_node(Index node) const { __builtin_prefetch(nodes_.data() + node); }
   [[gnu::always_inline]] void prefetch_arcs(Index node) const { __builtin_prefetch(arcs_.data() + at(node).begin); }
 

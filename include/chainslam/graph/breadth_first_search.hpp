@@ -38,7 +38,7 @@ struct BfsResult {
   BfsEnd end = BfsEnd::exhausted;
 };
 
-/// Room for searches, to be used again: a search then costs its component and not the graph. One for each thread.
+/// Buffers of searches, to be used again: a search then costs its component and not the graph. One for each thread.
 ///
 /// A node's mark is one bit, taken away before the next search by going through what the last one reached: the marks
 /// of a million nodes fit a processor's own cache, and no stamp can wrap.

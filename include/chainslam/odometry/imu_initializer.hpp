@@ -19,7 +19,7 @@ struct ImuStart {
   Index samples = 0;
 };
 
-/// Tells a standstill from motion and reads gravity's direction and the gyroscope's bias off it.
+/// Detects standstill and estimates gravity's direction and the gyroscope's bias from it.
 ///
 /// Gravity is taken as a direction only, so accelerometers in g and in m/s^2 serve alike. In motion the mean specific
 /// force still shows the vertical, to some degrees; the bias is then left at zero and `at_rest` is false.

@@ -144,8 +144,7 @@ class InertialMotion {
   void doubt_mounting();
   /// The body's axes are others from now on, known to `deviation` (rad) about each.
   void set_axes_deviation(double deviation) { mounting_deviation_ = std::max(options_.lidar_rotation, deviation); }
-  /// What was measured since then says of the extrinsic calibration's rotation, about the given one; nothing while it
-  /// is held.
+  /// Information on the calibration's rotation measured since then, about the given one; nothing while it is held.
   [[nodiscard]] RotationEvidence mounting_evidence() const;
   /// Passes the mean rate of the last interval, which is continued where there are no measurements. To be called once
   /// the pose at the end is final.

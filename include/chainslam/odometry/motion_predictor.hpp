@@ -65,7 +65,7 @@ class MotionPredictor {
     return end > time_ && begin + (end - begin) / 2 > middle_time_;
   }
 
-  /// Tells the motion during the first sweep, which the second has shown.
+  /// Sets the motion during the first sweep, which the second has shown.
   void correct_start(const Vector6d& twist) {
     T_odom_middle_ = T_odom_body_.retract(-to_seconds(time_ - middle_time_) * twist);
   }

@@ -54,7 +54,7 @@ struct NoBailOut {
   [[nodiscard]] bool give_up(Index, Index, Index, double, double, double) const { return false; }
 };
 
-/// Gives up where even if all other matches fitted perfectly the hypothesis would not be of use: changes no result.
+/// Stops where even if all other matches fitted perfectly the hypothesis would not be of use: changes no result.
 struct BoundedScoring {
   [[nodiscard]] bool give_up(Index seen, Index count, Index /*agreed*/, double gain, double largest_gain,
                              double least_gain) const {
@@ -62,7 +62,7 @@ struct BoundedScoring {
   }
 };
 
-/// Gives up where the matches seen speak for a hypothesis from wrong matches and against one from right ones, by Wald's
+/// Stops where the matches seen speak for a hypothesis from wrong matches and against one from right ones, by Wald's
 /// sequential probability ratio test (Chum and Matas 2008): a right one is rejected by mistake in `mistakes` of cases.
 struct SequentialTest {
   double right_share = 0.1;    ///< of all matches, least, that agree with a right hypothesis
