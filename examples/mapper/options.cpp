@@ -263,7 +263,12 @@ support::Configuration make_configuration(MapperOptions& options) {
   return configuration;
 }
 
-std::string configuration_text(MapperOptions options) { return make_configuration(options).print(); }
+std::string configuration_text(const MapperOptions& options) {
+  MapperOptions printed;  // whose defaults are the program's own
+  const support::Configuration configuration = make_configuration(printed);
+  printed = options;
+  return configuration.print();
+}
 
 void configure(MapperOptions& options, const std::filesystem::path& file, const std::vector<std::string>& overrides) {
   support::Configuration configuration = make_configuration(options);

@@ -406,6 +406,64 @@ pair = [4, 5]
     });
   }
 
+  TEST_CASE("numbers are printed as people write them") {
+    Options options;
+    Configuration configuration = bound_to(options);
+    for (const double value : {30.0, 0.1, 2.5, 1e-9, 86400.0, 3.3333333333333335}) {
+      options.window = seconds(value);
+      const std::string text = configuration.explain("keyframes.window");
+      const std::string number = text.substr(text.find("= ") + 2, text.find('\n') - text.find("= ") - 2);
+      CHECK(number.size() <= 11);
+      CHECK(seconds(std::stod(number)) == options.window);
+    }
+    options.window = seconds(30.0);
+    CHECK(configuration.print().find("window = 30.0\n") != std::string::npos);
+  }
+
+  TEST_CASE("a default in another unit is shown by six digits, which stand for it and for nothing else") {
+    double angle = 0.2;  // rad: 11.459155902616464 degrees
+    float slope = 0.2F;
+    Configuration configuration;
+    const KeyInfo degrees{.unit = "deg", .min = 0, .max = 180, .factor = std::numbers::pi / 180};
+    configuration.add("a.angle", angle, degrees);
+    configuration.add("a.slope", slope, degrees);
+    const std::string defaults = configuration.print();
+    CHECK(defaults.find("default 11.4592") == std::string::npos);  // it is the value
+    CHECK(defaults.find("angle = 11.4592\n") != std::string::npos);
+    CHECK(defaults.find("slope = 11.4592\n") != std::string::npos);
+    angle = 1;
+    slope = 1;
+    configuration.load_text(defaults, "printed");
+    configuration.apply();
+    CHECK(angle == 0.2);
+    CHECK(slope == 0.2F);
+
+    configuration.set("a.angle=11.459155902616464");  // as programs before wrote it
+    configuration.apply();
+    CHECK(angle == 0.2);
+    configuration.set("a.angle=11.46");
+    configuration.apply();
+    CHECK(angle == 11.46 * std::numbers::pi / 180);
+    CHECK(configuration.print().find("; default 11.4592.\nangle = 11.46\n") != std::string::npos);
+
+    angle = std::nextafter(0.2, 1.0);  // next to the default, and not it
+    const std::string near = configuration.print();
+    CHECK(near.find("angle = 11.4592\n") == std::string::npos);
+    const double next = angle;
+    angle = 0;
+    configuration.load_text(near, "printed");
+    configuration.apply();
+    CHECK(angle == next);
+  }
+
+  TEST_CASE("rounding takes no default out of its range") {
+    double angle = 0.2;
+    Configuration configuration;
+    configuration.add("a.angle", angle, {.unit = "deg", .max = 11.459155902616464, .factor = std::numbers::pi / 180});
+    CHECK(configuration.print().find("angle = 11.459155902616464\n") != std::string::npos);
+    CHECK_NOTHROW(configuration.load_text(configuration.print(), "printed"));
+  }
+
   TEST_CASE("the printed file comments each key and groups them by table") {
     Options options;
     Configuration configuration = bound_to(options);
