@@ -10,11 +10,12 @@
 #include <utility>
 #include <vector>
 
+#include "build_description.hpp"
 #include "chainslam/core/printable.hpp"
-#include "chainslam/core/version.hpp"
 #include "exit_code.hpp"
 #include "simulator/error_sources.hpp"
 #include "simulator/lidar_model.hpp"
+#include "support/nearest_name.hpp"
 #include "verbs.hpp"
 
 // The only file that includes CLI11, which is headers only: each file that includes it compiles all of it anew.
@@ -22,10 +23,16 @@ namespace chainslam::mapper {
 
 namespace {
 
-#define CHAINSLAM_TEXT_OF(x) #x
-#define CHAINSLAM_TEXT(x) CHAINSLAM_TEXT_OF(x)
-constexpr const char* version = CHAINSLAM_TEXT(CHAINSLAM_VERSION_MAJOR) "." CHAINSLAM_TEXT(
-    CHAINSLAM_VERSION_MINOR) "." CHAINSLAM_TEXT(CHAINSLAM_VERSION_PATCH);
+/// Checks that an option's value is one of several words; else says which was probably meant.
+CLI::Validator one_of(const std::vector<std::string>& words) {
+  return {[words](std::string& text) {
+            if (std::ranges::find(words, text) != words.end()) return std::string();
+            std::string list;
+            for (const std::string& word : words) list += (list.empty() ? "" : "|") + word;
+            return "'" + text + "' is none of " + list + support::suggestion(text, words);
+          },
+          ""};
+}
 
 void add_map(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<MapArguments>();
@@ -106,7 +113,6 @@ void add_odometry(CLI::App& program, int& exit_code) {
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
-/// What `simulate` takes for a recorded trajectory.
 /// A list as lines of about 100 characters.
 std::string in_lines(std::string list) {
   constexpr std::size_t width = 100;
@@ -115,6 +121,7 @@ std::string in_lines(std::string list) {
   return list;
 }
 
+/// What `simulate` takes for a recorded trajectory.
 void add_recorded(CLI::App& verb, SimulateArguments& arguments) {
   const std::string group = "Along a recorded trajectory";
   verb.add_option("--trajectory", arguments.trajectory,
@@ -138,7 +145,7 @@ void add_recorded(CLI::App& verb, SimulateArguments& arguments) {
       ->group(group);
   verb.add_option("--frame", arguments.frame,
                   "frame of the poses: body (the IMU; default), lidar, or camera (default with --camera-lidar)")
-      ->check(CLI::IsMember({"body", "lidar", "camera"}))
+      ->check(one_of({"body", "lidar", "camera"}))
       ->option_text("FRAME")
       ->group(group);
   verb.add_option(
@@ -198,7 +205,7 @@ void add_simulate(CLI::App& program, int& exit_code) {
   verb->add_option("--out", arguments->out, "output folder")->required()->option_text("DIR");
   verb->add_option("--size", arguments->size,
                    "size of nclt-like, mars-like, nclt-hard and mars-hard: small, medium (default), large or full")
-      ->check(CLI::IsMember({"small", "medium", "large", "full"}))
+      ->check(one_of({"small", "medium", "large", "full"}))
       ->option_text("SIZE");
   verb->add_option("--sessions", arguments->sessions, "only the first N sessions of the preset")
       ->check(CLI::Range(1, 1000))
@@ -237,7 +244,8 @@ void add_inspect(CLI::App& program, int& exit_code) {
                    "Ctrl-C ends the estimation early")
       ->option_text("SECONDS")
       ->check(CLI::Range(0.0, 1e6).description(""));
-  verb->add_flag("--closures", arguments->closures, "also list a map's closures");
+  CLI::Option* closures = verb->add_flag("--closures", arguments->closures, "also list a map's closures");
+  verb->add_flag("--json", arguments->json, "print JSON instead of tables")->excludes(closures);
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
@@ -308,7 +316,7 @@ void add_export(CLI::App& program, int& exit_code) {
   verb->add_option("MAP", arguments->map, "map file (.cslam)")->required()->option_text(" ");
   verb->add_option("--format", arguments->format, "tum, kitti, g2o, ply, pcd or colmap")
       ->required()
-      ->check(CLI::IsMember({"tum", "kitti", "g2o", "ply", "pcd", "colmap"}))
+      ->check(one_of({"tum", "kitti", "g2o", "ply", "pcd", "colmap"}))
       ->option_text("FORMAT");
   verb->add_option("--out", arguments->out, "output folder or file")->required()->option_text("PATH");
   verb->add_option("--voxel", arguments->options.voxel_size, "voxel size of clouds, metres; 0: all points; default 0.2")
@@ -334,15 +342,16 @@ void add_export(CLI::App& program, int& exit_code) {
 template <class Value>
 void add_choice(CLI::App& verb, const std::string& name, Value& member, const std::string& help,
                 std::vector<std::pair<std::string, Value>> choices) {
-  std::string words;
-  for (const auto& [word, value] : choices) words += (words.empty() ? "" : "|") + word;
-  const auto assign = [name, words, choices, &member](const std::string& text) {
-    const auto found =
-        std::find_if(choices.begin(), choices.end(), [&](const auto& choice) { return choice.first == text; });
-    if (found == choices.end()) throw CLI::ValidationError(name, "'" + text + "' is none of " + words);
-    member = found->second;
+  std::vector<std::string> words;
+  std::string list;
+  for (const auto& [word, value] : choices) {
+    words.push_back(word);
+    list += (list.empty() ? "" : "|") + word;
+  }
+  const auto assign = [choices, &member](const std::string& text) {
+    member = std::ranges::find(choices, text, &std::pair<std::string, Value>::first)->second;
   };
-  verb.add_option_function<std::string>(name, assign, help)->option_text(words);
+  verb.add_option_function<std::string>(name, assign, help)->option_text(list)->check(one_of(words));
 }
 
 void add_eval(CLI::App& program, int& exit_code) {
@@ -437,11 +446,33 @@ void add_config(CLI::App& program, int& exit_code) {
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
+/// What is wrong with the first option that a subcommand does not have, if there is one.
+std::string unknown_option(const CLI::App& verb, const std::vector<std::string>& words) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : verb.get_options())
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  for (const std::string& word : words) {
+    const std::string name = word.substr(0, word.find('='));
+    if (word.size() > 2 && word.starts_with("--") && std::ranges::find(names, name) == names.end())
+      return "unknown option '" + name + "'" + support::suggestion(name, names);
+  }
+  return "";
+}
+
+/// What is wrong with the first word, if it is meant to be a subcommand and is none.
+std::string unknown_verb(const CLI::App& program, const std::vector<std::string>& words) {
+  if (words.empty() || words.front().size() < 2) return "";
+  if (words.front().starts_with('-')) return unknown_option(program, {words.front()});
+  std::vector<std::string> names;
+  for (const CLI::App* verb : program.get_subcommands({})) names.push_back(verb->get_name());
+  return "unknown subcommand '" + words.front() + "'" + support::suggestion(words.front(), names);
+}
+
 }  // namespace
 
 int run_command_line(int argc, const char* const* argv) {
   CLI::App program{"chainslam: multi-session LiDAR(-inertial) mapping with loop closure", "chainslam"};
-  program.set_version_flag("--version", version);
+  program.set_version_flag("--version", build_description());
   program.require_subcommand(1);
   program.footer(
       "chainslam SUBCOMMAND --help describes a subcommand.\n"
@@ -458,6 +489,7 @@ int run_command_line(int argc, const char* const* argv) {
   add_eval(program, exit_code);
   add_optimize(program, exit_code);
   add_config(program, exit_code);
+  const std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
   try {
     program.parse(argc, argv);
     return exit_code;
@@ -465,8 +497,9 @@ int run_command_line(int argc, const char* const* argv) {
     if (error.get_exit_code() == 0) return program.exit(error);
     const std::vector<CLI::App*> verbs = program.get_subcommands();
     const std::string verb = verbs.empty() ? "" : " " + verbs.front()->get_name();
+    const std::string unknown = verbs.empty() ? unknown_verb(program, words) : unknown_option(*verbs.front(), words);
     std::fprintf(stderr, "error: chainslam%s\n  found: %s\n  do: `chainslam%s --help` says what it takes\n",
-                 verb.c_str(), printable(error.what()).c_str(), verb.c_str());
+                 verb.c_str(), printable(unknown.empty() ? error.what() : unknown).c_str(), verb.c_str());
     return exit_usage;
   }
 }

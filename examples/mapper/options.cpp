@@ -1,6 +1,8 @@
 #include "options.hpp"
 
+#include <algorithm>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <tuple>
@@ -38,6 +40,37 @@ Configuration::Target extrinsic_of(datasets::DatasetOptions& dataset) {
                                     }};
 }
 
+/// Something known beforehand, or "auto": to be inferred from the data.
+template <class Value>
+Configuration::Target hint_of(std::optional<Value>& hint, const std::vector<std::pair<std::string, Value>>& choices) {
+  Configuration::Choice choice{.names = {"auto"}, .get = {}, .set = {}};
+  for (const auto& [name, value] : choices) choice.names.push_back(name);
+  choice.get = [&hint, choices] {
+    const auto same = [&](const auto& named) { return hint == named.second; };
+    return hint ? static_cast<std::size_t>(std::ranges::find_if(choices, same) - choices.begin()) + 1 : 0;
+  };
+  choice.set = [&hint, choices](std::size_t i) { hint = i == 0 ? std::nullopt : std::optional(choices[i - 1].second); };
+  return choice;
+}
+
+/// How to read a time field of points whose meaning the data leave open.
+void add_point_time(Configuration& configuration, PointTimeHints& hints) {
+  configuration.add("dataset.point_time_unit",
+                    hint_of<TimeUnit>(hints.unit, {{"s", TimeUnit::seconds},
+                                                   {"ms", TimeUnit::milliseconds},
+                                                   {"us", TimeUnit::microseconds},
+                                                   {"ns", TimeUnit::nanoseconds}}),
+                    {.help = "Unit of the time field of points in PCD, PLY and ROS messages. auto: inferred."});
+  configuration.add("dataset.point_time_base",
+                    hint_of<PointTimeBase>(
+                        hints.base, {{"relative", PointTimeBase::relative}, {"absolute", PointTimeBase::absolute}}),
+                    {.help = "Whether these times count from the scan's stamp or are absolute. auto: inferred."});
+  configuration.add("dataset.point_time_direction",
+                    hint_of<bool>(hints.counts_back, {{"forward", false}, {"backward", true}}),
+                    {.help = "Whether positive relative times are after (forward) or before (backward) the scan's "
+                             "stamp. auto: forward; times that decrease from point to point are ambiguous."});
+}
+
 void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset) {
   configuration.add("dataset.axes", dataset.axes,
                     {{"auto", datasets::NcltAxes::automatic},
@@ -62,6 +95,7 @@ void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset
     configuration.add(
         key, *topic,
         {.help = std::string("Topic of a ROS recording's ") + what + ". Empty: the topic with the most messages."});
+  add_point_time(configuration, dataset.point_time);
   configuration.add("dataset.times_from_azimuth", dataset.times_from_azimuth,
                     {.help = "Compute the times of points of nuScenes and MARS, which have none, from their azimuth at "
                              "constant rotation rate."});

@@ -44,6 +44,18 @@ std::optional<std::string> nearest_name(std::string_view name, const std::vector
   return best;
 }
 
+std::vector<std::string> names_of_list(std::string_view list) {
+  std::vector<std::string> names;
+  while (!list.empty()) {
+    const std::size_t comma = std::min(list.find(','), list.size());
+    std::string_view name = list.substr(0, comma);
+    while (name.starts_with(' ') || name.starts_with('\n')) name.remove_prefix(1);
+    if (!name.empty()) names.emplace_back(name);
+    list.remove_prefix(std::min(comma + 1, list.size()));
+  }
+  return names;
+}
+
 std::string suggestion(std::string_view name, const std::vector<std::string>& candidates) {
   const auto nearest = nearest_name(name, candidates);
   return nearest ? "; did you mean '" + *nearest + "'?" : "";

@@ -13,6 +13,9 @@ namespace chainslam::support {
 [[nodiscard]] std::optional<std::string> nearest_name(std::string_view name,
                                                       const std::vector<std::string>& candidates);
 
+/// The names of a list for people, which are separated by commas.
+[[nodiscard]] std::vector<std::string> names_of_list(std::string_view list);
+
 /// "; did you mean 'NAME'?", or nothing if no candidate is near.
 [[nodiscard]] std::string suggestion(std::string_view name, const std::vector<std::string>& candidates);
 
