@@ -33,7 +33,7 @@ demo="$build/demo"
 mkdir -p "$demo" || fail "cannot write to $demo; set CHAINSLAM_BUILD_DIR to a folder that can be written"
 [ "${1:-}" = --fresh ] && rm -rf "$demo/town" "$demo/map" "$demo"/map~*
 if [ -f "$demo/town/session3/README.txt" ]; then
-  say "drives" "$demo/town is there from an earlier run (examples/run.sh --fresh makes it anew)"
+  say "drives" "$demo/town exists from an earlier run (examples/run.sh --fresh makes it again)"
 else
   "$program" simulate town-sessions --out "$demo/town" --overwrite || fail "the simulator stopped" $?
 fi
