@@ -22,11 +22,13 @@ ProgramResult inspected(const ScratchFolder& scratch, const fs::path& path, cons
   return result;
 }
 
-/// The lines of an output, without the blanks before them.
+/// The lines of an output that are not empty, without the blanks before them.
 std::vector<std::string> trimmed_lines(const std::string& text) {
   std::vector<std::string> lines;
   std::istringstream stream(text);
-  for (std::string line; std::getline(stream, line);) lines.push_back(line.substr(line.find_first_not_of(' ')));
+  for (std::string line; std::getline(stream, line);)
+    if (const std::size_t first = line.find_first_not_of(' '); first != std::string::npos)
+      lines.push_back(line.substr(first));
   return lines;
 }
 
@@ -51,6 +53,7 @@ void write_falling_times(const fs::path& folder) {
     }
     write_text(folder / "clouds" / (std::to_string(scan) + ".pcd"), text);
   }
+  write_text(folder / "times.txt", "1000.0\n1000.1\n1000.2\n");  // far from zero, so that times are relative
 }
 
 const char* const summary = R"({
@@ -130,7 +133,7 @@ TEST_SUITE("program/inspect") {
     const fs::path data = scratch.path() / "data";
     write_falling_times(data);
     const std::string open = inspected(scratch, data).output;
-    CHECK(contains(open, "fall from point to point"));
+    CHECK(contains(open, "values from 0 to 0.1 fall from point to point"));
     CHECK(contains(open, "set dataset.point_time_unit, point_time_base or point_time_direction"));
     CHECK(fact(open, "sweep") == "(none)");
 
