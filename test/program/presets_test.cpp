@@ -48,8 +48,8 @@ Settings printed(const std::string& settings) {
   return values;
 }
 
-/// Key and value: one for all, or paper on nclt, paper on mars, released on nclt, released on mars. Times are whole
-/// nanoseconds; an angle of 11.4592 degrees stands for the default, 0.2 rad.
+/// Key and value: one for all, or paper on nclt, paper on mars, released on nclt, released on mars. An
+/// angle of 11.4592 degrees stands for the default, 0.2 rad.
 constexpr const char* values_of_presets = R"(
 odometry.source                      fast_lio2
 odometry.min_range                   4 1 4 1
@@ -70,7 +70,7 @@ closures.min_interval                30 30 30 60
 closures.max_candidates              1
 closures.heading_weight              0
 closures.min_travel                  16 25 0 0
-closures.min_period                  0 0 3.333333333 2.5
+closures.min_period                  0 0 3.3333333333333335 2.5
 closures.before_merge                true true false false
 closures.submap_radius               20
 closures.voxel_size                  0.4
@@ -110,7 +110,7 @@ merge.gnss_max_height                1e9
 merge.gnss_max_sigma                 1e9
 merge.max_candidates                 1
 merge.min_travel                     0
-merge.min_period                     0 0 3.333333333 2.5
+merge.min_period                     0 0 3.3333333333333335 2.5
 merge.submap_radius                  20
 merge.submap_length                  0
 merge.method                         features
@@ -178,7 +178,7 @@ bool same_value(const std::string& a, const std::string& b) {
     return static_cast<bool>(stream >> value) && stream.peek() == std::istringstream::traits_type::eof();
   };
   double x = 0, y = 0;
-  // Units round the last digit.
+  // Units, and seconds of a whole number of nanoseconds, round the last digit.
   return number(a, x) && number(b, y) ? std::abs(x - y) <= 1e-14 * std::abs(y) : a == b;
 }
 
