@@ -56,7 +56,7 @@ void write_falling_times(const fs::path& folder) {
   write_text(folder / "times.txt", "1000.0\n1000.1\n1000.2\n");  // far from zero, so that times are relative
 }
 
-const char* const summary = R"({
+const char* const small_summary = R"({
   "verdict": {"good": true, "text": "good"},
   "sessions": [
     {"name": "monday", "keyframes": 12, "path_length_m": 513.9286092077974, "health": {"lost": 0, "intervals": []}},
@@ -76,7 +76,7 @@ TEST_SUITE("program/inspect") {
     const ScratchFolder scratch("inspect_table");
     const fs::path map = scratch.path() / "map";
     fs::create_directories(map);
-    write_text(map / "summary.json", summary);
+    write_text(map / "summary.json", small_summary);
     const std::string output = inspected(scratch, map).output;
     CHECK(fact(output, "data_seconds") == "30");
     CHECK(fact(output, "peak_memory_bytes") == "421097472");
@@ -98,11 +98,11 @@ TEST_SUITE("program/inspect") {
     const ScratchFolder scratch("inspect_json");
     const fs::path map = scratch.path() / "map";
     fs::create_directories(map);
-    write_text(map / "summary.json", summary);
+    write_text(map / "summary.json", small_summary);
     const auto json = nlohmann::json::parse(inspected(scratch, map, "--json").output);
     CHECK(json["path"] == map.string());
     CHECK(json["kind"] == "map made by chainslam");
-    CHECK(json["summary"] == nlohmann::json::parse(summary));
+    CHECK(json["summary"] == nlohmann::json::parse(small_summary));
     CHECK(json["warnings"].size() == 4);
     CHECK(json["facts"][0] == nlohmann::json{{"name", "verdict.good"}, {"value", "true"}});
 
