@@ -382,7 +382,7 @@ auto IkdTree<ScalarType, Policy, Dim, Payload>::load(std::span<const std::byte> 
     const unsigned state = Thinning::saves_states ? states.take<std::uint16_t>() : 0;
     if constexpr (Tree::Runs::has_payload) points[i].payload = payloads.take_raw<Payload>();
     if (!tree.thinning_.restore(Vector(points[i].at.data()), state))
-      detail::refuse_tree(name, detail::TreeHeader::bytes + i * sizeof(Scalar) * Dim, "a point that violates the voxels");
+      detail::refuse_tree(name, detail::TreeHeader::bytes + i * sizeof(Scalar) * Dim, "a point against the voxels");
   }
   detail::BoxTreeBuilder<Tree>::build(tree.tree_, {points.data(), points.size()});
   tree.rejected_ = static_cast<Index>(head.rejected);
