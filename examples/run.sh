@@ -10,8 +10,8 @@ case "${1:-}" in
     cat <<TEXT
 usage: examples/run.sh [--fresh]       simulate three drives through one town, map them into one, check the
                                        result, write a report
-       examples/run.sh VERB ARGS...    build the program and run it: chainslam VERB ARGS...
-                                       (examples/run.sh help lists the verbs)
+       examples/run.sh SUBCOMMAND ...  build the program and run it: chainslam SUBCOMMAND ...
+                                       (examples/run.sh help lists the subcommands)
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_JOBS
 TEXT
     exit 0 ;;
@@ -33,7 +33,7 @@ demo="$build/demo"
 mkdir -p "$demo" || fail "cannot write to $demo; set CHAINSLAM_BUILD_DIR to a folder that can be written"
 [ "${1:-}" = --fresh ] && rm -rf "$demo/town" "$demo/map" "$demo"/map~*
 if [ -f "$demo/town/session3/README.txt" ]; then
-  say "drives" "$demo/town is there from an earlier run (examples/run.sh --fresh makes it anew)"
+  say "drives" "$demo/town exists from an earlier run (examples/run.sh --fresh makes it again)"
 else
   "$program" simulate town-sessions --out "$demo/town" --overwrite || fail "the simulator stopped" $?
 fi

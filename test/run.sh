@@ -10,7 +10,7 @@ usage: test/run.sh [--quick | --full] [MODULE...]
   (nothing)   the parts by clang with ASan and UBSan; what is put together of them by g++ -O2; TSan for what runs in
               threads; every header alone; consumers
   --quick     the parts by g++ -O2 only: a few minutes
-  --full      every module by g++ -O2, clang -O2 and under ASan; all else of the default; fuzzed readers, every bench once,
+  --full      every module by g++ -O2, clang -O2 and under ASan; all else of the default; fuzzed readers, every benchmark once,
               the example from end to end
   MODULE        only these modules (folders of test/), by g++ and under ASan, for instance: lie io
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA (a folder of real data), CHAINSLAM_JOBS,
@@ -211,9 +211,9 @@ if [ "$mode" != quick ]; then
     header_check=("$root/test/headers.sh")
     [ "$mode" = full ] && header_check+=(--all)
     # Two at a time: each leaves a core idle for half of its time.
-    start_step "errors at the seams can be read" env CXX="$seam_compilers" "$root/test/compile_fail/run.sh" "$root/include"
+    start_step "errors at the concepts can be read" env CXX="$seam_compilers" "$root/test/compile_fail/run.sh" "$root/include"
     start_step "consumers build" env CXX=g++ "$root/test/consumer/run.sh" "${consumers[@]}"
-    end_step "errors at the seams can be read"
+    end_step "errors at the concepts can be read"
     if [ "$mode" = full ]; then
       end_step "consumers build"
       run_step "programs of users compile in time" "$root/test/compile_times.sh" --check
@@ -245,7 +245,7 @@ if [ "$mode" = full ]; then
       -DCHAINSLAM_BUILD_FUZZERS=ON -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF -DCHAINSLAM_BUILD_EXAMPLES=OFF
     run_step "readers withstand what is made up" "$root/test/fuzz/run.sh" "$build/fuzz/test/fuzz" "$build/gcc/test" 10
   fi
-  run_step "every bench runs" "$root/bench/run.sh" --smoke
+  run_step "every benchmark runs" "$root/bench/run.sh" --smoke
   run_step "the table of odometries is written" "$root/bench/odometry_table.sh" --only nuscenes_scene
   run_step "the example runs from end to end" "$root/examples/run.sh"
   run_step "the paper's tables are made of small worlds" "$root/bench/experiments/run.sh" --size small

@@ -11,7 +11,7 @@ from .table import Column, WorldNote, markdown_rows
 TITLE = "Table 4: efficiency"
 INTRODUCTION = """\
 The last session with the map of all others loaded, by itself on all cores of the machine. Front end: odometry of its
-first {scans} scans or fewer. Back end: search, registration, chaining, merging and optimisation, all of it, for each
+first {scans} scans or fewer. Back end: search, registration, chaining, merging and optimization, in total, for each
 keyframe and for each raw scan. FPS: 1000 / (front end + back end, ms per scan, means). Memory: peak resident set of the
 process that maps. LAMM loads no map: its process maps all sessions, and its times are of all of them.
 """

@@ -1,4 +1,4 @@
-// Accuracy of the odometries on real drives and on data sets given as folders, as Markdown: see bench/README.md.
+// Accuracy of the odometries on real drives and on data sets given as folders, as Markdown: see bench/results.md.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>

@@ -1,5 +1,5 @@
 // How real and simulated scans compare: range noise, bias from laser to laser, returns, density over range, and what
-// moves, as Markdown: see bench/README.md.
+// moves, as Markdown: see bench/results.md.
 
 #include <CLI/CLI.hpp>
 #include <Eigen/Eigenvalues>

@@ -1,5 +1,5 @@
 // How much FAST-LIO2, as it was published, drifts in simulated worlds, and what each error source of a world adds to
-// that, as Markdown: see bench/README.md. With --platform it has the settings that the program's preset `paper` gives
+// that, as Markdown: see bench/results.md. With --platform it has the settings that the program's preset `paper` gives
 // it.
 
 #include <CLI/CLI.hpp>

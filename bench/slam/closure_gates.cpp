@@ -1,5 +1,5 @@
 // How well what the loop closer looks at tells right alignments from wrong ones, over real and simulated scans of
-// several sensors, as Markdown and CSV: see bench/README.md.
+// several sensors, as Markdown and CSV: see bench/results.md.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>

@@ -124,8 +124,9 @@ std::optional<PointTimeRule> infer_times(const PointFile& first, Timestamp time,
     return inference.rule;
   }
   info.motion_corrected = true;
-  (inference.status == PointTimeStatus::absent ? info.notes : info.warnings)
-      .push_back(sentence + "; clouds are taken as snapshots");
+  const bool absent = inference.status == PointTimeStatus::absent;
+  (absent ? info.notes : info.warnings)
+      .push_back(sentence + "; clouds are taken as snapshots" + (absent ? "" : point_time_settings));
   return std::nullopt;
 }
 

@@ -49,9 +49,13 @@ enum class NcltGnss { automatic, rtk, consumer, none };
 /// Which units an IMU's numbers have: m/s^2 or g, rad/s or deg/s.
 enum class ImuUnitsGiven { automatic, si, g, degrees, g_and_degrees };
 
+/// What a warning about times of points that could not be read says at its end.
+inline constexpr const char* point_time_settings =
+    "; set dataset.point_time_unit, point_time_base or point_time_direction to use them";
+
 struct DatasetOptions {
   std::optional<DatasetKind> kind{};   ///< found by looking at the folder if absent
-  std::optional<SE3d> T_body_lidar{};  ///< mounting, if the data set's own is to be overridden
+  std::optional<SE3d> T_body_lidar{};  ///< extrinsic calibration that overrides the data set's own
   std::filesystem::path truth{};       ///< a TUM file with T_map_body, if the data set's own is to be overridden
   NcltAxes axes = NcltAxes::automatic;
   NcltGnss gnss = NcltGnss::automatic;  ///< automatic: RTK if it is there

@@ -329,10 +329,11 @@ class RosDataset final : public Dataset {
       info_.motion_corrected = !topic.rule;
       const bool clear = topic.times == PointTimeStatus::inferred || topic.times == PointTimeStatus::absent;
       (clear ? info_.notes : info_.warnings)
-          .push_back(topic.sentence + (topic.rule ? "" : "; scans are taken as snapshots"));
+          .push_back(topic.sentence + (topic.rule ? "" : "; scans are taken as snapshots") +
+                     (clear ? "" : point_time_settings));
       if (topic.clock_difference)
         info_.warnings.push_back("the LiDAR's own clock is " + text_of(to_seconds(*topic.clock_difference)) +
-                                 " s from its messages' stamps, which are believed");
+                                 " s from its messages' stamps, which are used");
     }
     if (topic.kind != MessageKind::imu) return;
     topic.convert.emplace(options_, topic.beginning, info_);

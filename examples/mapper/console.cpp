@@ -17,10 +17,10 @@ const char* remedy(OdometrySourceKind source) {
       return "run `chainslam inspect` on the data: gaps, times of points, ranges; with an IMU try --set "
              "odometry.source=lidar_inertial";
     case OdometrySourceKind::lidar_inertial:
-      return "run `chainslam inspect` on the data: units, clock and mounting of the IMU, gaps; try --set "
-             "odometry.source=lidar, which trusts the scans alone";
+      return "run `chainslam inspect` on the data: units, clock and extrinsic calibration of the IMU, gaps; try --set "
+             "odometry.source=lidar, which uses only scans";
     case OdometrySourceKind::fast_lio2:
-      return "try --set odometry.source=lidar_inertial or lidar: FAST-LIO2 needs a start at rest and a known mounting";
+      return "try --set odometry.source=lidar_inertial or lidar: FAST-LIO2 needs a start at rest and a known extrinsic calibration";
   }
   return "";
 }

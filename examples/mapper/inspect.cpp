@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -45,8 +46,21 @@ datasets::Inspection inspect_map(const fs::path& path) {
   return result;
 }
 
-void print(const fs::path& path, const datasets::Inspection& found) {
-  std::printf("%s: %s", printable(path.native()).c_str(), printable(to_text(found), true).c_str());
+/// What was found, for programs; of a run's folder with the whole summary.
+std::string to_json(const fs::path& path, const datasets::Inspection& found, bool map_folder) {
+  nlohmann::ordered_json json{{"path", path.native()}, {"kind", found.kind}};
+  json["facts"] = nlohmann::ordered_json::array();
+  for (const auto& [name, value] : found.facts) json["facts"].push_back({{"name", name}, {"value", value}});
+  json["warnings"] = found.warnings;
+  if (map_folder) json["summary"] = nlohmann::ordered_json::parse(read_summary_text(path / "summary.json"));
+  return json.dump(2, ' ', true, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+void print(const InspectArguments& arguments, const datasets::Inspection& found, bool map_folder = false) {
+  if (arguments.json)
+    std::printf("%s\n", to_json(arguments.path, found, map_folder).c_str());
+  else
+    std::printf("%s: %s", printable(arguments.path.native()).c_str(), printable(to_text(found), true).c_str());
 }
 
 void print_closures(const fs::path& path) {
@@ -58,7 +72,7 @@ void print_closures(const fs::path& path) {
 
 int run(const InspectArguments& arguments) {
   if (is_map_file(arguments.path)) {
-    print(arguments.path, inspect_map_file(arguments.path));
+    print(arguments, inspect_map_file(arguments.path));
     if (arguments.closures) print_closures_of(arguments.path);
     return exit_good;
   }
@@ -75,7 +89,7 @@ int run(const InspectArguments& arguments) {
     inspect_imu(arguments.path, options, arguments.imu_seconds, interrupt.token(), found);
     interrupted = interrupt.requested();
   }
-  print(arguments.path, found);
+  print(arguments, found, map);
   if (arguments.closures) print_closures(arguments.path);
   return interrupted ? exit_interrupted : exit_good;
 }

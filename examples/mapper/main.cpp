@@ -65,7 +65,7 @@ int checked(int exit_code) {
   const bool failed = std::fflush(stdout) != 0 || std::ferror(stdout) != 0;
   if (!failed || errno == EPIPE || exit_code != exit_good) return exit_code;
   return report(("standard output\n  found: " + std::generic_category().message(errno) +
-                 "\n  do: free space where the output goes; files that were named by options are whole")
+                 "\n  do: free space where the output goes; files that were named by options are complete")
                     .c_str(),
                 exit_output);
 }

@@ -116,8 +116,8 @@ bool has_empty_session(const MappingResult& mapping, const MapArguments& argumen
 
 /// What helps a run that needed more memory than it may have.
 std::string memory_remedy(bool at_once, const fs::path& out) {
-  if (at_once) return "allow more, or load smaller maps: there was no room for a keyframe";
-  return "the map of what came before is saved: go on with --load " + printable((out / map_name).native()) +
+  if (at_once) return "allow more, or load smaller maps: the limit does not suffice for one keyframe";
+  return "the map so far is saved: continue with --load " + printable((out / map_name).native()) +
          " where there is more, or raise keyframes.distance or keyframes.voxel_size";
 }
 

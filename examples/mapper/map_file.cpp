@@ -69,7 +69,7 @@ std::vector<std::string> losses(const LoadedMap& loaded) {
   }
   if (report.poses_by_odometry > 0)
     lines.push_back(how_many(static_cast<std::uint64_t>(report.poses_by_odometry), "pose") +
-                    " after the last optimised ones, placed by odometry");
+                    " after the last optimized ones, placed by odometry");
   if (report.ignored_bytes > 0)
     lines.push_back(how_many(report.ignored_bytes, "byte") + " after byte " +
                     std::to_string(report.file_bytes - report.ignored_bytes) + " ignored");

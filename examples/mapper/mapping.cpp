@@ -252,7 +252,7 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
     }
     result.memory_full |= memory_is_full(run);
     await(pipeline, metered, run.progress);
-    const auto measurement = run.times.measure("final optimisation");
+    const auto measurement = run.times.measure("final optimization");
     result.map = back_end.finish();
     result.figures = metered.figures();
   }
@@ -261,7 +261,7 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
   result.interrupted = run.stop.stop_requested() || result.failure || result.memory_full;
   if (result.figures.failed_optimisations > 0)
     result.notes.push_back(std::to_string(result.figures.failed_optimisations) +
-                           " optimisations failed; the estimates before were kept");
+                           " optimizations failed; the previous estimates were kept");
   return result;
 }
 

@@ -25,7 +25,7 @@ struct MappingRun {
   Index max_scans = 0;           ///< of each data set; 0: all
   std::uint64_t max_memory = 0;  ///< bytes of the process, at which the run ends as if the data did; 0: any
   support::Progress& progress;
-  support::StageTimes& times;  ///< "read", "odometry", "back end", "final optimisation"
+  support::StageTimes& times;  ///< "read", "odometry", "back end", "final optimization"
   /// Called with what the back end gets next, before it does, on a thread of its own: once it has returned, no crash
   /// loses that. At the latest for each 0.4 s of data; the front end is never more than a second ahead.
   std::function<void(std::span<const MapInput>)> record{};

@@ -137,8 +137,8 @@ datasets::RecordingInfo description(const datasets::DatasetInfo& dataset, const 
 
 /// What helps a run that needed more memory than it may have.
 std::string memory_remedy(bool at_once) {
-  return at_once ? "allow more: there was no room for a keyframe"
-                 : "what came before is recorded: map that, or allow more";
+  return at_once ? "allow more: the limit does not suffice for one keyframe"
+                 : "the results so far are recorded: map these, or allow more";
 }
 
 /// The goals that odometry alone can meet.

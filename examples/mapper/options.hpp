@@ -59,7 +59,7 @@ struct MapperOptions {
 };
 
 /// The configuration in force, as a file that repeats the run.
-[[nodiscard]] std::string configuration_text(MapperOptions options);
+[[nodiscard]] std::string configuration_text(const MapperOptions& options);
 
 /// A source as the settings write it.
 [[nodiscard]] const char* name_of(OdometrySourceKind source);

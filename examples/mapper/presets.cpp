@@ -147,7 +147,7 @@ constexpr PresetValue preset_values[] = {
     alike("graph.odometry_doubt", "false", "code: the same for each step"),
     alike("graph.anchor", "1e-6", "paper III-A: prior factors; code: variance 1e-12"),
     alike("graph.anchor_joined_sessions", "true", "paper III-D: the prior is replaced by one at the aligned pose"),
-    differ("graph.remeasure_loaded", "false", "true", "paper III-D: restored; code: made anew of optimised poses"),
+    differ("graph.remeasure_loaded", "false", "true", "paper III-D: restored; code: recomputed from optimized poses"),
 };
 
 /// What a slow robot and a car differ in, in `best`.

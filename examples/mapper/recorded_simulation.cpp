@@ -16,6 +16,7 @@
 #include "recorded_input.hpp"
 #include "simulator/recorded_drive.hpp"
 #include "support/configuration.hpp"
+#include "support/nearest_name.hpp"
 
 namespace chainslam::mapper {
 
@@ -32,8 +33,10 @@ simulator::RecordedDriveOptions options_of(const DriveChoice& choice) {
   simulator::RecordedDriveOptions options;
   const auto kind = simulator::lidar_kind(choice.lidar);
   if (!kind)
-    throw support::ConfigError("--lidar", "there is no such LiDAR", choice.lidar,
-                               "take one of: " + simulator::lidar_names());
+    throw support::ConfigError(
+        "--lidar", "there is no such LiDAR",
+        choice.lidar + support::suggestion(choice.lidar, support::names_of_list(simulator::lidar_names())),
+        "take one of: " + simulator::lidar_names());
   const Index in_packet = simulator::lidar_model(*kind).firings_per_packet;
   options.lidar.kind = *kind;
   options.lidar.firings_per_revolution = std::max(Index{1}, (choice.columns + in_packet / 2) / in_packet) * in_packet;

@@ -44,7 +44,7 @@ int recover_file(const std::filesystem::path& path, const RecoverArguments& argu
   });
   if (!saved) return output.exit_code(exit_good);
   for (const std::string& line : losses(loaded)) std::printf("lost         %s\n", printable(line).c_str());
-  if (loaded.report.complete) std::printf("nothing was lost: the map was whole\n");
+  if (loaded.report.complete) std::printf("nothing was lost: the map was intact\n");
   std::printf("saved        %s\nwritten      %s\n", short_account(loaded.map).c_str(),
               printable(arguments.out.native()).c_str());
   return exit_good;

@@ -72,11 +72,11 @@ void add_figures(const RunOutcome& outcome, support::ReportData& data) {
   data.figures = {{"Scans", std::to_string(summary.scans), std::to_string(summary.lost_frames) + " lost"},
                   {"Path", metres(summary.path_length), counted(summary.keyframes, "keyframe")}};
   if (summary.sessions.size() > 1)
-    data.figures.push_back({"Sessions joined",
+    data.figures.push_back({"Sessions merged",
                             std::to_string(summary.sessions.size() - unmerged(summary).size()) + " of " +
                                 std::to_string(summary.sessions.size()),
                             counted(summary.merges, "merge")});
-  data.figures.push_back({"Direct closures", std::to_string(summary.direct_closures), "places found again"});
+  data.figures.push_back({"Direct closures", std::to_string(summary.direct_closures), "revisited places"});
   if (summary.chained_closures > 0 || summary.sessions.size() > 1)
     data.figures.push_back(
         {"Chained closures", std::to_string(summary.chained_closures), counted(summary.components.count, "component")});
@@ -97,8 +97,8 @@ void add_figures(const RunOutcome& outcome, support::ReportData& data) {
 
 void add_warnings(const support::RunSummary& summary, support::ReportData& data) {
   for (const std::string& name : unmerged(summary))
-    data.warnings.push_back(name + " was not joined with " + summary.sessions.front().name +
-                            ": nothing says where it lies, and it is drawn beside");
+    data.warnings.push_back(name + " was not merged with " + summary.sessions.front().name +
+                            ": its position is unknown, and it is drawn next to the map");
   data.warnings.insert(data.warnings.end(), summary.notes.begin(), summary.notes.end());
 }
 

@@ -83,7 +83,7 @@ void add_failure_table(const support::RunSummary& summary, support::ReportData& 
 /// What odometry relied on of each session's IMU, and what the scans say of its clock and axes.
 void add_imu_table(const support::RunSummary& summary, support::ReportData& data) {
   support::ReportTable table{.title = "IMU: share of frames that use it, and what the scans say of its clock and axes",
-                             .heads = {"Session", "All of it", "Gyroscope", "Scans alone", "imu.time_offset",
+                             .heads = {"Session", "Full IMU", "Gyroscope only", "LiDAR only", "imu.time_offset",
                                        "T_body_lidar's rotation", "Used"}};
   for (const support::SessionSummary& session : summary.sessions) {
     const support::ImuUseCounts& use = session.health.imu_use;
@@ -148,8 +148,7 @@ void add_error_table(const RunOutcome& outcome, support::ReportData& data) {
   }
   if (const auto& odometry = outcome.odometry_errors, &optimised = outcome.optimised_errors; odometry || optimised) {
     const Index alignments = optimised ? optimised->alignments : 0;
-    add(several ? "all; the optimised under " + counted(alignments, "alignment")
-                : "aligned by the rigid motion that fits best",
+    add(several ? "all; optimized poses under " + counted(alignments, "alignment") : "rigidly aligned",
         odometry ? pair(odometry->translation, odometry->rotation) : none,
         optimised ? pair(optimised->translation, optimised->rotation) : none);
   }

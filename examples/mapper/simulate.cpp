@@ -1,5 +1,6 @@
 #include "simulator/simulate.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <functional>
@@ -7,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "chainslam/core/printable.hpp"
 #include "chainslam/core/thread_pool.hpp"
@@ -17,6 +19,7 @@
 #include "simulator/recorded_files.hpp"
 #include "support/configuration.hpp"
 #include "support/interrupt.hpp"
+#include "support/nearest_name.hpp"
 #include "support/progress.hpp"
 #include "verbs.hpp"
 
@@ -29,12 +32,25 @@ std::string known_presets() {
   return names;
 }
 
+namespace {
+
+/// What was probably meant by the first of some names that no error source has; empty if nothing is near.
+std::string meant_error_source(const std::string& names) {
+  const std::vector<std::string> known = support::names_of_list(simulator::error_source_names());
+  for (const std::string& name : support::names_of_list(names))
+    if (name != "all" && std::ranges::find(known, name) == known.end()) return support::suggestion(name, known);
+  return "";
+}
+
+}  // namespace
+
 simulator::Preset with_error_sources(const simulator::Preset& preset, const std::string& only,
                                      const std::string& without) {
   try {
     return simulator::without_errors(simulator::with_only_errors(preset, only), without);
   } catch (const std::invalid_argument& error) {
-    throw support::ConfigError("simulate", "an error source has no such name", only + " and without " + without,
+    throw support::ConfigError("simulate", "an error source has no such name",
+                               only + " and without " + without + meant_error_source(only + "," + without),
                                std::string(error.what()));
   }
 }
@@ -101,8 +117,10 @@ int run(const SimulateArguments& arguments) {
   if (!arguments.trajectory.empty()) return simulate_recorded(arguments);
   auto preset = simulator::preset(arguments.preset, *simulator::preset_size(arguments.size));
   if (!preset)
-    throw support::ConfigError("simulate", "there is no such preset", arguments.preset,
-                               "take one of: " + known_presets());
+    throw support::ConfigError(
+        "simulate", "there is no such preset",
+        arguments.preset + support::suggestion(arguments.preset, support::names_of_list(known_presets())),
+        "take one of: " + known_presets());
   preset = with_error_sources(*preset, arguments.errors, arguments.without);
   if (arguments.sessions) {
     if (*arguments.sessions > preset->sessions.size())

@@ -11,6 +11,7 @@
 #include "simulator/preset_description.hpp"
 #include "simulator/town_drive.hpp"
 #include "support/configuration.hpp"
+#include "support/nearest_name.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {
@@ -31,7 +32,7 @@ class SimulatedDataset final : public datasets::Dataset {
     info_.p_body_antenna = preset.gnss.antenna_body;
     const std::string lidar(drive_.lidar().model().name);
     info_.sensors = {{lidar, SensorKind::lidar, static_cast<std::size_t>(drive_.scan_count()), "simulated"},
-                     {"inertial unit", SensorKind::imu, drive_.imu().size(), "simulated"},
+                     {"IMU", SensorKind::imu, drive_.imu().size(), "simulated"},
                      {"GNSS receiver", SensorKind::gnss, std::nullopt, "simulated"}};
     info_.source = "simulated";
     info_.notes = {"simulated while it is read: " + preset.summary,
@@ -73,9 +74,9 @@ std::optional<std::uint64_t> number(std::string_view text) {
 
 std::unique_ptr<datasets::Dataset> open_simulation(std::string_view name) {
   if (!name.starts_with(prefix)) return nullptr;
-  const auto refuse = [&](const char* what) -> std::unique_ptr<datasets::Dataset> {
+  const auto refuse = [&](const char* what, const std::string& hint = "") -> std::unique_ptr<datasets::Dataset> {
     throw support::ConfigError(
-        "map", what, std::string(name),
+        "map", what, std::string(name) + hint,
         "write simulate:PRESET/SIZE/SESSION[/SEED][/errors=NAMES][/without=NAMES], such as "
         "simulate:nclt-like/medium/1, or simulate:FOLDER with what simulate --trajectory has written");
   };
@@ -85,9 +86,11 @@ std::unique_ptr<datasets::Dataset> open_simulation(std::string_view name) {
   const std::string errors = taken(parts, "errors=").value_or("all");
   if (parts.size() < 3 || parts.size() > 4) return refuse("that names no simulated session");
   const auto size = simulator::preset_size(parts[1]);
-  if (!size) return refuse("there is no such size");
+  if (!size)
+    return refuse("there is no such size", support::suggestion(parts[1], {"small", "medium", "large", "full"}));
   const auto preset = simulator::preset(parts[0], *size);
-  if (!preset) return refuse("there is no such preset");
+  if (!preset)
+    return refuse("there is no such preset", support::suggestion(parts[0], support::names_of_list(known_presets())));
   const auto session = number(parts[2]);
   const auto seed = parts.size() == 4 ? number(parts[3]) : std::optional<std::uint64_t>(1);
   if (!session || *session < 1 || *session > preset->sessions.size()) return refuse("the preset has no such session");

@@ -73,6 +73,7 @@ struct InspectArguments {
   std::filesystem::path path, config;
   std::vector<std::string> overrides;
   bool closures = false;
+  bool json = false;
   double imu_seconds = 60;  ///< of data in which IMU and scans are compared; 0: none
 };
 

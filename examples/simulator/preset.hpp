@@ -63,7 +63,7 @@ enum class PresetSize { small, medium, large, full };
 /// town of avenues, VLS-128 at 10 Hz and inertial unit at 10 Hz: a tunnel, traffic alongside and against it. Small: 900
 /// m, about 90 s each; medium and large: 6 km, 10 min; full: over 1500 x 3000 m, 2.4 h.
 ///
-/// "nclt-hard", "mars-hard": the same with harder errors and places (see `error_sources`; bench/README.md has how far
+/// "nclt-hard", "mars-hard": the same with harder errors and places (see `error_sources`; bench/results.md has how far
 /// FAST-LIO2 as published drifts in them). Small and full: as above; medium: 1.5 and 3 km a session; large: 5 and 6 km.
 ///
 /// All four have the errors of real sensors (see the options) and are told only nominal values. Their sessions start

@@ -72,10 +72,10 @@ std::string figures(const TownDrive& drive, std::uint64_t points) {
 }
 
 constexpr const char* about_errors =
-    "The sensors are off what is stated here, as real ones are: per-laser elevation and range, mounting, scale, "
-    "bias.\n";
+    "The sensors differ from what is stated here, as real ones do: per-laser elevation and range, extrinsic "
+    "calibration, scale, bias.\n";
 constexpr const char* about_truth =
-    "t x y z qx qy qz qw, the pose of the inertial unit at the end of every\nscan; map frame x north, y west, z up, "
+    "t x y z qx qy qz qw, the pose of the IMU at the end of every\nscan; map frame x north, y west, z up, "
     "body "
     "frame x ahead, y left, z up.\n";
 

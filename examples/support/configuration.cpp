@@ -13,6 +13,7 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/printable.hpp"
 #include "chainslam/io/detail/input_stream.hpp"
+#include "support/nearest_name.hpp"
 
 namespace chainslam::support {
 namespace {
@@ -55,19 +56,36 @@ std::string number_text(double value) {
                       .ptr};
 }
 
+/// A number to so many significant digits.
+double with_digits(double value, int digits) {
+  char buffer[64];
+  const auto end = std::to_chars(buffer, std::end(buffer), value, std::chars_format::scientific, digits - 1).ptr;
+  double result = 0.0;
+  std::from_chars(buffer, end, result);
+  return result;
+}
+
+/// The shortest text of a number for which `reads_back` holds.
+template <class ReadsBack>
+std::string shortest_text(double in_file, const ReadsBack& reads_back) {
+  for (int digits = 1; digits < 17; ++digits)
+    if (const double shorter = with_digits(in_file, digits); reads_back(shorter)) return number_text(shorter);
+  return number_text(in_file);
+}
+
 /// The shortest text of value / factor that reads back as `value`.
 template <class Number>
 std::string exact_text(Number value, double factor) {
-  const double in_file = static_cast<double>(value) / factor;
-  for (int digits = 1; digits < 17; ++digits) {
-    char buffer[64];
-    const auto end = std::to_chars(buffer, std::end(buffer), in_file, std::chars_format::scientific, digits - 1).ptr;
-    double rounded = 0.0;
-    std::from_chars(buffer, end, rounded);
-    if (static_cast<Number>(rounded * factor) == value) return number_text(rounded);
-  }
-  return number_text(in_file);
+  return shortest_text(static_cast<double>(value) / factor,
+                       [&](double number) { return static_cast<Number>(number * factor) == value; });
 }
+
+/// The same of a duration, which is whole nanoseconds: 30 s, not 30.000000000000004 s.
+std::string exact_text(Duration value, double factor) {
+  return shortest_text(to_seconds(value) / factor, [&](double number) { return seconds(number * factor) == value; });
+}
+
+constexpr int digits_of_defaults = 6;
 
 /// TOML takes a number without point or exponent for an integer; as a default, `5.0` says that fractions are welcome.
 std::string as_toml_float(std::string text) {
@@ -94,51 +112,16 @@ std::string shown(const Configuration::Value& value) {
 }
 
 std::string kind_of(const Configuration::Value& value) {
-  constexpr const char* kinds[] = {"true or false", "an integer", "a number", "a text", "an array of numbers"};
+  constexpr const char* kinds[] = {"true or false", "an integer", "a number", "a string", "an array of numbers"};
   return kinds[value.index()];
 }
 
 // ---- names ----
 
-/// Insertions, deletions, replacements and swaps of neighbours that turn one word into the other (Damerau 1964).
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::vector<std::size_t>> distance(a.size() + 1, std::vector<std::size_t>(b.size() + 1));
-  for (std::size_t i = 0; i <= a.size(); ++i) {
-    for (std::size_t j = 0; j <= b.size(); ++j) {
-      if (i == 0 || j == 0) {
-        distance[i][j] = i + j;
-        continue;
-      }
-      const std::size_t replaced = distance[i - 1][j - 1] + (a[i - 1] == b[j - 1] ? 0 : 1);
-      distance[i][j] = std::min({distance[i - 1][j] + 1, distance[i][j - 1] + 1, replaced});
-      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1])
-        distance[i][j] = std::min(distance[i][j], distance[i - 2][j - 2] + 1);
-    }
-  }
-  return distance[a.size()][b.size()];
-}
-
 std::string_view last_part(std::string_view name) { return name.substr(name.rfind('.') + 1); }
 std::string_view table_part(std::string_view name) {
   const std::size_t dot = name.rfind('.');
   return dot == std::string_view::npos ? std::string_view() : name.substr(0, dot);
-}
-
-/// The candidate that `name` was probably meant to be, or nothing if none is near. A right last part in the wrong table
-/// is near too.
-std::optional<std::string> nearest_of(std::string_view name, const std::vector<std::string>& candidates) {
-  std::optional<std::string> best;
-  std::size_t best_distance = 1 + std::min<std::size_t>(name.size(), 64) / 3;
-  for (const std::string& candidate : candidates) {
-    const std::string_view head = name.substr(0, 256);
-    const std::size_t whole = edit_distance(head, candidate);
-    const std::size_t last = 1 + edit_distance(last_part(head), last_part(candidate));
-    if (std::min(whole, last) < best_distance) {
-      best_distance = std::min(whole, last);
-      best = candidate;
-    }
-  }
-  return best;
 }
 
 std::string place_text(const std::string& file, const toml::source_position& position) {
@@ -296,7 +279,7 @@ class Configuration::TomlReader {
 
   void leave_out(const std::string& name, const toml::node& node) {
     const std::optional<Value> value = value_of(node);
-    left_out_->push_back(name + " = " + (value ? shown(*value) : "(a value of another kind)"));
+    left_out_->push_back(name + " = " + (value ? shown(*value) : "(a value of another type)"));
   }
 
   void read_node(const std::string& name, const toml::node& node, const toml::source_position& position) {
@@ -314,7 +297,7 @@ class Configuration::TomlReader {
       throw ConfigError(place, "'" + name + "' has a value of the wrong type",
                         node.is_table()
                             ? "a table"
-                            : (node.is_array() ? "an array of other things than numbers" : "a date or a time"),
+                            : (node.is_array() ? "an array with values that are not numbers" : "a date or a time"),
                         "write " + type_name(*key) + range_text(*key));
     check(*key, *value, place);
     assignments_.push_back({static_cast<std::size_t>(key - configuration_.keys_.data()), *value, place});
@@ -342,7 +325,8 @@ class Configuration::TomlReader {
 
 void Configuration::add(std::string name, Target target, KeyInfo info) {
   if (find(name) != nullptr) throw std::logic_error("configuration key '" + name + "' is registered twice");
-  Key key{std::move(name), std::move(target), std::move(info), {}};
+  Key key{std::move(name), std::move(target), std::move(info), {}, {}};
+  key.rounded = rounded_default(key);
   key.default_text = value_text(key);
   const auto in_range = [&](double value) { return value >= key.info.min && value <= key.info.max; };
   const bool default_fits = std::visit(
@@ -361,6 +345,20 @@ void Configuration::add(std::string name, Target target, KeyInfo info) {
       key.target);
   if (!default_fits) throw std::logic_error("configuration key '" + key.name + "': default out of range");
   keys_.push_back(std::move(key));
+}
+
+/// A default in another unit, such as 0.2 rad in degrees, has as many digits as a double: people see and write six.
+std::optional<Configuration::RoundedDefault> Configuration::rounded_default(const Key& key) {
+  const auto of = [&](auto member) -> std::optional<RoundedDefault> {
+    const double in_file = static_cast<double>(member) / key.info.factor;
+    const double shown = with_digits(in_file, digits_of_defaults);
+    if (static_cast<decltype(member)>(shown * key.info.factor) == member) return std::nullopt;
+    if (!is_finite(in_file) || shown < key.info.min || shown > key.info.max) return std::nullopt;
+    return RoundedDefault{.shown = shown, .member = static_cast<double>(member)};
+  };
+  if (const auto* const* number = std::get_if<double*>(&key.target)) return of(**number);
+  if (const auto* const* number = std::get_if<float*>(&key.target)) return of(**number);
+  return std::nullopt;
 }
 
 void Configuration::add_rule(std::vector<std::string> keys, std::string demand, std::function<bool()> holds) {
@@ -477,7 +475,7 @@ void Configuration::check(const Key& key, const Value& value, const std::string&
     const std::string* text = std::get_if<std::string>(&value);
     if (text == nullptr) throw wrong_type();
     if (std::ranges::find(choice->names, *text) != choice->names.end()) return;
-    const auto guess = nearest_of(*text, choice->names);
+    const auto guess = nearest_name(*text, choice->names);
     throw ConfigError(place, "'" + key.name + "' has no such choice",
                       in_quotes(*text) + (guess ? "; did you mean " + in_quotes(*guess) + "?" : ""),
                       "write " + type_name(key));
@@ -512,7 +510,8 @@ void Configuration::check(const Key& key, const Value& value, const std::string&
 void Configuration::assign(Key& key, const Value& value) {
   const auto number = [&] {
     const auto* integer = std::get_if<std::int64_t>(&value);
-    return (integer != nullptr ? static_cast<double>(*integer) : std::get<double>(value)) * key.info.factor;
+    const double in_file = integer != nullptr ? static_cast<double>(*integer) : std::get<double>(value);
+    return key.rounded && in_file == key.rounded->shown ? key.rounded->member : in_file * key.info.factor;
   };
   std::visit(
       Overloaded{[&](bool* target) { *target = std::get<bool>(value); },
@@ -544,7 +543,7 @@ std::string Configuration::type_name(const Key& key) {
                                [](const float*) { return std::string("a number"); },
                                [](const double*) { return std::string("a number"); },
                                [](const Duration*) { return std::string("a number"); },
-                               [](const std::string*) { return std::string("a text"); },
+                               [](const std::string*) { return std::string("a string"); },
                                [](const std::filesystem::path*) { return std::string("a path"); },
                                [](std::span<double> v) { return std::to_string(v.size()) + " numbers in brackets"; },
                                [](const Choice& choice) {
@@ -569,11 +568,15 @@ std::string Configuration::range_text(const Key& key) {
 
 std::string Configuration::value_text(const Key& key) {
   const double factor = key.info.factor;
+  const auto number = [&](auto value) {
+    const bool rounds = key.rounded && static_cast<double>(value) == key.rounded->member;
+    return rounds ? number_text(key.rounded->shown) : exact_text(value, factor);
+  };
   return std::visit(
       Overloaded{[](const bool* value) { return std::string(*value ? "true" : "false"); },
-                 [&](const float* value) { return as_toml_float(exact_text(*value, factor)); },
-                 [&](const double* value) { return as_toml_float(exact_text(*value, factor)); },
-                 [&](const Duration* value) { return as_toml_float(exact_text(to_seconds(*value), factor)); },
+                 [&](const float* value) { return as_toml_float(number(*value)); },
+                 [&](const double* value) { return as_toml_float(number(*value)); },
+                 [&](const Duration* value) { return as_toml_float(exact_text(*value, factor)); },
                  [](const std::string* value) { return in_quotes(*value); },
                  [](const std::filesystem::path* value) { return in_quotes(value->string()); },
                  [&](std::span<double> values) {
@@ -647,9 +650,9 @@ ConfigError Configuration::unknown_key(const std::string& place, const std::stri
   for (const Key& key : keys_)
     for (std::string_view table = table_part(key.name); !table.empty(); table = table_part(table))
       candidates.emplace_back(table);
-  const auto guess = nearest_of(name, candidates);
+  const auto guess = nearest_name(name, candidates);
   if (!guess)
-    return ConfigError(place, "unknown key '" + name + "'", "no key with a name near it",
+    return ConfigError(place, "unknown key '" + name + "'", "no key with a similar name",
                        "remove it; `chainslam config --print` lists all keys");
   const Key* key = find(*guess);
   const std::string what = key != nullptr

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -135,6 +136,7 @@ class Configuration {
   void apply();
 
   /// All keys as a TOML file with comments, each with its member's value; reading it back gives the same values.
+  /// Numbers are as short as that allows; defaults are rounded to six digits, and what is shown of one stands for it.
   [[nodiscard]] std::string print() const;
 
   /// What a key means, its unit, range, default and value; of a table, its keys with a line each.
@@ -145,11 +147,17 @@ class Configuration {
   [[nodiscard]] std::vector<std::string> names() const;
 
  private:
+  /// A default that is shown with fewer digits than it has: what is shown, in the file's unit, stands for the member.
+  struct RoundedDefault {
+    double shown;
+    double member;
+  };
   struct Key {
     std::string name;
     Target target;
     KeyInfo info;
     std::string default_text;  ///< as TOML
+    std::optional<RoundedDefault> rounded;
   };
   struct Rule {
     std::vector<std::string> keys;
@@ -168,6 +176,7 @@ class Configuration {
   [[nodiscard]] bool is_table(std::string_view name) const;
   [[nodiscard]] ConfigError unknown_key(const std::string& place, const std::string& name) const;
   [[nodiscard]] std::string place_of(std::string_view key) const;
+  static std::optional<RoundedDefault> rounded_default(const Key& key);
   static Value value_in(const Key& key, const std::string& text);
   void apply_with_others();
   static void check(const Key& key, const Value& value, const std::string& place);

@@ -261,7 +261,7 @@ std::vector<ReportPlot> error_plots(const std::vector<ReportSession>& sessions) 
     const Index color = to_index(s);
     together.series.push_back(error_series(session.name, session, color, session.optimised));
     ReportPlot& plot = apart.emplace_back(error_plot("Distance from the truth: " + session.name));
-    plot.series.push_back(error_series(session.name + ", optimised", session, color, session.optimised));
+    plot.series.push_back(error_series(session.name + ", optimized", session, color, session.optimised));
     if (session.odometry.empty()) continue;
     plot.series.push_back(error_series(session.name + ", odometry alone", session, color, session.odometry));
     plot.series.back().dashed = true;

@@ -185,7 +185,7 @@ std::string plan_section(const ReportData& data) {
     legend += legend_entry(session_class(s), data.sessions[s].name);
   legend += "<label><input type=\"checkbox\" data-switch=\"optimised\" checked>trajectories</label>";
   if (has_odometry(data))
-    legend += switch_entry("odometry", "odometry", alone ? "odometry alone" : "odometry, laid by the merge", alone);
+    legend += switch_entry("odometry", "odometry", alone ? "odometry alone" : "odometry, placed by the merge", alone);
   if (has_truth(data)) legend += switch_entry("truth", "truth", "truth");
   if (has_lost(data)) legend += switch_entry("lost", "lost", "scans lost");
   for (const ClosureKind kind : closure_kinds)
@@ -202,12 +202,12 @@ std::string before_after_section(const ReportData& data) {
   for (const ClosureKind kind : {ClosureKind::chained, ClosureKind::direct}) after += drawing.closures(kind);
   after += drawing.paths(&ReportSession::optimised) + drawing.closures(ClosureKind::merge);
   const bool alone = data.sessions.size() < 2;
-  const std::string before = alone ? "Odometry alone, from the first keyframe on."
-                                   : "Odometry alone, each session laid where its merge put it.";
+  const std::string before =
+      alone ? "Odometry alone, from the first keyframe on." : "Odometry alone, each session placed by its merge.";
   return "<section><h2>Before and after</h2><div class=\"pair\"><figure class=\"panel above\">" +
          drawing.svg("Before the closures", drawing.paths(&ReportSession::odometry)) + "<figcaption>" + before +
          "</figcaption></figure><figure class=\"panel above\">" + drawing.svg("After the closures", after) +
-         "<figcaption>Optimised, with the closures.</figcaption></figure></div></section>\n";
+         "<figcaption>Optimized, with the closures.</figcaption></figure></div></section>\n";
 }
 
 }  // namespace chainslam::support

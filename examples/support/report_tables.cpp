@@ -118,7 +118,7 @@ std::string refusals_table(const ReportData& data) {
 /// The largest components one by one, the others in one row.
 std::string components_table(const ReportData& data) {
   constexpr std::size_t shown = 10;
-  Table table("Components of the adjacency graph", {"Component", "Keyframes", "Closures", "Sessions joined"});
+  Table table("Components of the adjacency graph", {"Component", "Keyframes", "Closures", "Sessions connected"});
   for (std::size_t i = 0; i < std::min(shown, data.components.size()); ++i) {
     const ReportComponent& component = data.components[i];
     std::string names;

@@ -1,7 +1,7 @@
 #pragma once
 
-/// All of the library but the headers that need a package of their own. For quick tries: what includes what it uses
-/// compiles faster.
+/// Umbrella header (excludes the headers with optional dependencies). For prototyping: include individual headers to
+/// keep compile times low.
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/columns.hpp"

@@ -20,7 +20,7 @@ std::string read_text(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-/// The rooms and their arrows, as the README draws them.
+/// The modules and their arrows, as the README draws them.
 IncludeRules library_rules() {
   IncludeRules rules;
   rules.arrows = {{"core", {}},
@@ -107,7 +107,7 @@ using Problems = std::vector<std::string>;
 }  // namespace
 
 TEST_SUITE("architecture") {
-  TEST_CASE("every header keeps to the rooms' arrows and to the house's rules") {
+  TEST_CASE("every header keeps to the arrows between modules and to the rules of style") {
     const auto headers = library_headers();
     CHECK(headers.size() > 40);
     for (const std::string& problem : include_problems(headers, library_rules())) FAIL_CHECK(problem);
@@ -145,10 +145,10 @@ TEST_SUITE("architecture") {
     auto headers = made_up();
     headers.push_back({"attic/x.hpp", "#pragma once\n#include \"chainslam/base/a.hpp\"\n"});
     CHECK(include_problems(headers, made_up_rules()) ==
-          Problems{"attic/x.hpp: lies in no known room", "all.hpp: does not include attic/x.hpp"});
+          Problems{"attic/x.hpp: is in no known module", "all.hpp: does not include attic/x.hpp"});
   }
 
-  TEST_CASE("the checker sees another room's private header, and one that is not there") {
+  TEST_CASE("the checker sees another module's private header, and one that is not there") {
     CHECK(problems_with("middle/c.hpp", "#include \"chainslam/base/detail/b.hpp\"\n") ==
           Problems{"middle/c.hpp: includes base/detail/b.hpp, which is private to base"});
     CHECK(problems_with("middle/c.hpp", "#include \"chainslam/base/z.hpp\"\n") ==

@@ -18,10 +18,11 @@ struct Header {
 
 /// What headers must keep to.
 struct IncludeRules {
-  std::map<std::string, std::set<std::string>> arrows;  ///< room -> rooms that it may include, and what those include
-  std::map<std::string, std::string> opt_in;            ///< headers that need a package, and the target they belong to
-  std::set<std::string> forbidden;                      ///< system headers
-  std::set<std::string> forbidden_words;                ///< such as "std::cout"
+  std::map<std::string, std::set<std::string>>
+      arrows;                                 ///< module -> modules that it may include, and what those include
+  std::map<std::string, std::string> opt_in;  ///< headers that need a package, and the target they belong to
+  std::set<std::string> forbidden;            ///< system headers
+  std::set<std::string> forbidden_words;      ///< such as "std::cout"
   std::string umbrella;
   std::size_t longest = 400;  ///< lines
 };
@@ -46,18 +47,18 @@ inline std::string included_name(std::string_view line, bool& quoted) {
   return std::string(line.substr(open + 1, close == std::string_view::npos ? close : close - open - 1));
 }
 
-/// The room of a header below include/chainslam: its folder, or empty for the umbrella.
-inline std::string room_of(const std::string& path) {
+/// The module of a header below include/chainslam: its folder, or empty for the umbrella.
+inline std::string module_of(const std::string& path) {
   const auto slash = path.find('/');
   return slash == std::string::npos ? "" : path.substr(0, slash);
 }
 
 inline bool is_private(const std::string& path) { return path.find("/detail/") != std::string::npos; }
 
-/// All rooms that a room may include: itself, those its arrows reach, and what those reach.
-inline std::set<std::string> reachable_rooms(const IncludeRules& rules, const std::string& room) {
-  std::set<std::string> reached = {room};
-  std::vector<std::string> open = {room};
+/// All modules that a module may include: itself, those its arrows reach, and what those reach.
+inline std::set<std::string> reachable_modules(const IncludeRules& rules, const std::string& module) {
+  std::set<std::string> reached = {module};
+  std::vector<std::string> open = {module};
   while (!open.empty()) {
     const auto found = rules.arrows.find(open.back());
     open.pop_back();
@@ -127,12 +128,12 @@ class IncludeChecker {
       report(path, "includes the opt-in header " + line.name);
     if (path == rules_.umbrella) return;
     if (line.name == rules_.umbrella) report(path, "includes the umbrella " + rules_.umbrella);
-    const std::string room = room_of(path), other = room_of(line.name);
-    if (!rules_.arrows.contains(room)) {
-      report(path, "lies in no known room");
-    } else if (!reachable_rooms(rules_, room).contains(other)) {
-      report(path, "includes " + line.name + ", but no arrow leads from " + room + " to " + other);
-    } else if (room != other && is_private(line.name)) {
+    const std::string module = module_of(path), other = module_of(line.name);
+    if (!rules_.arrows.contains(module)) {
+      report(path, "is in no known module");
+    } else if (!reachable_modules(rules_, module).contains(other)) {
+      report(path, "includes " + line.name + ", but no arrow leads from " + module + " to " + other);
+    } else if (module != other && is_private(line.name)) {
       report(path, "includes " + line.name + ", which is private to " + other);
     }
   }
@@ -191,8 +192,8 @@ inline std::vector<std::string> include_problems(const std::vector<Header>& head
   return detail::IncludeChecker(headers, rules).problems();
 }
 
-/// The opt-in headers that CMakeLists.txt names, as `component:room/header.hpp` inside set(chainslam_opt_in ...), each
-/// with its component.
+/// The opt-in headers that CMakeLists.txt names, as `component:module/header.hpp` inside set(chainslam_opt_in ...),
+/// each with its component.
 inline std::map<std::string, std::string> opt_in_headers(const std::string& cmake) {
   std::map<std::string, std::string> headers;
   const auto begin = cmake.find("set(chainslam_opt_in");

@@ -51,6 +51,13 @@ if [ "$all" = yes ]; then
   "$build/bare"
 fi
 
+echo "== the README's first program compiles as it stands"
+awk '/^```cpp/ { inside = 1; next } /^```/ { inside = 0 } inside' "$source/README.md" >"$build/quick_start.cpp"
+[ "$(wc -l <"$build/quick_start.cpp")" -gt 8 ]
+# shellcheck disable=SC2046
+"${CXX:-g++}" -std=c++20 -fsyntax-only -Wall -Wextra -Werror -isystem "$build/prefix/include" \
+  $(pkg-config --cflags-only-I eigen3 | sed 's/-I/-isystem /g') "$build/quick_start.cpp"
+
 echo "== an unknown component is refused, and the known ones are named"
 mkdir -p "$build/unknown_source"
 printf '%s\n' 'cmake_minimum_required(VERSION 3.25)' 'project(unknown LANGUAGES CXX)' \

@@ -215,7 +215,7 @@ TEST_SUITE("io/messages of readers") {
     // In map_format_test, map_recovery_test, map_archive_test, power_cut_test, atomic_file_test and faults_test.
     const std::string all =
         "take a newer version of the program: this one may not know all that the file says|, raw bytes|session |"
-        "`chainslam recover` saves what is whole of it in a new file|check the path, and that you may read it|not a "
+        "`chainslam recover` recovers the intact part in a new file|check the path, and that you may read it|not a "
         "plain file (a folder, a pipe or a device)|"
         "a payload that does not unpack to |the end of the file, which was longer before| bytes, which is no map|"
         "no map's mark|bytes that do not match their checksum|byte 8, the file's header|, without which the map would "
@@ -224,8 +224,8 @@ TEST_SUITE("io/messages of readers") {
         "of the map, with more behind it|payload|record "
         "size|"
         "first record|number|a text of |first keyframe|session|version|encoding|points|keyframe|, where |closure to "
-        "keyframe |scan of keyframe |an index that is not of this file|`chainslam recover` saves what is whole|nothing "
-        "that was committed|a map that takes |damage that comes and goes| that the journal had already|not a plain "
+        "keyframe |scan of keyframe |an index that is not of this file|`chainslam recover` recovers the intact part|no "
+        "complete commit|a map that takes |damage that comes and goes| that the journal had already|not a plain "
         "file (a "
         "folder or a device)|creating the file|making the disk keep the file|closing the file|making the disk keep the "
         "folder's entry|giving it its name|something is there already|choose a file's name| is writing this map|what a "

@@ -66,7 +66,7 @@ void add_usage(std::vector<ProgramMessage>& cases) {
   config("[odometry\n", "a.toml, line 1", "", "correct the line; `chainslam config --print` shows a whole file");
   config("[odometry]\nvoxel_sise = 1\n", "a.toml, line 2, column 1: unknown key 'odometry.voxel_sise'",
          "did you mean 'odometry.voxel_size'", "correct the name; `chainslam config --explain");
-  config("zzzzqqqq = 1\n", "a.toml, line 1, column 1: unknown key 'zzzzqqqq'", "no key with a name near it",
+  config("zzzzqqqq = 1\n", "a.toml, line 1, column 1: unknown key 'zzzzqqqq'", "no key with a similar name",
          "remove it");
   config("odometry = 1\n", "a.toml, line 1, column 1: 'odometry' is a table", "a value", "write");
   config("[odometry]\nvoxel_size = \"wide\"\n",

@@ -129,7 +129,7 @@ TEST_SUITE("slam: what is tried by default") {
     CHECK(partners(places.chained(10)) == Ids{30, 22});
   }
 
-  TEST_CASE("chained keyframes lie within 20 m, five keyframes apart, and are no more than ten") {
+  TEST_CASE("chained keyframes lie within 20 m, five keyframes apart, and are no more than four") {
     Places places;
     places.add_street(0, 20, 1, 0);
     places.add_street(1, 60, 1, 0);
@@ -143,7 +143,7 @@ TEST_SUITE("slam: what is tried by default") {
       crowd.edges.emplace_back(session - 1, session);
     }
     crowd.add(20, {0, 0, 0});
-    CHECK(crowd.chained(0).size() == 10);
+    CHECK(crowd.chained(0).size() == 4);
   }
 
   TEST_CASE("a chained closure may be off the direct one by 1.5 m and 0.08 rad, not by 3 m or 0.2 rad") {

@@ -205,18 +205,18 @@ pair = [4, 5]
     CHECK(complaint("[odometri]\nvoxel_size = 0.4\n").find("did you mean 'odometry' (a table)?") != std::string::npos);
     CHECK(complaint("quux_frobnication = 1") ==
           "site.toml, line 1, column 1: unknown key 'quux_frobnication'\n"
-          "  found: no key with a name near it\n"
+          "  found: no key with a similar name\n"
           "  do: remove it; `chainslam config --print` lists all keys");
   }
 
   TEST_CASE("a value of the wrong type is an error that says what to write") {
     CHECK(complaint("[odometry]\nvoxel_size = \"0.4\"") ==
           "site.toml, line 2, column 14: 'odometry.voxel_size' has a value of the wrong type\n"
-          "  found: \"0.4\", a text\n"
+          "  found: \"0.4\", a string\n"
           "  do: write a number, 0.05 to 5 m");
     CHECK(complaint("[icp]\nmax_iterations = 7.0").find("found: 7.0, a number\n  do: write an integer, 1 to 1000") !=
           std::string::npos);
-    CHECK(complaint("name = 3").find("found: 3, an integer\n  do: write a text") != std::string::npos);
+    CHECK(complaint("name = 3").find("found: 3, an integer\n  do: write a string") != std::string::npos);
     CHECK(complaint("dataset = false").find("do: write a path") != std::string::npos);
     CHECK(complaint("[odometry]\ndeskew = 1").find("do: write true or false") != std::string::npos);
     CHECK(complaint("name = 2020-01-01").find("found: a date or a time") != std::string::npos);
@@ -224,7 +224,7 @@ pair = [4, 5]
     CHECK(complaint("odometry = 4").find("write [odometry] on a line of its own") != std::string::npos);
     CHECK(complaint("[sensor]\nlever_arm = [1, 2]").find("do: write 3 numbers in brackets, -10 to 10 m") !=
           std::string::npos);
-    CHECK(complaint("[sensor]\nlever_arm = [1, 2, \"3\"]").find("an array of other things than numbers") !=
+    CHECK(complaint("[sensor]\nlever_arm = [1, 2, \"3\"]").find("an array with values that are not numbers") !=
           std::string::npos);
     CHECK(complaint("[[odometry]]\nvoxel_size = 1").find("'odometry' is a table, not a value") != std::string::npos);
   }
@@ -315,7 +315,7 @@ pair = [4, 5]
         "preset = \"worst\"\nname = \"x\"\ndate = 2020-01-01\nicp = 3\n[odometry]\nvoxel_size = 0.25\n"
         "max_range = -1\nmin_range = \"far\"\nvoxels = [1, 2]\n[old.part]\na = true\n[sensor]\npair = [1]\n",
         "parameters");
-    CHECK(left_out == std::vector<std::string>{"date = (a value of another kind)", "icp = 3", "odometry.max_range = -1",
+    CHECK(left_out == std::vector<std::string>{"date = (a value of another type)", "icp = 3", "odometry.max_range = -1",
                                                "odometry.min_range = \"far\"", "odometry.voxels = [1, 2]",
                                                "old.part.a = true", "preset = \"worst\"", "sensor.pair = [1]"});
     const std::vector<std::string> unassigned = configuration.unassigned();
@@ -340,7 +340,7 @@ pair = [4, 5]
   TEST_CASE("overrides complain as files do") {
     CHECK(complaint_of_override("odometry.voxel_size=fast") ==
           "--set odometry.voxel_size=fast: 'odometry.voxel_size' has a value of the wrong type\n"
-          "  found: \"fast\", a text\n"
+          "  found: \"fast\", a string\n"
           "  do: write a number, 0.05 to 5 m");
     CHECK(complaint_of_override("odometry.voxel_size").find("write --set table.key=value") != std::string::npos);
     CHECK(complaint_of_override("=1").find("no assignment") != std::string::npos);
@@ -404,6 +404,64 @@ pair = [4, 5]
       CHECK(options.lever_arm == random.lever_arm);
       CHECK(configuration.print() == text);
     });
+  }
+
+  TEST_CASE("numbers are printed as people write them") {
+    Options options;
+    Configuration configuration = bound_to(options);
+    for (const double value : {30.0, 0.1, 2.5, 1e-9, 86400.0, 3.3333333333333335}) {
+      options.window = seconds(value);
+      const std::string text = configuration.explain("keyframes.window");
+      const std::string number = text.substr(text.find("= ") + 2, text.find('\n') - text.find("= ") - 2);
+      CHECK(number.size() <= 11);
+      CHECK(seconds(std::stod(number)) == options.window);
+    }
+    options.window = seconds(30.0);
+    CHECK(configuration.print().find("window = 30.0\n") != std::string::npos);
+  }
+
+  TEST_CASE("a default in another unit is shown by six digits, which stand for it and for nothing else") {
+    double angle = 0.2;  // rad: 11.459155902616464 degrees
+    float slope = 0.2F;
+    Configuration configuration;
+    const KeyInfo degrees{.unit = "deg", .min = 0, .max = 180, .factor = std::numbers::pi / 180};
+    configuration.add("a.angle", angle, degrees);
+    configuration.add("a.slope", slope, degrees);
+    const std::string defaults = configuration.print();
+    CHECK(defaults.find("default 11.4592") == std::string::npos);  // it is the value
+    CHECK(defaults.find("angle = 11.4592\n") != std::string::npos);
+    CHECK(defaults.find("slope = 11.4592\n") != std::string::npos);
+    angle = 1;
+    slope = 1;
+    configuration.load_text(defaults, "printed");
+    configuration.apply();
+    CHECK(angle == 0.2);
+    CHECK(slope == 0.2F);
+
+    configuration.set("a.angle=11.459155902616464");  // as programs before wrote it
+    configuration.apply();
+    CHECK(angle == 0.2);
+    configuration.set("a.angle=11.46");
+    configuration.apply();
+    CHECK(angle == 11.46 * std::numbers::pi / 180);
+    CHECK(configuration.print().find("; default 11.4592.\nangle = 11.46\n") != std::string::npos);
+
+    angle = std::nextafter(0.2, 1.0);  // next to the default, and not it
+    const std::string near = configuration.print();
+    CHECK(near.find("angle = 11.4592\n") == std::string::npos);
+    const double next = angle;
+    angle = 0;
+    configuration.load_text(near, "printed");
+    configuration.apply();
+    CHECK(angle == next);
+  }
+
+  TEST_CASE("rounding takes no default out of its range") {
+    double angle = 0.2;
+    Configuration configuration;
+    configuration.add("a.angle", angle, {.unit = "deg", .max = 11.459155902616464, .factor = std::numbers::pi / 180});
+    CHECK(configuration.print().find("angle = 11.459155902616464\n") != std::string::npos);
+    CHECK_NOTHROW(configuration.load_text(configuration.print(), "printed"));
   }
 
   TEST_CASE("the printed file comments each key and groups them by table") {

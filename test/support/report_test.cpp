@@ -234,7 +234,7 @@ TEST_SUITE("support/report") {
                                    "Components of the adjacency graph",
                                    "Before and after",
                                    "Errors &lt;i&gt;",
-                                   "odometry, laid by the merge",
+                                   "odometry, placed by the merge",
                                    "Time by stage",
                                    "50.00 ms",
                                    "1.50 s",

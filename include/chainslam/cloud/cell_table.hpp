@@ -65,7 +65,7 @@ class CellTable {
     }
   }
 
-  /// The index stored for `cell`; a new cell gets `index` (>= 0). The second member tells whether it was new.
+  /// The index stored for `cell`; a new cell gets `index` (>= 0). The second member is true if it was new.
   std::pair<Index, bool> insert(const Cell& cell, Index index) {
     for (Offset i = home(cell);; i = next(i)) {
       Slot& slot = slots_[i];

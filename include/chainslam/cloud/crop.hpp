@@ -35,7 +35,7 @@ template <Cloud Points>
   return crop(cloud, [&](const Eigen::Vector3d& p) { return is_finite(p) && box.contains(p); });
 }
 
-/// The points outside the closed box, such as the carrier's own body; NaN and infinite points go.
+/// The points outside the closed box, such as the vehicle's own body; NaN and infinite points go.
 template <Cloud Points>
 [[nodiscard]] PointCloud<float> crop_outside_box(const Points& cloud, const Eigen::AlignedBox3d& box) {
   return crop(cloud, [&](const Eigen::Vector3d& p) { return is_finite(p) && !box.contains(p); });

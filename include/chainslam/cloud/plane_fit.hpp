@@ -14,7 +14,7 @@ enum class PlaneStatus {
   good,
   too_few_points,  ///< fewer than three
   not_finite,      ///< a coordinate is NaN or infinite
-  degenerate,      ///< all points on one line, or in one place: no normal can be told
+  degenerate,      ///< all points on one line, or in one place: no normal is defined
 };
 
 /// The plane {p : normal . p + offset = 0} through a set of points, and how well it describes them.

@@ -48,7 +48,7 @@ struct PositionGrid {
 [[nodiscard]] std::optional<PositionGrid> grid_of(const PointCloud<float>& cloud, double step = 0.01);
 
 /// Rounds positions to whole multiples of `step` about the origin, drops repeated and non-finite ones, and brings them
-/// into one canonical order: the same set of points gives the same bits, whatever order it came in.
+/// into one canonical order: the same set of points gives bit-identical results, whatever order it came in.
 ///
 /// Only positions are kept. If a coordinate exceeds 32767 steps (327 m at 1 cm), the whole cloud takes twice the step,
 /// or four times, up to sixteen times it; points beyond even that (5.2 km) are dropped. The order is Morton's, which

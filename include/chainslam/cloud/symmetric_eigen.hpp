@@ -22,7 +22,7 @@ namespace detail {
 
 /// The eigenvalue farthest from the two others, of a matrix with trace zero and squared norm 6 p^2. It is p times the
 /// outermost root of x^3 - 3 x = det, which lies between sqrt(3) and 2 and is well conditioned there: a polynomial good
-/// to 5e-5 starts Newton's method, two steps of which reach the last bit. No library function, the same bits
+/// to 5e-5 starts Newton's method, two steps of which reach the last bit. No library function, bit-identical
 /// everywhere.
 [[nodiscard]] inline double isolated_eigenvalue(const Eigen::Matrix3d& m, double p) {
   const double inverse = 1.0 / p;

@@ -59,7 +59,7 @@ inline void require_voxel_size(double size) {
     throw std::invalid_argument("VoxelGrid: size must be positive and finite");
 }
 
-/// Sums of offsets, and how many: whole numbers, which any order of adding brings to the same bits.
+/// Sums of offsets, and how many: whole numbers, whose sums are bit-identical in any order.
 struct alignas(32) VoxelSum {
   std::array<std::int64_t, 4> offsets{};
 
@@ -77,7 +77,7 @@ struct MeanTable {
 };
 
 /// The table that a thread keeps from one cloud to the next, since fresh memory would cost as much as the work; for one
-/// cloud at a time, and given up where it has become large.
+/// cloud at a time, and freed where it has become large.
 class LentTable {
  public:
   explicit LentTable(std::size_t points) : table_(std::exchange(kept(), {})) {

@@ -26,7 +26,7 @@ class Channel {
   Channel(const Channel&) = delete;
   Channel& operator=(const Channel&) = delete;
 
-  /// Waits for room, then adds the item.
+  /// Waits for capacity, then adds the item.
   /// @returns false, with the item untouched, if the channel is closed or `stop` is requested.
   [[nodiscard]] bool push(T&& item, const std::stop_token& stop = {}) {
     std::unique_lock lock(mutex_);
@@ -34,7 +34,7 @@ class Channel {
     return !stop.stop_requested() && add(std::move(item));
   }
 
-  /// Adds the item if there is room now.
+  /// Adds the item if there is capacity now.
   /// @returns false, with the item untouched, if the channel is full or closed: a live source counts what it drops.
   [[nodiscard]] bool try_push(T&& item) {
     const std::scoped_lock lock(mutex_);

@@ -6,7 +6,7 @@
 
 namespace chainslam {
 
-/// When to give up: at a time, or when somebody asks to stop. Default: never.
+/// When to stop: at a time, or on request. Default: never.
 ///
 /// What takes one looks at it between pieces of work that last milliseconds, then returns what it has and says that it
 /// was cut short. Whether it comes to that depends on the clock; all else does not.

@@ -48,7 +48,7 @@ struct Serial {
 };
 static_assert(Executor<Serial>);
 
-/// Reduces chunks in chunk order, so that any executor and any number of threads give the same bits.
+/// Reduces chunks in chunk order, so that any executor and any number of threads give bit-identical results.
 ///
 /// @param chunk    `T chunk(Index begin, Index end)`: the partial result of one chunk.
 /// @param combine  `T combine(T left, T right)`: joins two partial results; applied from the first chunk to the last.

@@ -14,7 +14,7 @@ struct StageProgress {
   Index total = 0;  ///< 0 if unknown
 };
 
-/// Hears what goes on inside a long computation; the library itself prints nothing.
+/// Callbacks on the progress of a long computation; the library itself prints nothing.
 ///
 /// Called on the thread that computes, between steps: it must be quick, must not throw, and must copy any text it
 /// keeps.
@@ -24,7 +24,7 @@ concept Observer = requires(O& observer, const StageProgress& progress, std::str
   observer.warning(text);
 };
 
-/// Hears nothing, costs nothing.
+/// No-op callbacks, at no cost.
 struct NullObserver {
   void progress(const StageProgress& /*progress*/) const {}
   void warning(std::string_view /*text*/) const {}

@@ -26,7 +26,7 @@ enum class Alignment {
 
 struct AlignmentOptions {
   Alignment align = Alignment::se3;
-  /// Poses are first laid flat: z is dropped and only the turn about z is kept, as evo's `--project_to_plane xy`.
+  /// Poses are first laid flat: z is dropped and only the rotation about z is kept, as evo's `--project_to_plane xy`.
   bool project_xy = false;
 };
 

@@ -34,7 +34,7 @@ struct CoLocatedPair {
 namespace detail {
 
 /// The pose nearest to `pose` among those that face its way, the first of equals; nothing if there is none in reach.
-/// @param found  room for the search.
+/// @param found  buffer of the search.
 [[nodiscard]] inline std::optional<Index> co_located(const Trajectory& among, const KdTree<double>& positions,
                                                      const SE3d& pose, const CoLocationOptions& options,
                                                      std::vector<Neighbor<double>>& found) {
@@ -79,7 +79,7 @@ namespace detail {
   return pairs;
 }
 
-/// Relative pose errors between sessions: how well places that several sessions saw lie on each other, whatever has
+/// Relative pose errors between sessions: how well places that several sessions saw are aligned, whatever has
 /// drifted elsewhere. Of E = (reference_j^-1 reference_i)^-1 (estimate_j^-1 estimate_i) the length of the translation
 /// and the angle of the rotation, as `rpe` (Sturm et al. 2012), but over co-located pairs (j, i) of different sessions.
 /// No alignment enters: the estimates must be in one frame, and the references in one of theirs.

@@ -22,7 +22,7 @@
 
 namespace chainslam {
 
-/// Full steps to the minimum of the linearised cost: the fastest near the optimum.
+/// Full steps to the minimum of the linearized cost: the fastest near the optimum.
 struct GaussNewton {
   Index max_iterations = 20;
   /// Converged when a step is predicted to lower the cost by less than this share of it,
@@ -31,9 +31,9 @@ struct GaussNewton {
   double absolute_tolerance = 1e-9;
 };
 
-/// Steps within a region in which the linearisation has proven good, from steepest descent to full steps (Powell 1970;
+/// Steps within a region in which the linearization has proven good, from steepest descent to full steps (Powell 1970;
 /// Madsen, Nielsen and Tingleff 2004, section 3.3): the cost never rises, and a step that is refused costs no
-/// factorisation. Lengths are scaled by the diagonal of J^T J.
+/// factorization. Lengths are scaled by the diagonal of J^T J.
 struct Dogleg {
   Index max_iterations = 100;
   double relative_tolerance = 1e-9;  ///< as in `GaussNewton`
@@ -43,7 +43,7 @@ struct Dogleg {
 
 namespace detail {
 
-/// One optimisation's state and memory.
+/// One optimization's state and memory.
 template <class Graph, class Solver>
 class BatchOptimization {
  public:
@@ -235,7 +235,7 @@ class BatchOptimization {
   std::vector<double> diagonal_;
 };
 
-/// Optimises with constraints as springs.
+/// Optimizes with constraints as penalties.
 template <class Graph, class Method, class Solver>
 [[nodiscard]] OptimizeReport optimise_springs(Graph& graph, const Method& method, Solver& solver) {
   auto components = components_of(graph);
@@ -305,7 +305,7 @@ OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& metho
   return optimise(graph, method, solver);
 }
 
-/// The same, to the same bits, with the factorisations shared out by an executor.
+/// The same, bit-identically, with the factorizations shared out by an executor.
 template <class Group, class... Extra, class Method, Executor Exec>
 OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, const Exec& executor) {
   ParallelCholesky<Group::dof, Exec> solver(executor);

@@ -188,7 +188,7 @@ class DualBound {
 /// The Lagrangian dual of the relaxation of Rosen, Carlone, Bandeira and Leonard 2019 ("SE-Sync"), at its stationary
 /// point next to the graph's values. Tight where noise is moderate, and isotropic in translation and in rotation; else
 /// true, but loose. Between factors count; those with kernels and factors of other kinds only cost more than nothing.
-/// Costs an optimisation.
+/// Costs an optimization.
 /// @returns nothing if that fails.
 template <class Group, class... Extra>
   requires RigidMotionGroup<Group>

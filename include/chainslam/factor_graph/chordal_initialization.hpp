@@ -220,7 +220,7 @@ class ChordalRelaxation {
 }  // namespace detail
 
 /// Where a pose graph's variables lie by its relative and absolute poses alone, whatever their values are: a start for
-/// optimisation that noise and long loops spoil far less than composed odometry does.
+/// optimization that noise and long loops disturb far less than composed odometry does.
 ///
 /// Rotations by linear least squares over all matrices, each then replaced by the nearest rotation; translations by
 /// linear least squares given them (Carlone, Tron, Daniilidis and Dellaert 2015, "Initialization techniques for 3D

@@ -62,7 +62,7 @@ class FactorGraph {
     std::get<std::vector<F>>(factors_).push_back(factor);
   }
 
-  /// Keeps a variable as it is in all optimisations, or lets it go again.
+  /// Keeps a variable as it is in all optimizations, or lets it go again.
   void set_fixed(Key key, bool fixed = true) {
     require_known(key);
     fixed_[static_cast<std::size_t>(key)] = fixed ? 1 : 0;

@@ -13,7 +13,7 @@
 
 namespace chainslam {
 
-/// A part of a graph that can move without any factor noticing, and how.
+/// A part of a graph with unconstrained directions, and which these are.
 struct FreePart {
   Key key = 0;           ///< its least variable
   Index variables = 0;   ///< how many move

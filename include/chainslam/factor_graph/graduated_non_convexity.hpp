@@ -17,7 +17,7 @@
 namespace chainslam {
 
 /// Graduated non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone 2020): begins with a cost
-/// so smooth that every start is as good, and ends with each suspect either in or out.
+/// so smooth that every start is as good, and ends with each candidate either in or out.
 struct GraduatedNonConvexity {
   /// Squared whitened residual beyond which a factor is an outlier. 0: what one good factor in a hundred exceeds.
   double threshold = 0.0;
@@ -27,8 +27,8 @@ struct GraduatedNonConvexity {
 };
 
 struct GncReport {
-  OptimizeReport last;          ///< of the last optimisation: costs are of what was kept
-  Index steps = 0;              ///< optimisations
+  OptimizeReport last;          ///< of the last optimization: costs are of what was kept
+  Index steps = 0;              ///< optimizations
   std::vector<double> weights;  ///< of each between factor: 1 in, 0 out; 1 for those beyond suspicion
   bool decided = false;         ///< whether all weights are 0 or 1
 };
@@ -61,9 +61,9 @@ struct WeightedFactor {
 
 }  // namespace detail
 
-/// Optimises with outliers among the between factors for which `suspect(factor)` holds, and says which they are.
+/// Optimizes with outliers among the between factors for which `suspect(factor)` holds, and says which they are.
 ///
-/// Those beyond suspicion (odometry) must hold the graph together. If an optimisation fails, the graph keeps its
+/// Those beyond suspicion (odometry) must hold the graph together. If an optimization fails, the graph keeps its
 /// values.
 template <class Group, std::predicate<const BetweenFactor<Group>&> Suspect>
 GncReport optimise(FactorGraph<Group>& graph, const GraduatedNonConvexity& method, Suspect&& suspect) {

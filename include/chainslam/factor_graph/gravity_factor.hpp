@@ -11,7 +11,7 @@
 
 namespace chainslam {
 
-/// Which way is up, as the body sees it: residual R_map_body^T up_map - up_body over `sigma`.
+/// Gravity direction measured in the body frame: residual R_map_body^T up_map - up_body over `sigma`.
 ///
 /// Its length is that of the chord, 2 sin(angle / 2): the angle where that is small, and largest where the body stands
 /// on its head. Nothing is said of position and heading.
@@ -24,7 +24,7 @@ struct GravityFactor {
   using Linearized = LinearizedFactor<rows, SE3d::dof, arity>;
 
   Key key = 0;
-  S2<double> up_body{};  ///< as measured: against the mean specific force of a body at rest
+  S2<double> up_body{};  ///< as measured: along the mean specific force of a body at rest, which points up
   double sigma = 1.0;    ///< radians
   S2<double> up_map{};
   [[no_unique_address]] Kernel kernel{};

@@ -13,7 +13,7 @@
 namespace chainslam {
 
 /// What is known of some variables together, linear about points that stay: residual
-/// offset + sum of sqrt_information_k log(point_k^-1 x_k). Marginalisation leaves such factors.
+/// offset + sum of sqrt_information_k log(point_k^-1 x_k). Marginalization leaves such factors.
 template <LieGroup Group>
 struct LinearPrior {
   using Value = Group;

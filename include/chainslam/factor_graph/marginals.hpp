@@ -13,7 +13,7 @@
 namespace chainslam {
 
 /// The covariance of each variable at the graph's values, as a right perturbation: the diagonal blocks of (J^T J)^-1,
-/// all at once, for about two factorisations more. Zero for fixed variables.
+/// all at once, for about two factorizations more. Zero for fixed variables.
 ///
 /// They say how uncertain the estimate is if the values are the optimum.
 /// @returns nothing if a part of the graph is not held in place, or some direction is not measured.

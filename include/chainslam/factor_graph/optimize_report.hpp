@@ -36,7 +36,7 @@ struct OptimizeReport {
   }
 };
 
-/// Steps damped by how well the linearisation predicted the last one: the cost never rises.
+/// Steps damped by how well the linearization predicted the last one: the cost never rises.
 ///
 /// The damping is `lambda` times the diagonal of J^T J (Marquardt 1963), driven by the gain ratio (Nielsen 1999;
 /// Madsen, Nielsen and Tingleff 2004, section 3.2).
@@ -45,7 +45,7 @@ struct LevenbergMarquardt {
   double relative_tolerance = 1e-9;  ///< as in `GaussNewton`
   double absolute_tolerance = 1e-9;
   double initial_lambda = 1e-6;
-  double max_lambda = 1e12;  ///< beyond it, the optimisation has stalled
+  double max_lambda = 1e12;  ///< beyond it, the optimization has stalled
 };
 
 }  // namespace chainslam

@@ -12,31 +12,31 @@ namespace chainslam {
 
 /// How `IncrementalSmoother` trades accuracy for time. Shares are of the squared error (chi^2).
 struct SmootherOptions {
-  /// By this share the estimate may be worse than the best one of the linearised factors.
+  /// By this share the estimate may be worse than the best one of the linearized factors.
   double linear_tolerance = 3e-5;
-  /// A factor is linearised anew when its residual differs from the linear prediction by more than its part of this
+  /// A factor is relinearized when its residual differs from the linear prediction by more than its part of this
   /// share. 0: always.
   double nonlinear_tolerance = 3e-5;
   /// Those factors wait until the estimate may be worse because of them by this part of `nonlinear_tolerance` in all,
-  /// or until what they are eliminated in is computed anew for another reason. 0: not beyond the next update.
+  /// or until what they are eliminated in is recomputed for another reason. 0: not beyond the next update.
   double patience = 0.2;
   /// A variable's factors are not looked at before its estimate has moved by this much (in the tangent space's units)
-  /// since they were linearised, and then whenever it has moved half as far again.
+  /// since they were linearized, and then whenever it has moved half as far again.
   double first_look = 5e-3;
-  /// Beyond this, a variable's factors are linearised anew in any case.
+  /// Beyond this, a variable's factors are relinearized in any case.
   double longest_step = 1.0;
   /// The shares are of a squared error of at least this.
   double least_error = 1e-3;
-  /// At most so many variables' factors are linearised anew in an update; the rest wait for the next. It bounds the
+  /// At most so many variables' factors are relinearized in an update; the rest wait for the next. It bounds the
   /// time of an update, and in long bursts saves work, since the rest is then nearer to where it will end.
   Index largest_relinearization = 300;
   /// Newest variables that are eliminated last.
   Index late_variables = 10;
-  /// Newest variables that are kept: `update` marginalises older ones. 0: all are kept.
+  /// Newest variables that are kept: `update` marginalizes older ones. 0: all are kept.
   Index lag = 0;
 };
 
-/// Tells `IncrementalSmoother` that its options set no lag.
+/// Options of an `IncrementalSmoother` without lag.
 struct NoLag {};
 
 enum class UpdateStatus {
@@ -52,10 +52,10 @@ struct UpdateReport {
   UpdateStatus status = UpdateStatus::updated;
   std::vector<Key> variables;
   std::vector<FreePart> free;  ///< what is free to move, if that made it fail; `describe` says it in words
-  double squared_error = 0.0;  ///< chi^2 of the estimate, as the linearised factors see it
+  double squared_error = 0.0;  ///< chi^2 of the estimate, as the linearized factors see it
   double gap = 0.0;            ///< how much of it may be left to gain: by the linear system and by what waits
   Index relinearized = 0;      ///< factors
-  Index waiting = 0;           ///< variables whose factors the next update will linearise anew
+  Index waiting = 0;           ///< variables whose factors the next update will linearize again
   FactorizationWork work;
 
   [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }

@@ -120,9 +120,9 @@ void mean_histogram(const HistogramRows& histograms, std::span<const Neighbor<Sc
 
 }  // namespace detail
 
-/// Describes the surroundings of each point by how normals turn about it: Fast Point Feature Histograms (Rusu, Blodow
-/// and Beetz 2009), which a rigid motion of cloud and normals does not change. For points whose neighbourhoods are
-/// known; their reach is the features'.
+/// Describes the surroundings of each point by how normals rotate around it: Fast Point Feature Histograms (Rusu,
+/// Blodow and Beetz 2009), which a rigid motion of cloud and normals does not change. For points whose neighbourhoods
+/// are known; their reach is the features'.
 ///
 /// FPFH(p) = (SPFH(p) + sum w_i SPFH(p_i) / sum w_i) / 2 with w_i = 1 / |p_i - p| over p's neighbours: the paper's
 /// weights, but a mean where the paper has a sum over metres, so that the unit of length does not decide how much the

@@ -64,7 +64,7 @@ inline void check(const NormalOptions& options) {
   return estimates;
 }
 
-/// Where normals and what goes with them are written; of the estimates, those that have room.
+/// Where normals and what goes with them are written; of the estimates, those with buffers.
 struct NormalWriter {
   PointCloud<float>& cloud;
   NormalEstimates& estimates;

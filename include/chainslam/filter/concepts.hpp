@@ -35,7 +35,7 @@ struct Linearization {
   bool settled = true;                       ///< these residuals are final: a small step now ends the iteration
 };
 
-/// Moves a state through time. `Input` is what drives it for `dt` seconds, such as a reading of an inertial unit.
+/// Moves a state through time. `Input` is what drives it for `dt` seconds, such as an IMU measurement.
 template <class P, class State>
 concept ProcessModel = Manifold<State> &&
     requires(const P& process, const State& x, const typename P::Input& input, double dt) {

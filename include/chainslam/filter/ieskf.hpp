@@ -13,7 +13,7 @@
 
 namespace chainslam {
 
-/// When an iterated update ends.
+/// Convergence criteria of an iterated update.
 struct IterationRule {
   Index max_iterations = 5;
   double step_tolerance = 1e-3;  ///< of every coordinate of the step (FAST-LIO2's code: 0.001)
@@ -50,7 +50,7 @@ struct FilterReport {
 /// The state is any `Manifold`, such as a `Product` of groups and spheres; covariances are in the tangent space at the
 /// state. The update is Gauss-Newton for the maximum a posteriori. With P = L L^T the posterior covariance is
 /// L (I + L^T H^T R^-1 H L)^-1 L^T: what Joseph's form gives, symmetric and semi-definite in any rounding, by one
-/// factorisation the size of the state; P is never inverted, so that coordinates without variance stay where they are.
+/// factorization the size of the state; P is never inverted, so that coordinates without variance stay where they are.
 ///
 /// @tparam Process  see `ProcessModel`; a public member with its settings.
 template <Manifold State, class Process>
@@ -78,14 +78,14 @@ class Ieskf {
     covariance_ = covariance;
   }
 
-  /// Moves on by `dt` > 0 seconds (FAST-LIO2, eq. 7 and 8).
+  /// Propagates the state by `dt` > 0 seconds (FAST-LIO2, eq. 7 and 8).
   void predict(const Input& input, double dt) {
     const Transition<State> step = process.predict(state_, input, dt);
     state_ = step.state;
     covariance_ = symmetric(sum_of(congruent(step.F, covariance_), step.Q));
   }
 
-  /// Takes a measurement. Whatever the outcome, state and covariance stay finite.
+  /// Measurement update. Whatever the outcome, state and covariance stay finite.
   template <MeasurementModel<State> Measurement>
   FilterReport<State> update(Measurement& measurement, const IterationRule& rule = {}) {
     return update(measurement, rule, State(state_));

@@ -17,7 +17,7 @@
 
 namespace chainslam {
 
-/// An edge about which nothing is known but its ends; takes no room.
+/// An edge about which nothing is known but its ends; takes no memory.
 struct NoLabel {
   friend bool operator==(NoLabel, NoLabel) = default;
 };
@@ -50,7 +50,7 @@ class AdjacencyGraph {
 
   [[nodiscard]] Index node_count() const { return static_cast<Index>(nodes_.size()); }
   [[nodiscard]] Index edge_count() const { return edges_; }
-  /// Bytes held, free room included.
+  /// Bytes held, free capacity included.
   [[nodiscard]] std::size_t memory() const {
     return static_cast<std::size_t>(nodes_.capacity()) * sizeof(Node) +
            static_cast<std::size_t>(arcs_.capacity()) * sizeof(Arc) + sizeof(*this);
@@ -70,7 +70,7 @@ class AdjacencyGraph {
     nodes_.resize(nodes);
   }
 
-  /// Makes room for so many nodes and about so many edges in all, so that the arrays need not move.
+  /// Reserves capacity for these numbers of nodes and edges, so that the arrays need not move.
   /// @throws std::invalid_argument if a number is negative.
   void reserve(Index nodes, Index edges) {
     if (nodes < 0 || edges < 0) throw std::invalid_argument("AdjacencyGraph: reserve needs numbers of 0 or more");
@@ -108,7 +108,7 @@ class AdjacencyGraph {
     return false;
   }
 
-  /// Tells the processor that a node's place in the table, or its arcs, will soon be needed.
+  /// Prefetches a node's place in the table, or its arcs.
   [[gnu::always_inline]] void prefetch_node(Index node) const { __builtin_prefetch(nodes_.data() + node); }
   [[gnu::always_inline]] void prefetch_arcs(Index node) const { __builtin_prefetch(arcs_.data() + at(node).begin); }
 

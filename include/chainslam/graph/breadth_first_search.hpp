@@ -38,7 +38,7 @@ struct BfsResult {
   BfsEnd end = BfsEnd::exhausted;
 };
 
-/// Room for searches, to be used again: a search then costs its component and not the graph. One for each thread.
+/// Buffers of searches, to be used again: a search then costs its component and not the graph. One for each thread.
 ///
 /// A node's mark is one bit, taken away before the next search by going through what the last one reached: the marks
 /// of a million nodes fit a processor's own cache, and no stamp can wrap.
@@ -57,7 +57,7 @@ class BfsWorkspace {
            static_cast<std::size_t>(capacity_) * sizeof(Index);
   }
 
-  /// Forgets the last search and makes room for a graph of so many nodes. For those who write searches.
+  /// Forgets the last search and reserves memory for a graph of that many nodes. For those who write searches.
   void begin(Index nodes) {
     clear_marks();
     if (nodes > capacity_) grow(nodes);
@@ -212,7 +212,7 @@ struct DeafVisitor {
   void finish(Index /*node*/) const {}
 };
 
-/// Follows the arcs whose edges it is told to.
+/// Follows the arcs whose edges it is given.
 template <class Keep>
 struct EdgeFilter {
   const Keep& keep;
@@ -225,7 +225,7 @@ struct EdgeFilter {
 
 }  // namespace detail
 
-/// Visits what can be reached from `start`, nearest nodes first, and tells the visitor.
+/// Visits what can be reached from `start`, nearest nodes first, and notifies the visitor.
 ///
 /// Costs O(nodes reached + their arcs), whatever the size of the graph. The order is that in which arcs were added:
 /// the same graph gives the same events.

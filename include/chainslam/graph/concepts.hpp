@@ -85,8 +85,8 @@ concept HearsSomething =
 
 }  // namespace detail
 
-/// Hears what a breadth-first search of a graph G comes across. One or more of these events; what is not written costs
-/// nothing:
+/// Callbacks for the events of a breadth-first search of a graph G. One or more of these; those that are not written
+/// cost nothing:
 /// - `void discover(Index node)`, or `bool`: the node was reached, the start included, each once, nearest first; false
 ///   ends the search.
 /// - `void examine(Index node)`, or `BfsAction`: the node's arcs are next; in the order of discovery.

@@ -15,14 +15,14 @@
 
 namespace chainslam {
 
-/// A map file that a back end was given before all else, named by the run and told apart by its content.
+/// A map file that a back end was given before all else, named by the run and identified by its content.
 struct LoadedReference {
   std::string path;
   std::uint64_t content = 0;  ///< as `content_of`
   friend bool operator==(const LoadedReference&, const LoadedReference&) = default;
 };
 
-/// What tells a map file from any other: a hash of all its chunks' headers, each of which has its payload's hash.
+/// Identifies a map file: a hash of all its chunks' headers, each of which has its payload's hash.
 /// @throws IoError if it cannot be read.
 [[nodiscard]] inline std::uint64_t content_of(const std::filesystem::path& path) {
   const detail::MapFileReader file(path);
@@ -32,7 +32,7 @@ struct LoadedReference {
 }
 
 /// A write-ahead journal: what a back end is to be given is in it first, so that a crash loses nothing of what still
-/// waits, and the back end's work can be done again to the same bits (`read_input_journal`).
+/// waits, and the back end's work can be done again bit-identically (`read_input_journal`).
 ///
 /// The file is NAME.partial, in the format of map files (map_archive.hpp); it stays when the journal goes without
 /// `remove`, if anything was committed. After an IoError the journal takes nothing more.
@@ -247,7 +247,7 @@ inline JournaledInput inputs_of(const MapFileReader& file, std::size_t commit, S
   std::size_t sound = 0;
   while (sound < file.chunks().size() && file.stored_payload(sound)) ++sound;
   const auto commit = detail::last_commit_before(file, sound);
-  if (!commit) file.fail("", "nothing that was committed", "there is nothing to save in it: make the map again");
+  if (!commit) file.fail("", "no complete commit", "there is nothing to save in it: make the map again");
   const MapLoadOptions options{.recover = true};
   detail::MapDecoder decoder(file, options, *commit);
   if (decoder.run()) file.fail("", "damage that comes and goes", "check the disk");

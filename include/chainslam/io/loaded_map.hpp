@@ -23,7 +23,7 @@ struct UnknownChunk {
 
 /// How a map file is to be read.
 struct MapLoadOptions {
-  /// Takes what is whole of a file that is not finished or damaged, and reports what was lost. Otherwise such a file is
+  /// Reads the intact part of an unfinished or damaged file, and reports what was lost. Otherwise such a file is
   /// refused.
   bool recover = false;
   bool scans = true;             ///< false: keyframes come without clouds, which are then not read at all
@@ -49,7 +49,7 @@ struct MapFileReport {
   Index commits = 0;                   ///< used
   Index keyframes_lost = 0;            ///< after the last commit that could be used, by the chunks' headers
   std::vector<KeyframeId> scans_lost;  ///< keyframes that are there, but whose scan was damaged
-  Index poses_by_odometry = 0;         ///< T_map_body not as optimised last: later keyframes, placed by odometry
+  Index poses_by_odometry = 0;         ///< T_map_body not as optimized last: later keyframes, placed by odometry
   Index unknown_chunks = 0;            ///< kept in LoadedMap::unknown
   bool newer_fields = false;           ///< records have fields that this version does not know; rewriting loses them
   std::vector<std::string> problems;   ///< what was damaged and where, a sentence each

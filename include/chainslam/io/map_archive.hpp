@@ -197,7 +197,7 @@ inline std::uint64_t memory_of(const MapFileReader& file, std::size_t commit, bo
 [[nodiscard]] inline LoadedMap load_map(const std::filesystem::path& path, const MapLoadOptions& options = {}) {
   const detail::MapFileReader file(path);
   const auto refuse = [&](const std::string& what) {
-    if (!options.recover) file.fail("", what, "`chainslam recover` saves what is whole of it in a new file");
+    if (!options.recover) file.fail("", what, "`chainslam recover` recovers the intact part in a new file");
   };
   std::vector<std::string> problems;
   const std::optional<std::string> unfinished = detail::unfinished(file);
@@ -207,7 +207,7 @@ inline std::uint64_t memory_of(const MapFileReader& file, std::size_t commit, bo
   }
   std::optional<std::size_t> commit = detail::last_commit_before(file, file.chunks().size());
   for (;;) {
-    if (!commit) file.fail("", "nothing that was committed", "there is nothing to save in it: make the map again");
+    if (!commit) file.fail("", "no complete commit", "there is nothing to save in it: make the map again");
     if (const std::uint64_t bytes = detail::memory_of(file, *commit, options.scans);
         options.max_memory > 0 && bytes > options.max_memory)
       file.fail("",

@@ -288,7 +288,7 @@ class MapJournal {
     if (first == 0) posed_ = end;
   }
 
-  /// Where sessions begin is nothing that odometry could tell.
+  /// Where sessions begin cannot be observed by odometry.
   void append_first_poses(const SlamMap& map, Index fresh) {
     for (Index i = std::max(fresh, Index{1}); i < count(map.keyframes); ++i)
       if (at(map.keyframes, i).session != at(map.keyframes, i - 1).session) append_poses(map, i, i + 1);

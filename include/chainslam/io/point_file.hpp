@@ -82,7 +82,7 @@ class PointColumns {
   PointFile file_;
 };
 
-/// Time offsets in seconds, where the field's type and name leave no doubt: whole numbers are nanoseconds, floating
+/// Time offsets in seconds, where the field's type and name are unambiguous: whole numbers are nanoseconds, floating
 /// numbers of at most a day are seconds. Larger ones are stamps, not offsets, and give none.
 inline PointCloud<float> with_plain_times(PointFile file) {
   if (file.time_field.empty()) return std::move(file.cloud);

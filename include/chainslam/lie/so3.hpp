@@ -51,8 +51,8 @@ class SO3 {
   /// digits at any angle. Exact for rotations; a matrix off by e gives a rotation within O(e).
   [[nodiscard]] static SO3 from_matrix(const Matrix3& R);
 
-  /// The least rotation that turns the direction of `from` into that of `to`; half a turn about some axis across them
-  /// where they are opposite. Neither may be zero.
+  /// The least rotation that turns the direction of `from` into that of `to`; a half rotation about some axis across
+  /// them where they are opposite. Neither may be zero.
   [[nodiscard]] static SO3 between(const Vector3& from, const Vector3& to) {
     const Vector3 a = from / from.norm(), b = to / to.norm();
     const Vector3 half_way = a + b;

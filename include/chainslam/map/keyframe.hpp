@@ -11,7 +11,7 @@
 
 namespace chainslam {
 
-/// A frame that the map keeps. Scans are shared and never change; only `T_map_body` moves when the graph is optimised.
+/// A frame that the map keeps. Scans are shared and never change; only `T_map_body` moves when the graph is optimized.
 struct Keyframe {
   KeyframeId id{};
   SessionId session{};

@@ -45,7 +45,7 @@ class ImuAlignment {
     report(state_, detail::spd_inverse(given_information(options.rotation_deviation)));
   }
 
-  /// Takes a measurement, in order of time. @returns false if it was dropped: not finite, absurd, or not later.
+  /// Adds a measurement, in order of time. @returns false if it was dropped: not finite, absurd, or not later.
   bool add(const ImuSample& sample) { return track_.add(seconds_of(sample.time), sample.gyro, sample.accel); }
 
   /// Takes the pose of a scan, in order of time; earlier ones are ignored. @returns whether there is a new estimate.

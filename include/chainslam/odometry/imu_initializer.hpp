@@ -11,18 +11,18 @@
 
 namespace chainslam {
 
-/// What an inertial unit says of its attitude and bias before the first scan.
+/// What an IMU says of its attitude and bias before the first scan.
 struct ImuStart {
-  bool at_rest = false;                                 ///< the readings were quiet enough to be a standstill
+  bool at_rest = false;                                 ///< the measurements were quiet enough to be a standstill
   Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();  ///< rad/s; zero unless at rest
   Eigen::Vector3d up_body = Eigen::Vector3d::UnitZ();   ///< direction against gravity, in the body frame
   Index samples = 0;
 };
 
-/// Tells a standstill from motion and reads gravity's direction and the gyroscope's bias off it.
+/// Detects standstill and estimates gravity's direction and the gyroscope's bias from it.
 ///
 /// Gravity is taken as a direction only, so accelerometers in g and in m/s^2 serve alike. In motion the mean specific
-/// force still tells up from down, to some degrees; the bias is then left at zero and `at_rest` is false.
+/// force still shows the vertical, to some degrees; the bias is then left at zero and `at_rest` is false.
 struct ImuInitializer {
   Index min_samples = 5;              ///< fewer: no attitude, `samples` stays what it was and `up_body` is +z
   double max_gyro_deviation = 0.03;   ///< rad/s, root mean square about the mean

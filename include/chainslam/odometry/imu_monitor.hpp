@@ -12,17 +12,17 @@
 
 namespace chainslam {
 
-/// When an IMU is no longer believed, and when again.
+/// When an IMU is excluded, and when it is used again.
 struct ImuMonitorOptions {
-  double max_pose_nis = 4;        ///< of a scan against its prediction, per direction seen; infinite: all is believed
+  double max_pose_nis = 4;        ///< of a scan against its prediction, per direction seen; infinite: never excluded
   double max_contradictions = 3;  ///< that many scans lately, each fading by `fading` with every scan
   double fading = 0.85;
   double memory = 1;             ///< seconds, of the mean errors below
   double max_rate_error = 0.03;  ///< rad/s: a bias and more; ...
   double max_rate_share = 0.05;  ///< ... and so much of the rate: scale, and axes that are not quite the given ones
   double max_accel_error = 1.0;  ///< m/s^2
-  double up_memory = 5;          ///< seconds, of gravity's direction while the accelerometer is not believed
-  double trial = 3;              ///< seconds in agreement with the scans until a sensor is believed again; ...
+  double up_memory = 5;          ///< seconds, of gravity's direction while the accelerometer is excluded
+  double trial = 3;              ///< seconds in agreement with the scans until a sensor is used again; ...
   double max_trial = 60;         ///< ... doubled with every relapse up to this
 };
 
@@ -41,12 +41,12 @@ struct ImuComparison {
 /// Watches how an IMU agrees with the scans, its gyroscope and its accelerometer apart.
 ///
 /// Single scans may contradict a prediction for a pothole's sake. A sensor that does so again and again, or whose mean
-/// error is larger than any bias, is not believed until it has agreed with the scans for a while.
+/// error is larger than any bias, is excluded until it has agreed with the scans for a while.
 class ImuMonitor {
  public:
   explicit ImuMonitor(const ImuMonitorOptions& options = {}) : options_(options) {}
 
-  /// What the next prediction may believe.
+  /// What the next prediction may use.
   [[nodiscard]] ImuUse use() const {
     if (gyroscope_.doubted) return ImuUse::none;
     return accelerometer_.doubted ? ImuUse::gyroscope : ImuUse::all;
@@ -59,7 +59,7 @@ class ImuMonitor {
 
   /// Takes what a scan could be predicted from, and what was measured on the way to it.
   void follow(ImuUse used, const ImuComparison& comparison);
-  /// Whether all is believed from now on, but was not before. Gravity's direction is then `up()`.
+  /// Whether all is used from now on, but was not before. Gravity's direction is then `up()`.
   [[nodiscard]] bool back_to_all() const { return back_to_all_; }
   [[nodiscard]] S2d up() const { return S2d::from_vector(mean_up_); }
 
@@ -68,7 +68,7 @@ class ImuMonitor {
     bool doubted = false;
     double contradictions = 0;
     double agreed = 0;  ///< seconds
-    double trial = 0;   ///< seconds, before it is believed again
+    double trial = 0;   ///< seconds, before it is used again
 
     void judge(bool contradicted, double error, double interval, const ImuMonitorOptions& options);
   };

@@ -8,7 +8,7 @@
 
 namespace chainslam {
 
-/// Densities of an inertial unit's noise; the defaults are wide of any unit on a vehicle that trembles.
+/// Densities of an IMU's noise; the defaults are wide of any unit on a vehicle that trembles.
 struct ImuNoise {
   double gyro = 1e-3;             ///< rad/s per sqrt(Hz)
   double accel = 2e-2;            ///< m/s^2 per sqrt(Hz)
@@ -21,14 +21,14 @@ enum class ImuIntegration {
   euler,     ///< FAST-LIO2, eq. 1 to 3 and 8: by the attitude at the start; variances are per sample, times dt^2
 };
 
-/// What drives an inertial process during a short time: mean readings, and how far they may be trusted.
+/// What drives an inertial process during a short time: mean measurements, and how far they may be trusted.
 struct ImuInput {
   Eigen::Vector3d gyro = Eigen::Vector3d::Zero();   ///< rad/s
   Eigen::Vector3d accel = Eigen::Vector3d::Zero();  ///< specific force, m/s^2
-  double gyro_noise = 0;                            ///< density, added to the unit's own: clipped or made-up readings
-  double accel_noise = 0;                           ///< the same
-  bool rate_measured = true;   ///< false: `gyro` is a guess of the rate itself, which tells nothing of the bias
-  bool force_measured = true;  ///< false: the velocity stays, which tells nothing of attitude, gravity and bias
+  double gyro_noise = 0;       ///< density, added to the unit's own: clipped or made-up measurements
+  double accel_noise = 0;      ///< the same
+  bool rate_measured = true;   ///< false: `gyro` is a guess of the rate, without information on the bias
+  bool force_measured = true;  ///< false: constant velocity, without information on attitude, gravity and bias
 
   /// rad/s, body frame.
   [[nodiscard]] Eigen::Vector3d rate(const InertialState& x) const {
@@ -44,7 +44,7 @@ struct ImuProcess {
   ImuNoise noise{};
   ImuIntegration integration = ImuIntegration::midpoint;
   double gravity = 9.81;  ///< m/s^2
-  double up_walk = 0;     ///< radians per sqrt(s), by which gravity's direction moves beside the bend: maps creep
+  double up_walk = 0;     ///< radians per sqrt(s), by which gravity's direction moves beside the bend: maps tilt slowly
 
   /// @param dt  seconds, short: rates and forces count as constant (10 ms suffice for anything that carries a LiDAR).
   [[nodiscard]] Transition<InertialState> predict(const InertialState& x, const ImuInput& input, double dt) const;

@@ -20,29 +20,29 @@
 
 namespace chainslam {
 
-/// How an inertial unit's readings are used.
+/// How an IMU's measurements are used.
 struct ImuRecordOptions {
-  double max_gap = 0.25;   ///< seconds between readings that are joined by a line; over a longer hole there are none
+  double max_gap = 0.25;  ///< seconds between measurements that are joined by a line; over a longer hole there are none
   double max_step = 0.01;  ///< seconds; longer ones are divided, so that units of 10 Hz integrate as well as fast ones
-  double unseen_share = 0.3;  ///< of the difference of two readings, by which the mean between them may be off
-  double memory = 5;          ///< seconds of readings kept before the first scan
+  double unseen_share = 0.3;  ///< of the difference of two measurements, by which the mean between them may be off
+  double memory = 5;          ///< seconds of measurements kept before the first scan
   double gyro_range = std::numeric_limits<double>::infinity();   ///< rad/s at which an axis is clipped
   double accel_range = std::numeric_limits<double>::infinity();  ///< m/s^2
   double clipped_gyro_noise = 0.5;                               ///< density while clipped, rad/s per sqrt(Hz)
   double clipped_accel_noise = 5;                                ///< m/s^2 per sqrt(Hz)
 };
 
-/// Mean readings of a short time; none in a hole.
+/// Mean measurements of a short time; none in a hole.
 struct ImuStep {
   double duration;  ///< seconds
   std::optional<ImuInput> reading;
 };
 
-/// What an inertial unit has said lately, as steps to integrate over.
+/// What an IMU has said lately, as steps to integrate over.
 ///
-/// Readings run linearly from sample to sample; before the first and after the last they are held for up to `max_gap`.
-/// A reading at the end of its range is known to be wrong, but not by how much: its step's noise says so. Steps next to
-/// a sample with a stuck axis are without that sensor: `ImuInput::rate_measured`, `force_measured`.
+/// Measurements run linearly from sample to sample; before the first and after the last they are held for up to
+/// `max_gap`. A measurement at the end of its range is known to be wrong, but not by how much: its step's noise says
+/// so. Steps next to a sample with a stuck axis are without that sensor: `ImuInput::rate_measured`, `force_measured`.
 class ImuRecord {
  public:
   enum class Taken {
@@ -84,7 +84,7 @@ class ImuRecord {
           [](void* callable, const ImuStep& piece) { (*static_cast<Callable*>(callable))(piece); }});
   }
 
-  /// Forgets readings that nothing from `time` on needs.
+  /// Forgets measurements that nothing from `time` on needs.
   void forget_before(Timestamp time) {
     while (samples_.size() > 1 && samples_[1].time <= time) samples_.pop_front();
   }
@@ -92,7 +92,7 @@ class ImuRecord {
     if (!samples_.empty()) forget_before(samples_.back().time - seconds(options_.memory));
   }
 
-  /// Whether readings reach up to `time`, ...
+  /// Whether measurements reach up to `time`, ...
   [[nodiscard]] bool reaches(Timestamp time) const { return !samples_.empty() && samples_.back().time >= time; }
   /// ... or the next one, which would, is to be expected.
   [[nodiscard]] bool may_reach(Timestamp time) const {
@@ -129,14 +129,14 @@ class ImuRecord {
     return false;
   }
 
-  /// What a line between two readings leaves out, as a density: its mean over `interval` may be off by a part of the
-  /// difference. Slow units see vibration at random phases, fast ones follow it.
+  /// What a line between two measurements leaves out, as a density: its mean over `interval` may be off by a part of
+  /// the difference. Slow units see vibration at random phases, fast ones follow it.
   [[nodiscard]] double unseen(const Eigen::Vector3d& difference, double interval) const {
     return options_.unseen_share * difference.norm() * std::sqrt(interval);
   }
 
-  /// Steps without a reading. A clock that jumps leaves a hole of any length: behind so many steps that a motion could
-  /// be continued over, the rest of it is one.
+  /// Steps without a measurement. A clock that jumps leaves a hole of any length: behind so many steps that a motion
+  /// could be continued over, the rest of it is one.
   template <class Step>
   void pass_hole(double duration, double pieces, Step& step) const {
     constexpr double most_pieces = 1000;

@@ -13,17 +13,18 @@
 
 namespace chainslam {
 
-/// Integrates a gyroscope's readings to rotations between any two times.
+/// Integrates a gyroscope's measurements to rotations between any two times.
 ///
-/// The rate runs linearly between two readings; each piece is integrated to fourth order in its length (Magnus
-/// expansion of R' = R hat(w)), so that 10 Hz units are usable. Before the first and after the last reading the rate is
-/// held, for at most `max_gap`. Over a longer hole there is no answer: the caller falls back to its motion model.
+/// The rate runs linearly between two measurements; each piece is integrated to fourth order in its length (Magnus
+/// expansion of R' = R hat(w)), so that 10 Hz units are usable. Before the first and after the last measurement the
+/// rate is held, for at most `max_gap`. Over a longer hole there is no answer: the caller falls back to its motion
+/// model.
 class ImuRotation {
  public:
   explicit ImuRotation(Duration max_gap = seconds(0.25)) : max_gap_(max_gap) {}
 
-  /// Takes the next reading. One that goes back in time by more than the longest hole starts the record anew: either
-  /// the clock was set, or the readings before it were wrong.
+  /// Takes the next measurement. One that goes back in time by more than the longest hole resets the record: either
+  /// the clock was set, or the measurements before it were wrong.
   /// @returns false if it was dropped: not finite, or not later than the one before.
   bool add(const ImuSample& sample) {
     if (!is_finite(sample.gyro) || !is_finite(sample.accel)) return false;
@@ -33,8 +34,8 @@ class ImuRotation {
     return true;
   }
 
-  /// Rotation of the body from one time to another, R_from_to, with `bias` (rad/s) taken off the readings.
-  /// @returns nothing if the readings leave a hole longer than the longest allowed, or if `to` is before `from`.
+  /// Rotation of the body from one time to another, R_from_to, with `bias` (rad/s) taken off the measurements.
+  /// @returns nothing if the measurements leave a hole longer than the longest allowed, or if `to` is before `from`.
   [[nodiscard]] std::optional<SO3d> rotation(Timestamp from, Timestamp to, const Eigen::Vector3d& bias) const {
     if (to < from || !covers(from, to)) return std::nullopt;
     SO3d R_from_t;
@@ -47,7 +48,7 @@ class ImuRotation {
     return R_from_t;
   }
 
-  /// Forgets readings that no interval starting at `time` or later needs.
+  /// Forgets measurements that no interval starting at `time` or later needs.
   void forget_before(Timestamp time) {
     while (samples_.size() > 1 && samples_[1].time <= time) samples_.pop_front();
   }

@@ -24,8 +24,8 @@
 
 namespace chainslam {
 
-/// The filter's motion between scans: integrates the inertial unit, or continues the motion where that is silent, and
-/// remembers the way, for scans to be straightened by.
+/// The filter's motion between scans: integrates the IMU, or continues the motion where that is silent, and
+/// remembers the way, for scans to be undistorted by.
 class InertialMotion {
  public:
   using Filter = Ieskf<InertialState, ImuProcess>;
@@ -42,7 +42,7 @@ class InertialMotion {
   /// Corrects samples from now on, and those that are kept.
   void correct(const ImuCorrection& correction) { imu_.correct(correction); }
 
-  /// Begins at the origin, at `time`, with +z against gravity as far as the inertial unit tells where that is.
+  /// Begins at the origin, at `time`, with +z against gravity as far as the IMU observes it.
   ImuStart start(Timestamp time);
   /// Moves the filter on to `time`, which must be later than where it is.
   void predict(Timestamp time, ImuUse use = ImuUse::all) {
@@ -51,20 +51,20 @@ class InertialMotion {
     imu_.forget_before(begin_);
     integrate(time, use);
   }
-  /// The last prediction once more, with less believed. What is not may have been wrong for a while: biases and
+  /// The last prediction once more, with less of the IMU. What is not may have been wrong for a while: biases and
   /// gravity, which the filter has learnt from it, become as uncertain as at the start.
   void predict_again(ImuUse use);
-  /// The last prediction once more as it was first, believing as much as then.
+  /// The last prediction once more as it was first, with as much of the IMU as then.
   void restore(ImuUse use) {
     const Timestamp time = time_;
     filter_ = before_;
     time_ = begin_;
     integrate(time, use);
   }
-  /// What the last prediction believed.
+  /// What the last prediction used.
   [[nodiscard]] ImuUse use() const { return use_; }
-  /// Takes it that the body stood still at the begin of the way: for a start of quiet readings where the scan does not
-  /// tell otherwise. Then the force felt was gravity.
+  /// Assumes that the body stood still at the beginning of the interval: for a start with quiet measurements that the
+  /// scan does not contradict. Then the specific force was gravity.
   void assume_rest() {
     set_translation(state().get<Inertial::velocity>(), options_.rest_speed, options_.rest_speed * interval());
     InertialState::Jacobian covariance = filter_.covariance();
@@ -85,7 +85,7 @@ class InertialMotion {
     }
     filter_.reset(filter_.state(), covariance);
   }
-  /// Whether scans have told the velocity.
+  /// Whether scans have observed the velocity.
   [[nodiscard]] static bool knows_velocity(const Filter& filter) {
     constexpr double known = 2;  // m/s
     constexpr int v = inertial_offset<Inertial::velocity>;
@@ -113,7 +113,7 @@ class InertialMotion {
   [[nodiscard]] AccelNoise& learned_noise() { return accel_noise_; }
   /// m/s^2 per sqrt(Hz): density of the accelerometer's noise that predictions take.
   [[nodiscard]] double accel_noise() const { return std::max(options_.process.noise.accel, accel_noise_.density()); }
-  /// Forgets what was learnt from measurements that are no longer believed.
+  /// Resets what was estimated from measurements that are no longer used.
   void forget_biases(ImuUse use) {
     if (use == ImuUse::none) hold_mounting();
     InertialState x = state();
@@ -135,23 +135,23 @@ class InertialMotion {
     separate<Inertial::up>(covariance, options_.start_up);
     filter_.reset(x, covariance);
   }
-  /// A mounting estimated farther off the given one than allowed is given up, and held from then on. The LiDAR stays
-  /// where it is. @returns whether it was.
+  /// An extrinsic calibration estimated farther off the given one than allowed is discarded, and fixed from then on.
+  /// The LiDAR stays where it is. @returns whether it was.
   bool bound_mounting(double max_position, double max_rotation);
-  /// The mounting is the given one from now on, known as such: without the gyroscope nothing tells it.
+  /// The extrinsic calibration is the given one from now on, known as such: without the gyroscope it is unobservable.
   void hold_mounting();
-  /// The mounting is as uncertain as at the start, or as the axes are.
+  /// The extrinsic calibration is as uncertain as at the start, or as the axes are.
   void doubt_mounting();
   /// The body's axes are others from now on, known to `deviation` (rad) about each.
   void set_axes_deviation(double deviation) { mounting_deviation_ = std::max(options_.lidar_rotation, deviation); }
-  /// What was measured since then says of the mounting's rotation, about the given one; nothing while it is held.
+  /// Information on the calibration's rotation measured since then, about the given one; nothing while it is held.
   [[nodiscard]] RotationEvidence mounting_evidence() const;
-  /// Tells the mean rate of the last interval, which is continued where there are no readings. To be called once the
-  /// pose at the end is final.
+  /// Passes the mean rate of the last interval, which is continued where there are no measurements. To be called once
+  /// the pose at the end is final.
   void follow();
 
-  /// The motion during a sweep that ends at `time()`, as the way there tells it. `correction`, a tangent of the pose at
-  /// the end of the way, is spread over the way.
+  /// The motion during a sweep that ends at `time()`, from the motion up to there. `correction`, a tangent of the pose
+  /// at the end of the way, is spread over the way.
   [[nodiscard]] SweepMotion sweep_motion(Timestamp begin, const Vector6d& correction) const;
 
   /// The twist at the begin of the way, per second, body frame, had the body moved on evenly but for a correction.
@@ -177,7 +177,7 @@ class InertialMotion {
   [[nodiscard]] Timestamp time() const { return time_; }
   [[nodiscard]] bool started() const { return started_; }
   [[nodiscard]] const ImuRecord& imu() const { return imu_; }
-  /// Share of the last interval for which there were readings.
+  /// Share of the last interval for which there were measurements.
   [[nodiscard]] double measured_share() const { return measured_share_; }
 
  private:
@@ -209,7 +209,7 @@ class InertialMotion {
             .rate_measured = false,
             .force_measured = false};
   }
-  /// What of a reading is believed.
+  /// What of a measurement is used.
   [[nodiscard]] ImuInput believed(ImuInput reading, ImuUse use) const {
     if (use == ImuUse::none) return continued();
     if (!reading.rate_measured) {  // an axis is stuck
@@ -244,7 +244,7 @@ class InertialMotion {
   Eigen::Vector3d mean_rate_ = zeros<Eigen::Vector3d>();  ///< rad/s, body frame, between the last two scans
   double measured_share_ = 0;
   Index followed_ = 0;
-  double mounting_deviation_ = options_.lidar_rotation;  ///< rad about each axis, where the mounting is doubted
+  double mounting_deviation_ = options_.lidar_rotation;  ///< rad about each axis, while it is estimated again
 };
 
 inline ImuStart InertialMotion::start(Timestamp time) {
@@ -321,8 +321,8 @@ inline void InertialMotion::predict_again(ImuUse use) {
   integrate(time, use);
 }
 
-/// After a long silence the body may stand, drive or have been carried: its attitude is kept, with doubt. How far it is
-/// off tells how fast it was on the way, and that about how fast it is.
+/// After a long silence the body may stand, drive or have been carried: its attitude is kept, with a larger covariance.
+/// Its position error shows how fast it was, and that about how fast it is.
 inline void InertialMotion::forget_velocity() {
   const SE3d begin = T_odom_body(before_.state()), end = T_odom_body(state());
   const double dt = to_seconds(time_ - begin_);

@@ -14,10 +14,10 @@ struct InertialMotionOptions {
   ImuRecordOptions imu{};
   AccelNoiseOptions accel_noise{};                    ///< above that of `process`, which is the least
   ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
-  double start_speed = 20;   ///< m/s, deviation of each velocity at the start: quiet readings alone do not tell of rest
+  double start_speed = 20;   ///< m/s, deviation of each velocity at the start: quiet measurements do not prove rest
   double rest_speed = 0.05;  ///< m/s, deviation where rest is assumed
   double start_gyro_bias = 1e-2;  ///< rad/s, deviation
-  double rest_share = 0.5;  ///< of starts with quiet readings, those at rest; the others are in a slow, steady turn
+  double rest_share = 0.5;  ///< of starts with quiet measurements, those at rest; the others are in a slow, steady turn
   double start_accel_bias = 0.1;  ///< m/s^2, deviation
   double start_up = 0.15;    ///< radians, deviation of gravity's direction: steady acceleration is as quiet as rest
   double rest_up = 0.01;     ///< and where rest is assumed: what the accelerometer's bias makes of it
@@ -28,8 +28,8 @@ struct InertialMotionOptions {
   double max_free = 1.0;          ///< seconds that may be continued so; beyond, the body may be anywhere near
   double lost_position = 2.0;     ///< metres, deviation after that, and of a prediction that scans contradict
   double lost_rotation = 0.2;     ///< radians, deviation of the latter
-  double lidar_position = 0;      ///< metres, deviation of the mounting; 0: known
-  double lidar_rotation = 0.005;  ///< radians about each axis; a third of a degree off is usual, and turns tell
+  double lidar_position = 0;      ///< metres, deviation of the extrinsic calibration; 0: known
+  double lidar_rotation = 0.005;  ///< radians about each axis; a third of a degree off is usual, and observable
   Index mounting_after = 3;       ///< scans, from which on it is estimated: the first make a crooked map
 };
 

@@ -9,14 +9,14 @@
 
 namespace chainslam {
 
-/// Keeps odometry level over a local map that is not.
+/// Keeps odometry gravity-aligned over a local map that slowly tilts.
 ///
-/// Each scan is held to the map of those before, and the slightest error of the sensor, the same in every scan, makes
-/// the map as a whole turn out of level: no scan can tell. Errors of elevation, the same all around, bend it like a
-/// bowl: up leans with the way, by a degree in 100 m with a sensor that sees 25 m and is 0.2 degrees off. Gravity can
-/// tell: in a filter that lives in the map's frame its direction moves. The filter knows apart how far it has moved
-/// (`creep`) and what was unknown of it at the start; by the former the map is turned back about the body, so that
-/// poses turn smoothly and positions never jump.
+/// Each scan is registered to the map of the previous ones, and a small systematic sensor error tilts the map as a
+/// whole, which no scan observes. Elevation errors that are equal in all directions curve it like a bowl: `up` tilts
+/// with the distance travelled, by a degree in 100 m for a sensor with 25 m range and an error of 0.2 degrees. Gravity
+/// makes the tilt observable: its direction moves in a filter that is expressed in the map frame. The filter estimates
+/// separately how far it has moved (`creep`) and its uncertainty at the start; the former is used to rotate the map
+/// back about the body, so that poses rotate smoothly and positions never jump.
 class Leveller {
  public:
   /// @param x  the state after an update.

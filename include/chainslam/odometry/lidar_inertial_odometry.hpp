@@ -34,8 +34,8 @@
 
 namespace chainslam {
 
-/// LiDAR-inertial odometry: an iterated filter (FAST-LIO2, Xu et al. 2022) that integrates the inertial unit from scan
-/// to scan, straightens each scan by that motion and corrects itself by the scan's distances to planes of a local map.
+/// LiDAR-inertial odometry: an iterated filter (FAST-LIO2, Xu et al. 2022) that integrates the IMU from scan
+/// to scan, undistorts each scan by that motion and corrects itself by the scan's distances to planes of a local map.
 ///
 /// The first pose is the origin of `odom`, +z against gravity as well as it is known then. A scan waits for the first
 /// reading after its end, at most until three more scans have come or `flush` is called; so its frame may come with a
@@ -43,19 +43,22 @@ namespace chainslam {
 /// - The body may move from the first scan on, by up to 45 m/s. The second scan shows the velocity, by which the first
 ///   one's points are undistorted for the local map, and all poses are correct when they are returned. Only the cloud
 ///   of the first frame, returned before that, is undistorted by the gyroscope alone.
-/// - Without readings for 0.25 s, and without an inertial unit at all, velocity and rate stay as they were, held by the
+/// - Without measurements for 0.25 s, and without an IMU at all, velocity and rate stay as they were, held by the
 ///   scans alone; after more than a second without either, velocity and position are as good as unknown.
-/// - Where scan and prediction contradict each other, less is believed for that interval: the gyroscope without the
+/// - Where scan and prediction contradict each other, less of the IMU is used for that interval: the gyroscope without
+/// the
 ///   accelerometer, the gyroscope roughly, the scans alone (`InertialHealth::imu_use`). A sensor that is contradicted
 ///   again and again is left out until it agrees with the scans for a while (`ImuMonitor`).
 /// - The accelerometer's noise is learnt from how it differs from the scans' motion over half a second (`AccelNoise`).
-/// - Readings at the end of their range count for little. What an IMU cannot have measured is rejected (`ImuCheck`).
+/// - Measurements at the end of their range count for little. What an IMU cannot have measured is rejected
+/// (`ImuCheck`).
 /// - Directions that a scan does not see are left to the prediction.
-/// - The local map, to which scans are held, creeps out of level; gravity shows it, and the poses are kept level.
+/// - The local map, to which scans are held, slowly tilts; gravity makes the tilt observable, and poses are
+/// gravity-aligned.
 /// - Empty, late and lost scans leave the traces of `LidarOdometry`.
-/// Same packets, same bits, whatever the executor. Poses are always finite. Nothing grows with the length of the drive.
+/// Deterministic: bit-identical for any executor. Poses are always finite. Bounded memory.
 ///
-/// @tparam Map  a map that grows and thins itself, made from its `downsampling()`: `VoxelMap`, `IkdTree`.
+/// @tparam Map  a growing map that downsamples itself, made from its `downsampling()`: `VoxelMap`, `IkdTree`.
 template <class Map = VoxelMap<float>, class Kernel = GemanMcClure>
 class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   using Registration = detail::SweepRegistration<Map, Kernel>;
@@ -73,7 +76,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   template <Executor E = Serial>
   std::optional<Frame> process(const Packet& packet, const E& executor = {});
 
-  /// After the last packet: the frames of scans that still wait for readings, one a call, then nothing.
+  /// After the last packet: the frames of scans that still wait for measurements, one a call, then nothing.
   template <Executor E = Serial>
   std::optional<Frame> flush(const E& executor = {});
 
@@ -85,7 +88,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   [[nodiscard]] const ImuCorrection& imu_correction() const { return motion_.imu().correction(); }
   /// Of the last scan by registration alone, as far as the scan shows it; in the local map's frame.
   [[nodiscard]] const SE3d& T_map_lidar() const { return T_map_lidar_; }
-  /// What the filter has found of R_body_lidar, in the body's axes as corrected; nothing unless the IMU is believed.
+  /// What the filter has found of R_body_lidar, in the body's axes as corrected; nothing unless the IMU is in use.
   [[nodiscard]] RotationEvidence mounting_evidence() const {
     const bool believed = monitor_.use() == ImuUse::all && options_.imu_use == ImuUse::all;
     return believed ? motion_.mounting_evidence() : RotationEvidence{.about = options_.T_body_lidar.rotation()};
@@ -239,7 +242,7 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
   return answer(attempt, degenerate ? FrameStatus::degenerate : FrameStatus::good);
 }
 
-/// Decides what the next prediction may believe.
+/// Decides what the next prediction may use.
 template <class Map, class Kernel>
 void LidarInertialOdometry<Map, Kernel>::watch_imu(const Attempt& attempt) {
   const ImuUse before = monitor_.use();

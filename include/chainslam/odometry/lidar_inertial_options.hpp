@@ -20,13 +20,13 @@
 
 namespace chainslam {
 
-/// Settings of `LidarInertialOdometry`; the defaults serve spinning LiDARs of 16 to 128 rings with any inertial unit
+/// Settings of `LidarInertialOdometry`; the defaults serve spinning LiDARs of 16 to 128 rings with any IMU
 /// from 10 Hz to 1 kHz.
 ///
-/// @tparam Downsampling  how the local map thins what it is given, such as `NearestToCenter`.
+/// @tparam Downsampling  how the local map downsamples its input, such as `NearestToCenter`.
 template <class Kernel = GemanMcClure, class Downsampling = VoxelMapOptions>
 struct LidarInertialOdometryOptions {
-  SE3d T_body_lidar{};  ///< mounting; body = the IMU
+  SE3d T_body_lidar{};  ///< extrinsic calibration; body = the IMU
   ScanFilter filter{};
   double map_voxel = 0.5;    ///< metres; points of a scan offered to the map
   double scan_voxel = 0.75;  ///< metres; points of a scan given to the filter
@@ -37,9 +37,9 @@ struct LidarInertialOdometryOptions {
   double poor_match_ratio = 0.8;    ///< of the usual one; with less other guesses are tried, the most matches decide
   double min_error = 0.3;           ///< metres a prediction may be off, whatever the filter thinks
   double max_error = 2.0;           ///< the same at most
-  double max_correction = 8.0;      ///< metres off the prediction at which a pose is not believed
+  double max_correction = 8.0;      ///< metres off the prediction at which a pose is rejected
   double redeskew_distance = 0.06;  ///< metres of skew left after the update that call for a second pass
-  Index max_lost_scans = 10;        ///< in a row; then the local map starts anew where the body is believed to be
+  Index max_lost_scans = 10;        ///< in a row; then the local map is reset at the estimated position
   ImuCheckOptions imu_check{};
   ImuUse imu_use = ImuUse::all;  ///< at most: all, the gyroscope, or none of the IMU's measurements
   ImuMonitorOptions monitor{};
@@ -51,7 +51,7 @@ struct LidarInertialOdometryOptions {
   /// to 5 in all, a bad one dozens.
   IterationRule iteration{.max_iterations = 120, .step_tolerance = 1e-3};
   double residual_variance = 0;        ///< m^2; 0: learnt from the residuals
-  double max_mounting_position = 0.3;  ///< metres off the given one; farther, the estimate is given up
+  double max_mounting_position = 0.3;  ///< metres off the given one; farther, the estimate is discarded
   double max_mounting_rotation = 0.1;  ///< radians
   double stated_deviations = 1.0;      ///< times the filter's: what frames state of their poses
 };
@@ -91,9 +91,9 @@ struct InertialHealth {
                    ///< is said to be
   Index degenerate_directions = 0;      ///< of six, that the scan did not see and that were not updated
   Vector6d signal = zeros<Vector6d>();  ///< ascending: information of these directions over that of pure noise
-  double measured_share = 0;            ///< of the way to this frame, by the inertial unit
+  double measured_share = 0;            ///< of the way to this frame, by the IMU
   double pose_nis = 0;  ///< normalized innovation squared of the pose, per direction that the scan sees: about 1
-  ImuUse imu_use = ImuUse::all;  ///< what of the IMU's measurements the frame believes
+  ImuUse imu_use = ImuUse::all;  ///< what of the IMU's measurements the frame uses
   double accel_noise = 0;  ///< m/s^2 per sqrt(Hz): density of the accelerometer's, as the next prediction takes it
 };
 

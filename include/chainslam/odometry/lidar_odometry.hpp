@@ -32,10 +32,10 @@ namespace chainslam {
 
 /// Settings of `LidarOdometry`; the defaults serve spinning LiDARs of 16 to 128 rings on cars and robots.
 ///
-/// @tparam Downsampling  how the local map thins what it is given, such as `NearestToCenter`.
+/// @tparam Downsampling  how the local map downsamples its input, such as `NearestToCenter`.
 template <class Kernel = GemanMcClure, class Downsampling = VoxelMapOptions>
 struct LidarOdometryOptions {
-  SE3d T_body_lidar;  ///< mounting; body = the IMU, or the LiDAR itself if there is none
+  SE3d T_body_lidar;  ///< extrinsic calibration; body = the IMU, or the LiDAR itself if there is none
   ScanFilter filter{};
   double map_voxel = 0.5;    ///< metres; points of a scan offered to the map
   double scan_voxel = 0.75;  ///< metres; points of a scan given to registration
@@ -44,7 +44,7 @@ struct LidarOdometryOptions {
   Index min_points = 50;            ///< after the voxel filter; scans with fewer count as empty
   double min_match_ratio = 0.2;     ///< of the points given to registration; with less the scan is lost
   double redeskew_distance = 0.06;  ///< metres of skew left after registration that call for a second pass
-  Index max_lost_scans = 10;        ///< in a row; then the local map starts anew where the body is believed to be
+  Index max_lost_scans = 10;        ///< in a row; then the local map is reset at the estimated position
   ImuCheckOptions imu_check{};
   ImuInitializer imu_initializer{};
   MotionPredictorOptions motion{};
@@ -63,9 +63,10 @@ struct LidarOdometryOptions {
 ///   grows with the time without a match; its points do not enter the map;
 /// - more than `max_lost_scans` lost in a row: the local map is restarted at the predicted pose, whose covariance all
 ///   later frames carry.
-/// Same packets, same bits, whatever the executor. Poses are always finite.
+/// Deterministic: bit-identical for any executor. Poses are always finite.
 ///
-/// @tparam Map  a map that grows and thins itself, made from its `downsampling()`: `VoxelMap`, `IkdTree`. One point a
+/// @tparam Map  a growing map that downsamples itself, made from its `downsampling()`: `VoxelMap`, `IkdTree`. One point
+/// a
 ///              voxel is lighter and drifts less in streets, but a wall in the very faces of the voxels leaves two
 ///              layers of points, of which planes are poor; points at a spacing know no faces.
 template <class Map = VoxelMap<float>, class Kernel = GemanMcClure>

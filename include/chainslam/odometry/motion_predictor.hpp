@@ -43,14 +43,14 @@ class MotionPredictor {
  public:
   explicit MotionPredictor(const MotionPredictorOptions& options = {}) : options_(options) {}
 
-  /// @returns false if the sample was dropped. Readings older than the longest memory are forgotten.
+  /// @returns false if the sample was dropped. Measurements older than the longest memory are forgotten.
   bool add(const ImuSample& sample) {
     if (!imu_.add(sample)) return false;
     imu_.forget_before(sample.time - imu_memory);
     return true;
   }
 
-  /// Begins at the origin, at the end of the first sweep, with +z against gravity if the IMU has told where that is.
+  /// Begins at the origin, at the end of the first sweep, with +z against gravity if the IMU has observed it.
   ImuStart start(Timestamp begin, Timestamp end, const ImuInitializer& initializer) {
     const ImuStart imu_start = initializer.estimate(imu_.samples());
     gyro_bias_ = imu_start.gyro_bias;
@@ -65,7 +65,7 @@ class MotionPredictor {
     return end > time_ && begin + (end - begin) / 2 > middle_time_;
   }
 
-  /// Tells the motion during the first sweep, which the second has shown.
+  /// Sets the motion during the first sweep, which the second has shown.
   void correct_start(const Vector6d& twist) {
     T_odom_middle_ = T_odom_body_.retract(-to_seconds(time_ - middle_time_) * twist);
   }

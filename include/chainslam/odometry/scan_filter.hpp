@@ -22,7 +22,7 @@ struct ScanFilterCounts {
   std::int64_t thinned = 0;     ///< usable, but not an n-th point
 };
 
-/// Drops what odometry should not see: broken returns, the carrier's own body, far noise.
+/// Drops what odometry should not see: broken returns, the vehicle's own body, far noise.
 struct ScanFilter {
   double min_range = 1.0;    ///< metres from the sensor: the blind radius
   double max_range = 120.0;  ///< metres from the sensor

@@ -37,7 +37,7 @@ struct ScanPrior {
 /// A scan measured by its points' distances to planes of the local map: the `MeasurementModel` of LiDAR-inertial
 /// odometry (FAST-LIO2, section V-B), made as robust as `ScanToMap`.
 ///
-/// A wrong velocity turns up in a scan that it has straightened: the scan as a whole then lies where it lay at its mean
+/// A wrong velocity turns up in a scan that it has undistorted: the scan as a whole then lies where it lay at its mean
 /// time. With this lever the residuals depend on the velocity as well, and the filter does not take for a change of
 /// position what is one of velocity.
 ///

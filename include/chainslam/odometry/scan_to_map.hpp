@@ -33,7 +33,7 @@ struct ScanMatch {
   Vector6d signal = zeros<Vector6d>();         ///< ascending, of six directions: information over that of pure noise
   Index degenerate_directions = 0;             ///< of six, in which the scan says nothing and the guess was kept
   Index matches = 0;                           ///< points with a plane within the gate
-  double weight = 0;                           ///< of these, each weighted by the kernel: what tells alike places apart
+  double weight = 0;                           ///< of these, each weighted by the kernel: distinguishes similar places
   Index iterations = 0;
   double residual_rms = 0;  ///< metres, over matches, weighted by the kernel
 };

@@ -50,7 +50,7 @@ class SelfCalibrating {
   }
 
   [[nodiscard]] const Odometry& odometry() const { return odometry_; }
-  /// What is known of clock and axes as the IMU gives them. Once the IMU is corrected and believed, its rotation to the
+  /// What is known of clock and axes as the IMU gives them. Once the IMU is corrected and used, its rotation to the
   /// LiDAR is the filter's, which uses each point, as far as the filter has seen it move.
   [[nodiscard]] ImuAlignmentEstimate alignment() const {
     const ImuAlignmentEstimate& found = alignment_.estimate();

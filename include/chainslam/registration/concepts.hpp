@@ -18,7 +18,7 @@ enum class AlignStatus {
   iteration_limit,  ///< still moving after the last iteration
   too_few_points,   ///< source or target has too few finite points; the pose is the guess
   no_overlap,       ///< too few source points have a partner; the pose is the guess
-  degenerate,       ///< converged where the points tell; the directions that they do not tell are kept from the guess
+  degenerate,       ///< converged in the observable directions; unobservable ones kept from the initial guess
   cancelled,        ///< the deadline passed first; the pose is the best so far
 };
 
@@ -50,7 +50,7 @@ struct AlignResult {
   Matrix6d eigenvectors = identity<Matrix6d>();  ///< columns: the directions that go with them
   Index degenerate_directions = 0;               ///< how many of them, the first, were held at the guess
   /// For each axis, what is known of it when nothing is known of the others, per inlier: 1 over the diagonal of the
-  /// inverse. A tenth of the degeneracy threshold, which is the least: not told at all, as along a corridor.
+  /// inverse. A tenth of the degeneracy threshold, which is the least: unobservable, as along a corridor.
   Vector6d localizability = zeros<Vector6d>();
   Index inliers = 0;                 ///< source points whose nearest target point is near enough, and not rejected
   double inlier_ratio = 0;           ///< inliers over finite source points
@@ -70,7 +70,7 @@ enum class GlobalAlignStatus {
   too_few_points,   ///< source or target has too few points with a feature; the pose is the identity
   too_few_matches,  ///< fewer than three points look alike; the pose is the identity
   no_consensus,     ///< no pose that matches agree on beyond chance; the pose is the identity
-  refused,          ///< a check did not believe the pose, which is the one that it refused
+  refused,          ///< rejected by verification; the pose is the rejected one
   cancelled,        ///< the deadline passed before there was a pose; it is the identity
 };
 
@@ -119,7 +119,7 @@ concept AlignTarget = NearestNeighborSearch<T> || MatchingTarget<T>;
 /// are worked on four pairs at a time, are `SurfaceMetric`s.
 ///
 /// `metric.error(target, match, p_target)` gives a `PairError` whose gradient is exact where the match stays the same.
-/// A match that tells nothing (no normal) gives zeros.
+/// A match without information (no normal) gives zeros.
 template <class Metric, class Target>
 concept ErrorMetric = AlignTarget<Target> &&
     requires(const Metric& metric, const Target& target, Index match, const Eigen::Vector3d& p_target) {

@@ -94,7 +94,7 @@ class BitGraph {
     for (const BitSet::Word word : row(i)) total += std::popcount(word);
     return total;
   }
-  /// The graph among some vertices, ascending, which are numbered anew.
+  /// The graph among some vertices, ascending, which are renumbered.
   [[nodiscard]] BitGraph among(std::span<const Index> vertices) const {
     BitGraph part(to_index(vertices.size()));
     for (Index i = 0; i < part.size(); ++i)

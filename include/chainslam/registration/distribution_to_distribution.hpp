@@ -13,7 +13,7 @@ struct DistributionToDistribution {
   static constexpr Surface source_surface = Surface::covariance;
   static constexpr Surface target_surface = Surface::covariance;
   static constexpr int residuals_a_pair = 1;
-  /// Noise of normals tells less here: pairs whose normals differ by it count for little. See `Icp`.
+  /// Noise of normals has less effect here: pairs whose normals differ by it count for little. See `Icp`.
   static constexpr double degeneracy_threshold = 0.003;
 
   double thickness = 1e-3;  ///< of discs made from source normals, in (0, 1]

@@ -32,16 +32,16 @@ concept ConsensusEstimator = requires(const E& estimator, const PointCloud<float
 };
 static_assert(ConsensusEstimator<Ransac>);
 
-/// A cloud made ready for being found: thinned, with normals, a search and a feature for each point.
+/// A cloud made ready for being found: downsampled, with normals, a search and a feature for each point.
 struct DescribedCloud {
   IndexedCloud<> cloud;
   FpfhFeatures features;
 };
 
-/// Aligns two clouds without a guess by what their surroundings look like: thins them, estimates normals and FPFH,
-/// matches these and finds the pose that the matches agree on. The defaults are the paper's for merging submaps.
+/// Aligns two clouds without a guess by what their surroundings look like: downsamples them, estimates normals and
+/// FPFH, matches these and finds the pose that the matches agree on. The defaults are the paper's for merging submaps.
 ///
-/// Whether to believe a pose is the caller's to say. On real submaps (a courtyard walked twice, three cars' streets;
+/// Accepting a pose is up to the caller. On real submaps (a courtyard walked twice, three cars' streets;
 /// half submaps sought in whole ones) with these defaults: all 102 pairs up to 10 m apart came out right, with
 /// fitness_target 0.30 to 1.08 and putative_ratio from 0.14; wrong poses, all but a few by chance between different
 /// places, reached 0.52, where a straight street was slid along itself, but a putative_ratio of 0.024 at most.
@@ -57,7 +57,7 @@ struct FeatureRegistration {
   MatchOptions matching{};
   [[no_unique_address]] Estimator estimator{};
 
-  /// Thins and describes a cloud. Keep the result where one cloud meets several.
+  /// Downsamples and describes a cloud. Keep the result where one cloud meets several.
   ///
   /// @param points  metres; NaN points are left out. If they carry normals, these say which side of a surface was seen;
   ///                else it is the side of the frame's origin. That side must be the same in clouds that are compared.
@@ -72,7 +72,7 @@ struct FeatureRegistration {
                                                                                       const Exec& executor = {}) const;
 
   /// @param deadline  for an estimator that takes one; past it, the best so far is the answer.
-  /// @returns T_target_source with its figures, which count thinned points; the same to the bit for any executor.
+  /// @returns T_target_source with its figures, which count downsampled points; bit-identical for any executor.
   /// @throws std::invalid_argument if an option makes no sense.
   template <Executor Exec = Serial>
   [[nodiscard]] GlobalAlignResult align(const DescribedCloud& source, const DescribedCloud& target,

@@ -29,7 +29,7 @@ struct GaussianVoxelMapOptions {
 /// 2021). Matching a point with it is one look into a hash, which makes registration fast and its reach wide.
 ///
 /// Grows by clouds. Voxels are numbered in the order in which they were first met; the same clouds in the same order
-/// give the same bits. Const calls may run on several threads.
+/// give bit-identical results. Const calls may run on several threads.
 class GaussianVoxelMap {
  public:
   using Scalar = double;

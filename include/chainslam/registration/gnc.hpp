@@ -95,7 +95,7 @@ struct GncTls {
     }
     return cost;
   }
-  /// Whether all pairs have been told right from wrong.
+  /// Whether all pairs have been classified as right or wrong.
   [[nodiscard]] static bool is_settled(std::span<const double> weights) {
     return std::all_of(weights.begin(), weights.end(), [](double w) { return w <= 0 || w >= 1; });
   }

@@ -25,19 +25,19 @@
 
 namespace chainslam {
 
-/// Iterative closest points: matches every source point with its nearest target point, takes a step on SE(3), and again
-/// (Besl and McKay 1992; Chen and Medioni 1992).
+/// Iterative closest points (Besl and McKay 1992; Chen and Medioni 1992): iterates association of every source point
+/// with its nearest target point, linearization and an update on SE(3).
 ///
 /// Steps are motions of the source's centroid and about it, so that neither the frame's origin nor the point count
 /// changes what the thresholds mean. Directions that the points do not determine are left at the guess and reported.
-/// Searches whose answer cannot have changed are spared without changing the result.
+/// Nearest-neighbour queries whose result provably cannot change are skipped.
 ///
 /// @tparam Metric     what a pair measures: `PointToPlane`, `PointToPoint`, `PlaneToPlane` (GICP),
 ///                    `DistributionToDistribution` (GICP with covariances, VGICP), or your own.
 /// @tparam Kernel     weighs pairs by their residual.
 /// @tparam Rejector   drops pairs, see `rejectors.hpp`.
 /// @tparam Optimizer  chooses steps.
-/// @tparam Prior      what is known of the pose beside the points.
+/// @tparam Prior      prior knowledge of the pose.
 template <class Metric = PointToPlane, class Kernel = Trivial, class Rejector = KeepPairs,
           class Optimizer = GaussNewtonStep, class Prior = NoPrior>
 struct Icp {
@@ -65,8 +65,8 @@ struct Icp {
   double translation_tolerance = 1e-3;  ///< metres, of the source's centroid in one step
   double rotation_tolerance = 1e-4;     ///< radians in one step
   double cost_tolerance = 0;            ///< relative change of the mean cost in one step; 0: not looked at
-  /// The first steps, until they are short, look at one point of so many; all steps after them at all. 1: no such
-  /// steps.
+  /// Coarse stage: the initial iterations, until their steps are short, use every n-th source point; later ones use
+  /// all. 1: no coarse stage.
   Index pilot = 8;
   double min_overlap = 0.05;  ///< least share of source points with a match
   /// Least eigenvalue of the Hessian per inlier, rotations scaled by the source's extent: a mean squared cosine. 0.005
@@ -87,9 +87,9 @@ struct Icp {
   /// @param target    search over points in the target's frame, or a target that names the match itself; with normals
   ///                  or covariances if the metric needs them.
   /// @param guess     T_target_source to start from.
-  /// @param executor  runs the sums; the result is the same to the bit for any.
+  /// @param executor  runs the sums; the result is bit-identical for any.
   /// @param deadline  looked at once an iteration; what it cuts short has status `cancelled`.
-  /// @returns pose, information, figures and status; never throws for what the points are like.
+  /// @returns pose, information, figures and status; never throws because of point data.
   /// @throws std::invalid_argument if an option or the guess makes no sense, or if a cloud lacks the normals needed.
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] [[gnu::cold]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,

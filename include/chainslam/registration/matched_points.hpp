@@ -83,7 +83,7 @@ struct AnyRotation {
   }
 };
 
-/// Both frames stand upright, z against gravity, as an IMU tells: only the heading is asked for.
+/// Both frames stand upright, z against gravity, as observed by an IMU: only the heading is unknown.
 struct YawOnly {
   static constexpr Index least_points = 2;
 

@@ -37,7 +37,7 @@ concept PoseOptimizer = requires(const O& optimizer, const detail::AlignProblemA
   { optimizer.step(problem, damping) } -> std::same_as<std::optional<Vector6d>>;
 };
 
-/// Takes every step of the normal equations. Nearest points are matched anew after each, so that a good guess needs no
+/// Takes every step of the normal equations. Nearest points are matched again after each, so that a good guess needs no
 /// more.
 struct GaussNewtonStep {
   static constexpr double initial_damping = 0;

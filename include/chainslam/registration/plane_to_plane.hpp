@@ -16,7 +16,7 @@ struct PlaneToPlane {
   static constexpr Surface source_surface = Surface::normal;
   static constexpr Surface target_surface = Surface::normal;
   static constexpr int residuals_a_pair = 1;
-  /// Noise of normals tells less here: pairs whose normals differ by it count for little. See `Icp`.
+  /// Noise of normals has less effect here: pairs whose normals differ by it count for little. See `Icp`.
   static constexpr double degeneracy_threshold = 0.003;
 
   double thickness = 1e-3;  ///< variance across over variance along, in (0, 1]

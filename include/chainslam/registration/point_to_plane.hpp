@@ -5,7 +5,7 @@
 namespace chainslam {
 
 /// The distance of the moved point from the plane through the match (Chen and Medioni 1992). The target needs normals;
-/// a point without one (zero or not finite) tells nothing.
+/// a point without one (zero or not finite) contributes nothing.
 struct PointToPlane {
   static constexpr Surface source_surface = Surface::nothing;
   static constexpr Surface target_surface = Surface::normal;

@@ -120,7 +120,7 @@ struct BasicRansac {
     return best;
   }
 
-  /// The matches in random order, so that the first tell of all.
+  /// The matches in random order, so that the first are representative.
   [[nodiscard]] static std::vector<Index> shuffled(Index count, const Rng& rng) {
     constexpr std::uint64_t stream = ~std::uint64_t{0};  // no hypothesis has this number
     Rng draws = rng.fork(stream);
@@ -139,8 +139,8 @@ struct BasicRansac {
     return static_cast<Index>(std::ceil(std::clamp(iterations, 1.0, static_cast<double>(max_iterations))));
   }
 
-  /// One triple, the motion that it tells and all that agree; no consensus if the triple itself does not, or if they
-  /// cannot gain more than `least_gain`.
+  /// One triple, the motion that it determines and all that agree; no consensus if the triple itself does not, or if
+  /// they cannot gain more than `least_gain`.
   [[nodiscard]] Hypothesis hypothesis(const MatchedPoints& points, const detail::MatchTable& table, Rng rng,
                                       double least_gain) const {
     const Index count = points.size();

@@ -38,7 +38,7 @@ struct Refit {
 };
 static_assert(LocalOptimization<NoLocalOptimization> && LocalOptimization<Refit>);
 
-/// Judges a hypothesis by the matches, which come in random order, and may give up on it before the last.
+/// Judges a hypothesis by the matches, which come in random order, and may stop before the last.
 ///
 /// Law: `give_up(seen, count, agreed, gain, largest_gain, least_gain)`, asked after each block of matches, is true
 /// where the hypothesis need not be looked at further: `seen` of `count` matches have been judged, `agreed` of them
@@ -54,7 +54,7 @@ struct NoBailOut {
   [[nodiscard]] bool give_up(Index, Index, Index, double, double, double) const { return false; }
 };
 
-/// Gives up where even if all other matches fitted perfectly the hypothesis would not be of use: changes no result.
+/// Stops where even if all other matches fitted perfectly the hypothesis would not be of use: changes no result.
 struct BoundedScoring {
   [[nodiscard]] bool give_up(Index seen, Index count, Index /*agreed*/, double gain, double largest_gain,
                              double least_gain) const {
@@ -62,8 +62,8 @@ struct BoundedScoring {
   }
 };
 
-/// Gives up where the matches seen speak for a hypothesis from wrong matches and against one from right ones, by Wald's
-/// sequential probability ratio test (Chum and Matas 2008): a right one is given up by mistake in `mistakes` of cases.
+/// Stops where the matches seen speak for a hypothesis from wrong matches and against one from right ones, by Wald's
+/// sequential probability ratio test (Chum and Matas 2008): a right one is rejected by mistake in `mistakes` of cases.
 struct SequentialTest {
   double right_share = 0.1;    ///< of all matches, least, that agree with a right hypothesis
   double chance_share = 0.01;  ///< that agree with a wrong one

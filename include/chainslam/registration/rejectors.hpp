@@ -52,7 +52,7 @@ template <RejectablePairs Pairs>
 
 }  // namespace detail
 
-/// Drops pairs that look wrong, at every pass anew. `needs_normals` says whether it asks for `cosine`.
+/// Drops pairs that look wrong, at every pass. `needs_normals` says whether it asks for `cosine`.
 ///
 /// Law: what is rejected depends on the pairs alone.
 template <class R>

@@ -28,16 +28,16 @@ struct SurfaceFitOptions {
 
 /// How well a cloud at some pose lies on the surfaces of another.
 ///
-/// Distances to nearest points tell how dense clouds are as much as whether they fit; distances to planes, over those
+/// Distances to nearest points depend on the density of clouds as much as on their fit; distances to planes, over those
 /// that the target's own points have from each other's planes, do not.
 struct SurfaceFit {
   /// Root mean square distance from points to the planes at their nearest target points, metres, over those that have
   /// one.
   double rmse = std::numeric_limits<double>::infinity();
   double overlap = 0;  ///< share of the points that have one
-  /// The same distance by those points that tell one of three directions at right angles, weighted by the fourth power
-  /// of the cosine between plane normal and direction, of the direction in which it is largest, metres. Ground that is
-  /// the same everywhere does not hide that the few walls across a street are elsewhere.
+  /// The same distance by those points that constrain one of three directions at right angles, weighted by the fourth
+  /// power of the cosine between plane normal and direction, of the direction in which it is largest, metres. Ground
+  /// that is the same everywhere does not hide that the few walls across a street are elsewhere.
   double worst_rmse = std::numeric_limits<double>::infinity();
 
   /// How many times more than the target's own points these lie off the surfaces, over the share that lies near any.
@@ -52,7 +52,7 @@ struct SurfaceFit {
 
   /// The same in the worst of three directions: what slid along a street or a courtyard fits in the others.
   ///
-  /// By `bench_closure_gates` (bench/README.md) all of 52 right poses of real scans (Livox Avia, HDL-32E, OS1-64,
+  /// By `bench_closure_gates` (bench/results.md) all of 52 right poses of real scans (Livox Avia, HDL-32E, OS1-64,
   /// HDL-64E) have at most 2.12, all of 89 simulated ones (16 to 128 lines, in traffic) at most 2.15; of 172 and 317
   /// wrong ones one and four pass `ClosureGate` at 2.2.
   [[nodiscard]] double worst_misfit(double noise) const { return relative(worst_rmse, noise); }
@@ -122,7 +122,7 @@ class PlaneDistances {
     double distance = 0;
   };
 
-  /// 0 if hardly a point tells the direction.
+  /// 0 if hardly a point constrains the direction.
   [[nodiscard]] double rmse_along(const Eigen::Vector3d& direction) const {
     constexpr double least_weight = 1;  // of one point on a plane across
     double weights = 0, squared = 0;

@@ -37,7 +37,7 @@ concept HypothesisEstimator = ConsensusEstimator<E> &&
   { estimator.max_distance } -> std::convertible_to<double>;
 };
 
-/// Aligns two clouds without a guess and does not believe the first answer: the poses that most matches speak for are
+/// Aligns two clouds without a guess and verifies the answer: the poses that most matches speak for are
 /// refined by ICP and checked by the clouds themselves; of those accepted the one that brings most matches together
 /// wins.
 ///

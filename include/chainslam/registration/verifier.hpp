@@ -68,14 +68,14 @@ struct Viewpoints {
 /// Checks a pose by the clouds themselves: overlap, residual, normals, and free space (Bosse and Zlot 2008): no point
 /// may stand where the other sensor looked through.
 ///
-/// Its figures count points; clouds are best thinned to even density first.
+/// Its figures count points; clouds are best downsampled to even density first.
 struct Verifier {
-  double max_distance = 0.75;    ///< metres, of an inlier
-  double min_overlap = 0.08;     ///< of the smaller cloud
-  double max_plane_rmse = 0.18;  ///< metres: right poses of scans thinned to 0.5 m had 0.07 to 0.14, wrong ones 0.21
+  double max_distance = 0.75;         ///< metres, of an inlier
+  double min_overlap = 0.08;          ///< of the smaller cloud
+  double max_plane_rmse = 0.18;       ///< metres: right poses of scans at 0.5 m had 0.07 to 0.14, wrong ones 0.21
   double min_aligned_normals = 0.75;  ///< right: 0.81 and more
   double max_seen_through = 0.02;     ///< right: at most 0.007; wrong: from 0.03
-  double view_cell = 0.035;           ///< radians, about what a thinned cloud leaves no gaps in
+  double view_cell = 0.035;           ///< radians, about what a downsampled cloud leaves no gaps in
   double view_margin = 1.0;           ///< metres in front of what was seen, and
   double view_margin_ratio = 0.05;    ///< metres for each metre of range
 

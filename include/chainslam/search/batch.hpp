@@ -17,7 +17,7 @@ template <class Scalar = float>
 class NeighborRows {
  public:
   [[nodiscard]] Index rows() const { return static_cast<Index>(counts_.size()); }
-  /// Room in a row.
+  /// Capacity of a row.
   [[nodiscard]] Index k() const { return k_; }
   /// What was found for query i, ascending by distance.
   [[nodiscard]] std::span<const Neighbor<Scalar>> operator[](Index i) const {
@@ -25,7 +25,7 @@ class NeighborRows {
     return std::span(neighbors_).subspan(row * static_cast<std::size_t>(k_), static_cast<std::size_t>(counts_[row]));
   }
 
-  /// Room for other answers; what was found before is lost unless neither number changes.
+  /// Resizes for other answers; what was found before is lost unless neither number changes.
   /// @throws std::invalid_argument if k is negative.
   void resize(Index rows, Index k) {
     if (k < 0) throw std::invalid_argument("NeighborRows: k must not be negative");

@@ -15,7 +15,7 @@ namespace chainslam {
 /// Looks at every point: the reference that the other searches are tested against, and the fastest for a few dozen
 /// points. Keeps a copy of the positions.
 ///
-/// The index of a point tells as how many-th it was given, from 0, whether or not the others were taken; indices are
+/// The index of a point is its position in the input, from 0, whether or not the others were taken; indices are
 /// not used again.
 template <class ScalarType = float, int Dim = 3>
 class BruteForce : public detail::IncrementalVerbs<BruteForce<ScalarType, Dim>, ScalarType, Dim> {

@@ -92,7 +92,8 @@ concept FixedSizeSearch = NearestNeighborSearch<S> &&
 /// A set of points that grows and shrinks while it is searched.
 ///
 /// Laws, with "the points" the set at the time of the call:
-/// - `insert(p)` is true if p has become a point; where the model thins (see `downsampling.hpp`) it may be left out, or
+/// - `insert(p)` is true if p has become a point; where the model downsamples (see `downsampling.hpp`) it may be left
+/// out, or
 ///   take the place of another. `insert(cloud)` inserts the cloud's points in their order and returns by how much
 ///   `size()` grew. Points with NaN or infinite coordinates are never taken; `rejected()` counts them.
 /// - `erase(i)` erases the point with index i, and is false if there is none. `erase_point(p)` erases all points equal
@@ -102,7 +103,7 @@ concept FixedSizeSearch = NearestNeighborSearch<S> &&
 ///   `erase_if(leaves)` those for which `leaves(index, position)` holds. All return how many points went.
 /// - `within_box(box, out)` replaces `out` by the indices of all points in the closed box, in any order.
 /// - `for_each_point(visit)` calls `visit(index, position)` once for every point.
-/// - `bounding_box()` is the smallest box that holds the points; `memory()` the bytes held, free room included;
+/// - `bounding_box()` is the smallest box that holds the points; `memory()` the bytes held, free capacity included;
 ///   `clear()` erases all.
 /// - Indices are good until the next change. What is found, erased and visited, and in which order, depends on the
 ///   history of changes alone. A copy is independent of its original.

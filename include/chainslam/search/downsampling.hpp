@@ -19,7 +19,7 @@ enum class VoxelVerdict {
   meet,    ///< it and the voxel's one point decide: see `meet` of the policy
 };
 
-/// How a map that grows thins what it is given: a rule for each cubic voxel, whose membership is decided by whole
+/// How a map that grows downsamples its input: a rule for each cubic voxel, whose membership is decided by whole
 /// numbers computed in double, as in `VoxelGrid`, so that it is exact 500 km from the origin.
 ///
 /// A policy remembers a small number for each voxel that holds points, its state, of `state_bits` bits (0, 4, 8 or 16);
@@ -27,7 +27,7 @@ enum class VoxelVerdict {
 /// - `first_state(offset)`: the state of a voxel whose first point this is.
 /// - `judge(state, offset)`: what becomes of a further point; may change the state.
 /// - `forget(state)`: a point was erased; whether the voxel holds others. May change the state.
-/// - `state_beyond_points`, if there: the state cannot be told from the points, and is saved with them.
+/// - `state_beyond_points`, if there: the state is not determined by the points, and is saved with them.
 /// A policy that answers `meet` keeps one point a voxel and has
 /// - `meet(state, held, held_offset, offered, offset)`: whether the voxel's point changes; if so `held` is what it
 ///   becomes. The state is adapted.

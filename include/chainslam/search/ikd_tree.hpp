@@ -39,7 +39,7 @@ struct IkdTreeWork {
   std::size_t swept_blocks = 0;  ///< blocks of voxels looked at for what erasures have emptied
 };
 
-/// Nothing beside the position.
+/// Empty payload.
 struct NoPayload {};
 
 /// An incremental k-d tree: exact nearest neighbours of a map that grows by scans and forgets by boxes, after Xu et al.
@@ -47,7 +47,7 @@ struct NoPayload {};
 ///
 /// Points lie in leaves of up to 32, in columns of eight, under nodes that hold the tight boxes of eight children side
 /// by side, all leaves equally deep. A full leaf or node is split in two, as in a B-tree, so that the depth is bounded
-/// for points in any order. A full node with few points below it is sorted anew, points and all, as a k-d tree is
+/// for points in any order. A full node with few points below it is rebuilt, points and all, as a k-d tree is
 /// built; one with many is parted by a plane that cuts what it crosses. Either is done at once, by the calling thread,
 /// and to at most `step_budget()` points a level: no step is long. Erasing frees whole subtrees. With a downsampling
 /// policy a table of voxels settles most insertions without a look at the tree; the blocks of it that an erasure has
@@ -100,7 +100,7 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
   /// Points refused because a coordinate is NaN or infinite, or, when downsampling, 2^31 or more voxels from the
   /// origin.
   [[nodiscard]] Index rejected() const { return rejected_; }
-  /// Bytes held, the voxels and free room included.
+  /// Bytes held, the voxels and free capacity included.
   [[nodiscard]] std::size_t memory() const { return tree_.memory() + thinning_.memory(); }
   /// Work done since the tree was made, or last asked to start at zero.
   [[nodiscard]] IkdTreeWork work() const { return {tree_.moved_points, tree_.moved_links, thinning_.swept()}; }
@@ -108,7 +108,7 @@ class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim,
     tree_.moved_points = tree_.moved_links = 0;
     thinning_.reset_swept();
   }
-  /// How many points one insertion may sort anew or cut at each level, once in many; the longest step is bounded by it.
+  /// Maximum number of points rebuilt or split per insertion and level; bounds the worst-case latency.
   [[nodiscard]] Index step_budget() const { return static_cast<Index>(tree_.budget); }
   /// Fewer points make the longest step shorter, and searches a little slower.
   /// @throws std::invalid_argument if `points` is negative.
@@ -382,7 +382,7 @@ auto IkdTree<ScalarType, Policy, Dim, Payload>::load(std::span<const std::byte> 
     const unsigned state = Thinning::saves_states ? states.take<std::uint16_t>() : 0;
     if constexpr (Tree::Runs::has_payload) points[i].payload = payloads.take_raw<Payload>();
     if (!tree.thinning_.restore(Vector(points[i].at.data()), state))
-      detail::refuse_tree(name, detail::TreeHeader::bytes + i * sizeof(Scalar) * Dim, "a point that cannot be there");
+      detail::refuse_tree(name, detail::TreeHeader::bytes + i * sizeof(Scalar) * Dim, "a point against the voxels");
   }
   detail::BoxTreeBuilder<Tree>::build(tree.tree_, {points.data(), points.size()});
   tree.rejected_ = static_cast<Index>(head.rejected);

@@ -276,7 +276,7 @@ class LeafNeighbors {
 
   [[nodiscard]] static std::ptrdiff_t to_difference(std::size_t count) { return static_cast<std::ptrdiff_t>(count); }
 
-  static constexpr std::size_t spare = 12;  ///< how many more than k need not be told apart by a nearer bound
+  static constexpr std::size_t spare = 12;  ///< how many more than k need not be separated by a tighter bound
 
   const Tree* tree_;
   detail::TreeLeaves<Tree> leaves_;

@@ -17,7 +17,7 @@ namespace chainslam {
 
 /// A local map that grows by scans and is bounded by erasing: a hash of voxels. Nothing in it is ever rebuilt.
 ///
-/// How it thins decides how it is kept:
+/// How it downsamples decides how it is kept:
 /// - `FirstInVoxel`, `NearestToCenter` and `MeanOfVoxel` keep one point a voxel, in about 20 bytes; inserting into a
 ///   voxel that has one is little more than the test of a bit. Searching is exact at any distance.
 /// - `VoxelMapOptions` keeps up to a number of points a voxel at a spacing, without regard to voxels' faces; `AtMost`
@@ -60,7 +60,7 @@ class VoxelMap : public detail::IncrementalVerbs<VoxelMap<ScalarType, Downsampli
   [[nodiscard]] Index rejected() const { return voxels_.rejected(); }
   /// Metres; neighbours within it are found exactly, none beyond it is found.
   [[nodiscard]] Scalar max_search_radius() const requires(many_a_voxel) { return voxels_.max_search_radius(); }
-  /// Bytes held, the hash table and free room included.
+  /// Bytes held, the hash table and free capacity included.
   [[nodiscard]] std::size_t memory() const { return voxels_.memory(); }
 
   /// Inserts the points in their order. Returns by how much `size()` grew.

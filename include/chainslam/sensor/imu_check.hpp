@@ -64,7 +64,7 @@ struct ImuCheckCounts {
 /// Ordinary samples are passed on at once. A sample that may be a spike, or whose time jumps, waits for the next one,
 /// which shows whether it is isolated; no sample waits for more. Shocks and vibration pass: only a single sample is
 /// taken for a spike, if it differs from both neighbours by more than a strong shock, and by many times what they
-/// differ; a sensor that does so again and again is believed soon. Costs less than 0.2 us a sample.
+/// differ; a sensor that does so again and again is accepted soon. Costs less than 0.2 us a sample.
 class ImuCheck {
  public:
   explicit ImuCheck(const ImuCheckOptions& options = {})
@@ -192,7 +192,7 @@ class ImuCheck {
             difference_of(sample.accel, scaled(0.5, sum_of(before.accel, after.accel))).norm()};
   }
 
-  /// Whether a row equal to the last adds nothing: its numbers were not measured anew. Sensors of constant numbers
+  /// Whether a row equal to the last adds nothing: its numbers were not measured again. Sensors of constant numbers
   /// (without noise, of coarse resolution) pass on one each tenth of a second. One whose rows have always changed, and
   /// now do not for long, has stopped to measure.
   bool repeats(Timestamp time) {

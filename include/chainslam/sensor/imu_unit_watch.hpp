@@ -13,7 +13,7 @@ namespace chainslam {
 ///
 /// The accelerometer's unit is known from the fourth sample on, the gyroscope's after a second or more in which the
 /// body tilts. Memory is bounded: of faster streams a sample each 10 ms is looked at, of at most 8192; then, if a unit
-/// is still unknown, anew.
+/// is still unknown, again.
 class ImuUnitWatch {
  public:
   /// Takes the next sample, in the IMU's own units.

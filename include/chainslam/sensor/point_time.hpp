@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <iterator>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -33,7 +35,7 @@ struct PointTimeRule {
 
 /// What is known of the sensor beforehand. What is stated is not inferred.
 struct PointTimeHints {
-  double shortest_sweep = 0.04;  ///< seconds that a scan's points may span: 5 to 20 Hz with room
+  double shortest_sweep = 0.04;  ///< seconds that a scan's points may span: 5 to 20 Hz with a margin
   double longest_sweep = 0.25;   ///< seconds
   double clock_tolerance = 1.0;  ///< seconds that absolute times may lie from the stamp and still be its clock's
   std::optional<TimeUnit> unit = std::nullopt;
@@ -107,6 +109,12 @@ inline std::string number(double value, int digits = 6) {
   return text;
 }
 
+/// As short as it can be read back.
+inline std::string exact_number(double value) {
+  char text[64];
+  return {text, std::to_chars(text, std::end(text), value).ptr};
+}
+
 /// Units in which the spread of the values is one sweep.
 inline std::vector<TimeUnit> fitting_units(double spread, const PointTimeHints& hints) {
   std::vector<TimeUnit> units;
@@ -133,7 +141,7 @@ inline StampPlace stamp_place(double first, double last) {
 /// more than one reading fits or none.
 ///
 /// @param raw    the field's values in the order of the points, as numbers; those that are not finite are left out.
-/// @param stamp  the scan's stamp; nothing if the source states none, and absolute times are then believed.
+/// @param stamp  the scan's stamp; nothing if the source states none, and absolute times are then accepted.
 [[nodiscard]] inline PointTimeInference infer_point_time(std::span<const double> raw, std::optional<Timestamp> stamp,
                                                          const PointTimeHints& hints = {}) {
   using detail::number;
@@ -150,7 +158,8 @@ inline StampPlace stamp_place(double first, double last) {
     return refuse(PointTimeStatus::absent, "every point has the time " + number(range.low) + ": no time per point");
 
   const double spread = range.high - range.low;
-  const std::string values = "values from " + number(range.low, 17) + " to " + number(range.high, 17);
+  const std::string values =
+      "values from " + detail::exact_number(range.low) + " to " + detail::exact_number(range.high);
   const std::vector<TimeUnit> units = detail::fitting_units(spread, hints);
   if (units.size() > 1)
     return refuse(PointTimeStatus::ambiguous, values + " are a sweep in more than one unit: state the unit");

@@ -20,7 +20,7 @@ struct TimeOrderOptions {
   Duration delay = std::chrono::milliseconds(200);   ///< of data time, that a packet waits for earlier ones
   std::size_t capacity = 100'000;                    ///< packets waiting; past it the earliest goes without waiting
   std::size_t scan_capacity = 256;                   ///< the same for scans, which are large: stamps may stand still
-  Duration backward_jump = std::chrono::seconds(1);  ///< a sensor's step back by more is its clock set anew
+  Duration backward_jump = std::chrono::seconds(1);  ///< a sensor's step back by more is its clock set again
   /// A sensor's step forward by more is reported as a gap: imu, lidar, gnss.
   std::array<Duration, 3> gap = {std::chrono::milliseconds(300), std::chrono::seconds(1), std::chrono::seconds(10)};
   std::size_t kept_breaks = 100;  ///< breaks kept one by one; all are counted
@@ -54,7 +54,7 @@ struct TimeOrderReport {
 /// A packet is delivered once another is `delay` newer, so a sensor may lag behind the others by that much. Equal times
 /// come out as IMU, LiDAR, GNSS, then as they came in: the order depends on nothing but the input. What comes later
 /// than something already delivered is dropped and counted. When a sensor's clock is set back, all that waits is
-/// delivered and the order begins anew at the new time; packets that other sensors still stamp by the old clock may
+/// delivered and the order restarts at the new time; packets that other sensors still stamp by the old clock may
 /// then drop as late.
 class TimeOrder {
  public:

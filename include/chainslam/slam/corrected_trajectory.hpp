@@ -15,7 +15,7 @@ namespace chainslam {
 ///
 /// Between keyframes a and b the correction to their relative pose, E = log((O_a^-1 O_b)^-1 X_a^-1 X_b), is spread
 /// evenly over time: X(t) = X_a O_a^-1 O(t) exp(s E), s = (t - t_a) / (t_b - t_a). Before the first and after the last
-/// keyframe, poses move rigidly with it. Keyframes keep their optimised poses exactly.
+/// keyframe, poses move rigidly with it. Keyframes keep their optimized poses exactly.
 ///
 /// @param odometry   T_odom_body of every scan of one session, in time order.
 /// @param keyframes  that session's keyframes in time order, with T_odom_body and T_map_body.

@@ -20,9 +20,9 @@ namespace chainslam {
 
 /// Holds a map's keyframes where their GNSS fixes say, once it is known where each frame of the map lies on the Earth.
 ///
-/// That is found out by the estimate, and anew when a frame has a quarter more fixes than the last time; so is each
+/// That is found out by the estimate, and again when a frame has a quarter more fixes than the last time; so is each
 /// session's bias, which would otherwise pull sessions apart that closures have put together.
-/// @tparam Gnc  takes the priors as suspects: `IncrementalGnc`. Its keys are the map's keyframes.
+/// @tparam Gnc  takes the priors as candidates: `IncrementalGnc`. Its keys are the map's keyframes.
 template <class Gnc>
 class GnssFactors {
  public:
@@ -43,7 +43,7 @@ class GnssFactors {
     }
   }
 
-  /// Where frames lie on the Earth is found out anew by the next `add`.
+  /// Where frames lie on the Earth is determined again by the next `add`.
   void renew() {
     for (Index i = 0; i < on_earth_.size(); ++i) on_earth_[i].fitted = 0;
   }
@@ -147,7 +147,7 @@ class GnssFactors {
 
   GnssFactorOptions options_;
   std::vector<Index> waiting_;             ///< keyframes whose fixes are to be added
-  detail::Table<Index> priors_;            ///< of each keyframe its fix's number among the suspects, -1 if none
+  detail::Table<Index> priors_;            ///< of each keyframe its fix's number among the candidates, -1 if none
   detail::Table<Earth> on_earth_;          ///< of each session that defines a frame
   detail::Table<Eigen::Vector3d> biases_;  ///< of each session's fixes, in its frame, metres
 };

@@ -20,7 +20,7 @@ struct MapGraphOptions {
   /// say, as by the released code, which saves and loads each: no residuals are left, and what is known counts twice.
   bool remeasure_loaded = false;
   GnssFactorOptions gnss{};  ///< for `GroupGnc`
-  /// How near each optimisation comes to the optimum. Without patience, since it goes on until nothing waits, and
+  /// How near each optimization comes to the optimum. Without patience, since it goes on until nothing waits, and
   /// without a lag, since closures may reach any keyframe.
   SmootherOptions smoother{.patience = 0.0};
   /// How near the last one does. Its iterations also bound the updates of the others.

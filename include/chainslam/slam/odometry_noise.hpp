@@ -13,7 +13,7 @@ namespace chainslam {
 /// says of the two frames.
 ///
 /// Set on real drives with truth, so that chains of steps of 3 m are off by as much as expected over 1, 10 and 100 m,
-/// and held on simulated ones: bench/README.md, "Odometry noise". One set serves `LidarOdometry`,
+/// and held on simulated ones: bench/results.md, "Odometry noise". One set serves `LidarOdometry`,
 /// `LidarInertialOdometry` and FAST-LIO2, since it is the map, not the filter, that makes most of their errors.
 struct OdometryNoise {
   double translation = 0.01;             ///< metres per step,

@@ -17,14 +17,14 @@
 
 namespace chainslam {
 
-/// Hears nothing of what the back end does.
+/// No-op callback for the steps of the back end.
 struct IgnoreSteps {
   template <class BackEnd>
   void operator()(const BackEnd& /*back_end*/) const {}
 };
 
 /// Runs a back end on a thread of its own, so that odometry on the caller's thread never waits for a loop to close:
-/// only for room, when the back end is `capacity` items behind.
+/// only for capacity, when the back end is `capacity` items behind.
 ///
 /// Items are worked off one by one in the order in which they came, so threads and speed change nothing in the map. The
 /// back end says where odometry's frame lies in the map by `T_map_odom`, and never touches odometry itself.

@@ -13,13 +13,13 @@
 
 namespace chainslam {
 
-/// Finds keyframes by where the graph believes they are.
+/// Finds keyframes by their estimated positions in the graph.
 ///
 /// A list that is searched linearly: it is rebuilt whenever the graph has moved and searched once for each attempt to
 /// close a loop, too rarely for the rebuilding of a tree to pay.
 class PositionIndex {
  public:
-  /// Takes all positions anew: after the graph has moved them, or after frames were joined.
+  /// Updates all positions: after the graph has moved them, or after frames were joined.
   /// @param chosen  which keyframes to hold: those whose T_map_body are in one frame.
   template <std::predicate<const Keyframe&> Chosen>
   void rebuild(std::span<const Keyframe> keyframes, Chosen&& chosen) {

@@ -23,7 +23,7 @@
 
 namespace chainslam {
 
-/// Sparse Cholesky factorisation of matrices of `BlockSize` x `BlockSize` blocks: symbolic once, numeric many times, no
+/// Sparse Cholesky factorization of matrices of `BlockSize` x `BlockSize` blocks: symbolic once, numeric many times, no
 /// allocation in the numeric part, no recursion.
 ///
 /// Multifrontal on supernodes of block columns (Duff and Reid 1983; Liu 1992, "The multifrontal method for sparse
@@ -63,7 +63,7 @@ class BlockCholesky {
     work_.resize(Offset{pattern.size()} * BlockSize);
   }
 
-  /// Factorises matrix + diag(damping).
+  /// Factorizes matrix + diag(damping).
   ///
   /// @param matrix   has the analysed pattern.
   /// @param damping  one entry for each scalar row, or empty for none.
@@ -74,7 +74,7 @@ class BlockCholesky {
     return result(whole_.bad_column);
   }
 
-  /// The same, to the same bits, with subtrees and the columns of large fronts shared out by an executor. Takes some
+  /// The same, bit-identically, with subtrees and the columns of large fronts shared out by an executor. Takes some
   /// more memory the first time.
   template <Executor Exec>
   [[nodiscard]] FactorizationResult factorize(const Matrix& matrix, std::span<const double> damping,
@@ -96,7 +96,7 @@ class BlockCholesky {
     return result(bad);
   }
 
-  /// Replaces x by (matrix + diag(damping))^-1 x of the last factorisation, which must have succeeded.
+  /// Replaces x by (matrix + diag(damping))^-1 x of the last factorization, which must have succeeded.
   void solve(std::span<double> x) {
     assert(static_cast<Offset>(x.size()) == work_.size());
     for (Index k = 0; k < to_index(nodes_.order.size()); ++k)
@@ -107,8 +107,8 @@ class BlockCholesky {
       std::copy_n(work_.data() + Offset{k} * BlockSize, BlockSize, x.data() + Offset{nodes_.order[k]} * BlockSize);
   }
 
-  /// Writes the diagonal blocks of (matrix + diag(damping))^-1 of the last factorisation, which must have succeeded:
-  /// column-major, at `BlockSize`^2 times their block column's number. Costs about two factorisations; allocates.
+  /// Writes the diagonal blocks of (matrix + diag(damping))^-1 of the last factorization, which must have succeeded:
+  /// column-major, at `BlockSize`^2 times their block column's number. Costs about two factorizations; allocates.
   void inverse_diagonal(std::span<double> out) const {
     assert(static_cast<Offset>(out.size()) == work_.size() * BlockSize);
     detail::InverseFronts<BlockSize>().run(Fronts{*this}, [&](Index s, const double* inverse, Offset step) {
@@ -224,7 +224,7 @@ class BlockCholesky {
     left_.assign(nodes_.size(), nullptr);
   }
 
-  /// Factorises a part's supernodes, up to the first bad pivot, or column `stop`.
+  /// Factorizes a part's supernodes, up to the first bad pivot, or column `stop`.
   template <class Exec>
   void factorize(detail::TreePart& part, const Matrix& matrix, std::span<const double> damping, const Exec& executor,
                  Index stop) {
@@ -380,7 +380,7 @@ class BlockCholesky {
 };
 static_assert(LinearSolver<BlockCholesky<6>>);
 
-/// A `BlockCholesky` that shares its factorisations out by an executor, which must outlive it.
+/// A `BlockCholesky` that shares its factorizations out by an executor, which must outlive it.
 template <int BlockSize, Executor Exec>
 class ParallelCholesky : public BlockCholesky<BlockSize> {
  public:

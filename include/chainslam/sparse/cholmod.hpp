@@ -14,7 +14,7 @@
 
 namespace chainslam {
 
-/// `LinearSolver` by CHOLMOD (SuiteSparse 5.12): the second model, and the reference in tests and benches.
+/// `LinearSolver` by CHOLMOD (SuiteSparse 5.12): the second model, and the reference in tests and benchmarks.
 ///
 /// Opt-in: include this header and link `chainslam::cholmod`. CHOLMOD's supernodal module is under the GPL; a program
 /// linked with it has to respect that.

@@ -23,7 +23,7 @@ enum class FactorizationStatus {
   not_positive_definite,  ///< a pivot is negative, not a number, or zero within rounding
 };
 
-/// How a numeric factorisation went.
+/// How a numeric factorization went.
 struct FactorizationResult {
   FactorizationStatus status = FactorizationStatus::success;
   Index block_column = -1;  ///< the block column with the bad pivot, as the caller numbers them; -1 on success
@@ -35,10 +35,10 @@ struct FactorizationResult {
 ///
 /// Laws:
 /// - `analyze(pattern)` comes first and does all that the values do not decide.
-/// - `factorize(matrix, damping)` factorises matrix + diag(damping); matrix has the analysed pattern; damping has one
+/// - `factorize(matrix, damping)` factorizes matrix + diag(damping); matrix has the analysed pattern; damping has one
 ///   entry for each scalar row, or none. A matrix that is not positive definite is a status, never a throw or a NaN.
 /// - after a successful `factorize`, `solve(x)` replaces x by (matrix + diag(damping))^-1 x.
-/// - the same calls give the same bits.
+/// - the same calls give bit-identical results.
 template <class S>
 concept LinearSolver = requires(S& solver, const BlockMatrix<S::block_size>& matrix, std::span<const double> damping,
                                 std::span<double> x) {

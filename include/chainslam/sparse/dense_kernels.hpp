@@ -197,7 +197,7 @@ void substitute_block_backward(const double* l, Offset l_stride, const double* r
 /// Cholesky factor of an N x N block in its own place (lower triangle) and the reciprocals of its diagonal.
 ///
 /// @param scale      diagonal of the matrix before elimination; a pivot below `tolerance * scale` counts as zero.
-/// @returns false if a pivot is not positive; the block is then spoilt.
+/// @returns false if a pivot is not positive; the block is then invalid.
 template <int N>
 [[nodiscard]] bool factorize_block(double* block, Offset stride, const double* scale, double tolerance,
                                    double* reciprocals) {

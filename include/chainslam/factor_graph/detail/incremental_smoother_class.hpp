@@ -34,11 +34,11 @@ namespace chainslam {
 /// Keeps the best estimate of a growing factor graph (Kaess et al. 2012, "iSAM2", on `IncrementalCholesky`).
 ///
 /// Values and factors that are added, and factors that are removed, wait for `update`. If that fails, they are dropped,
-/// and all is as after the update before, bit for bit. An update costs what its changes reach. The same calls give the
-/// same bits. Priors and between factors are always there; `Extra` adds more types of factors.
+/// and all is as after the update before, bit for bit. An update costs what its changes reach. Deterministic: the same
+/// calls give bit-identical results. Priors and between factors are built in; `Extra` adds more types of factors.
 ///
-/// A factor is linearised anew where its own residual shows that it must be, not where its variables have moved: what
-/// moves as a whole keeps its linearisation.
+/// A factor is relinearized where its own residual requires it, not where its variables have moved: variables that move
+/// as a whole keep their linearization.
 template <class Group, class... Extra>
 class IncrementalSmoother {
   static_assert(LieGroup<Group>, "IncrementalSmoother: Group needs exp, log, adjoint and Jacobians, as in SE3d");
@@ -99,10 +99,9 @@ class IncrementalSmoother {
   /// @throws std::invalid_argument if there is no such factor.
   [[nodiscard]] double weight(const FactorId& id) const;
 
-  /// Gives variables up and keeps what they tell of their neighbours: a linear factor on these, about where they are
-  /// now (the Schur complement), takes the place of all factors on them. Takes part in the next `update`; later ones
-  /// cost nothing for them. They keep their last estimate and no factor may name them; those of others keep their
-  /// names.
+  /// Marginalizes variables (Schur complement): a linear factor on their neighbours, about the present estimate,
+  /// replaces all factors on them. Takes part in the next `update`; later ones cost nothing for them. They keep their
+  /// last estimate and no factor may name them; the names of other variables do not change.
   /// @throws std::invalid_argument if a key is unknown.
   void marginalize(std::span<const Key> keys);
   [[nodiscard]] bool is_marginalized(Key key) const { return marginalized_[key] != 0; }
@@ -112,7 +111,7 @@ class IncrementalSmoother {
   [[nodiscard]] bool is_fixed(Key key) const { return solver_.is_fixed(key); }
 
   /// Takes in what was added and removed since the last update, and makes the estimate better. An executor shares out
-  /// factorisations that are much work; any gives the same bits.
+  /// large factorizations; any gives bit-identical results.
   template <Executor Exec = Serial>
   [[nodiscard]] UpdateReport update(const Exec& executor = {});
 
@@ -125,9 +124,9 @@ class IncrementalSmoother {
   /// since is dropped too. Only the last update can be undone.
   void undo();
 
-  /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything linearised anew at each
+  /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything relinearized at each
   /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.
-  /// Constraints then hold; the rests of their springs are part of the state.
+  /// Constraints then hold; their multipliers are part of the state.
   template <class Restart = ChordalRestart, Executor Exec = Serial>
   [[gnu::cold]] ConvergeReport converge(const ConvergeOptions<Restart>& options = {}, const Exec& executor = {});
 
@@ -188,7 +187,7 @@ class IncrementalSmoother {
   /// factors of one's own have `visit_members(self, visit)`, as `BetweenFactor` has.
   /// @throws std::invalid_argument if changes wait for `update`.
   [[nodiscard]] std::vector<std::byte> save() const;
-  /// A smoother that goes on from what was saved to the same bits. Costs a factorisation of everything.
+  /// A smoother that continues bit-identically from what was saved. Costs a factorization of everything.
   /// @param name  what the bytes are called in messages.
   /// @throws IoError if the bytes are not whole, or those of a smoother of another type.
   [[nodiscard]] static IncrementalSmoother load(std::span<const std::byte> bytes,
