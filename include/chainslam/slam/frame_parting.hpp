@@ -10,9 +10,9 @@
 
 namespace chainslam {
 
-/// How a merge is taken back: frames are parted where nothing that counts connects them any more, and closures that are
-/// withdrawn take everything with them that was derived from them. All of it is read off the map's own records, so that
-/// a map that was saved and loaded parts as the one that was saved would.
+// How a merge is taken back: frames are parted where nothing that counts connects them any more, and closures that are
+// withdrawn take everything with them that was derived from them. All of it is read off the map's own records, so that
+// a map that was saved and loaded parts as the one that was saved would.
 namespace detail {
 
 [[nodiscard]] inline SessionId session_of(const SlamMap& map, KeyframeId id) {
