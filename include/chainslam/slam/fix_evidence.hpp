@@ -18,7 +18,7 @@ namespace chainslam {
 /// What the GNSS fixes of two parts of a map say of how the parts lie to each other.
 enum class FixVerdict {
   silent,      ///< too few fixes, too much on one spot, or in between
-  agree,       ///< both paths lie on each other as the fixes do
+  agree,       ///< the paths are aligned with each other as the fixes are
   contradict,  ///< they do not, by far more than fixes and odometry err
 };
 

@@ -30,7 +30,7 @@ struct MergeHypothesis {
 }
 
 /// Places that wait for others to agree with them. Those of different frames stand side by side; when a frame is
-/// joined, the others of it are given up.
+/// joined, the others of it are discarded.
 class MergeHypotheses {
  public:
   explicit MergeHypotheses(const MergeOptions& options) : options_(options), evidence_(options.fixes) {}
@@ -58,7 +58,7 @@ class MergeHypotheses {
     settle(map, agreeing, ClosureVerdict::accepted, tried);
   }
 
-  /// Gives up all. @returns them as refusals.
+  /// Discards all. @returns them as refusals.
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> withdraw();
 
  private:

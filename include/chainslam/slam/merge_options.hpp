@@ -5,7 +5,7 @@
 
 namespace chainslam {
 
-/// What measures a merge's closure, once the submaps lie on each other.
+/// What measures a merge's closure, once the submaps are aligned.
 enum class MergeMeasurement {
   refined,  ///< alignment of the scan to the submap, which must accept the place too
   submaps,  ///< the registration of the submaps itself: the paper's alignment factor
