@@ -1,6 +1,7 @@
 #include <cmath>
 #include <cstdio>
 #include <functional>
+#include <regex>
 #include <string>
 #include <vector>
 
@@ -140,10 +141,10 @@ TEST_SUITE("program/extreme runs") {
       const auto summary = summary_of(out);
       CHECK(summary["keyframes"] == 11);
       CHECK(summary["path_length_m"].get<double>() < 100);
+      const std::regex wrong("[, ]-?(nan|inf)\\b|:null");
       for (const auto& entry : fs::directory_iterator(out))
-        for (const char* wrong : {",nan", " nan", ",inf", " inf", ":null"})
-          if (entry.path().extension() != ".html" && entry.path().extension() != ".cslam")
-            CHECK_MESSAGE(!contains(read_text(entry.path()), wrong), entry.path().filename().string());
+        if (entry.path().extension() != ".html" && entry.path().extension() != ".cslam")
+          CHECK_MESSAGE(!std::regex_search(read_text(entry.path()), wrong), entry.path().filename().string());
     }
   }
 }

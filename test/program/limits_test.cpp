@@ -99,8 +99,8 @@ TEST_SUITE("program/limits") {
     CAPTURE(full.errors);
     CHECK(full.exit_code == 4);
     CHECK(three_lines(full.errors));
-    CHECK(
-        contains(full.errors, "more than " + bound + " MB in use (--max-memory)\n  do: what came before is recorded"));
+    CHECK(contains(full.errors,
+                   "more than " + bound + " MB in use (--max-memory)\n  do: the results so far are recorded"));
     CHECK(contains(full.output, "recorded     " + set.string()));
     const auto frames = nlohmann::json::parse(read_text(set / "odometry.json"))["frames"].get<int>();
     CHECK(frames > 1);

@@ -6,7 +6,7 @@ namespace chainslam::support {
 namespace {
 
 /// Three sessions of two keyframes each.
-SlamMap three_sessions() {
+SlamMap joined_sessions() {
   SlamMap map;
   for (Index s = 0; s < 3; ++s) {
     map.sessions.push_back({SessionId{s}, {}, 2 * s, 2, SessionId{0}, {}, {}});
@@ -33,7 +33,7 @@ LoopClosure told(Index from, Index to, ClosureKind kind, ClosureVerdict verdict)
 
 TEST_SUITE("support/session_joins") {
   TEST_CASE("what joins two sessions is counted by kind and verdict, each pair by itself") {
-    SlamMap map = three_sessions();
+    SlamMap map = joined_sessions();
     const auto in = ClosureVerdict::accepted;
     map.closures = {told(0, 2, ClosureKind::merge, in),
                     told(3, 1, ClosureKind::merge, in),
@@ -60,7 +60,7 @@ TEST_SUITE("support/session_joins") {
   }
 
   TEST_CASE("a map of one session has nothing to say") {
-    SlamMap map = three_sessions();
+    SlamMap map = joined_sessions();
     map.closures = {told(0, 1, ClosureKind::direct, ClosureVerdict::accepted)};
     CHECK(session_joins(map).empty());
   }
