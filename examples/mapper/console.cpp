@@ -20,7 +20,8 @@ const char* remedy(OdometrySourceKind source) {
       return "run `chainslam inspect` on the data: units, clock and extrinsic calibration of the IMU, gaps; try --set "
              "odometry.source=lidar, which uses only scans";
     case OdometrySourceKind::fast_lio2:
-      return "try --set odometry.source=lidar_inertial or lidar: FAST-LIO2 needs a start at rest and a known extrinsic calibration";
+      return "try --set odometry.source=lidar_inertial or lidar: FAST-LIO2 needs a start at rest and a known extrinsic "
+             "calibration";
   }
   return "";
 }

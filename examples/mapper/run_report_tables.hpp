@@ -13,7 +13,8 @@ namespace chainslam::mapper {
 /// "1 session", "2 sessions".
 [[nodiscard]] std::string counted(Index count, const std::string& thing);
 
-/// Adds a report's tables of a run: what joins sessions, lost and doubtful intervals, the IMU, errors against the truth.
+/// Adds a report's tables of a run: what joins sessions, lost and doubtful intervals, the IMU, errors against the
+/// truth.
 void add_tables(const RunOutcome& outcome, support::ReportData& data);
 
 }  // namespace chainslam::mapper

@@ -86,7 +86,8 @@ std::string axes_setting(const ImuCalibration& calibration) {
 std::string unclear_axes(const ImuCalibration& calibration) {
   return "the IMU's axes are turned by at least " +
          text_of("%.1f deg ", degrees * calibration.found.contradiction_angle) + against(calibration) +
-         ": the motion does not show all of them; set dataset.T_body_lidar to the extrinsic calibration, or rotate about more axes";
+         ": the motion does not show all of them; set dataset.T_body_lidar to the extrinsic calibration, or rotate "
+         "about more axes";
 }
 
 }  // namespace
