@@ -24,8 +24,8 @@ namespace chainslam {
 using Submap = IndexedCloud<>;
 
 struct SubmapOptions {
-  Index radius = 20;            ///< keyframes on each side of the centre at least (n of the paper)
-  double max_length = 100;      ///< metres along the path to the first keyframe that is too far; 0: any (the paper)
+  Index radius = 20;            ///< keyframes on each side of the centre, at least (n of the paper)
+  double max_length = 100;      ///< metres along the path on each side, in whole fragments; 0: any (the paper)
   Index fragment = 5;           ///< consecutive keyframes that share a submap and are moved as one; 1: each has its own
   double voxel_size = 0.4;      ///< metres
   Index normal_neighbors = 12;  ///< points that a normal is fitted to
@@ -39,7 +39,7 @@ struct PlacedSubmap {
   SE3d T_keyframe_submap{};              ///< of the keyframe that it was asked for
 };
 
-/// Keyframes of one session whose poses relative to one of them were such and such.
+/// Consecutive keyframes of one session, and their poses relative to one of them at the time.
 struct RigidRange {
   KeyframeId center{};
   SubmapRange range{};
