@@ -89,10 +89,9 @@ class MeteredBackEnd {
 
   void publish() {
     const SlamMap& map = back_end_.map();
-    const auto chained = std::ranges::count(map.closures, ClosureKind::chained, &LoopClosure::kind);
+    for (; counted_ < map.closures.size(); ++counted_)  // a closure stays, and what kind it is of
+      ++(map.closures[counted_].kind == ClosureKind::chained ? chained_ : direct_);
     keyframes_ = to_index(map.keyframes.size());
-    chained_ = to_index(chained);
-    direct_ = to_index(map.closures.size()) - to_index(chained);
     if (run_.journal) run_.journal(map);
   }
 
@@ -100,6 +99,7 @@ class MeteredBackEnd {
   const MappingRun& run_;
   BackEndFigures figures_;
   double seconds_ = 0;
+  std::size_t counted_ = 0;  ///< closures in the numbers below
   std::atomic<Index> keyframes_ = 0, direct_ = 0, chained_ = 0;
 };
 
