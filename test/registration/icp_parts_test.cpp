@@ -1,6 +1,8 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/LU>
+#include <algorithm>
+#include <cstddef>
 #include <limits>
 
 #include "chainslam/core/thread_pool.hpp"
@@ -19,6 +21,22 @@ const IndexedCloud<>& parts_target() {
   }();
   return target;
 }
+
+/// Notes how many points it is given; all have normals.
+struct Looking {
+  std::size_t* points = nullptr;
+
+  template <Cloud Source, class Target, Executor Exec>
+  [[nodiscard]] AlignResult align(const Source& source, const Target& /*target*/, const SE3d& guess,
+                                  const Exec& /*executor*/, const Deadline& /*deadline*/) const {
+    *points = cloud_size(source);
+    CHECK(carries_normals(source));
+    AlignResult result;
+    result.T_target_source = guess;
+    result.status = AlignStatus::converged;
+    return result;
+  }
+};
 
 /// Parts of the yard's faces so far from the others that no point finds its match on another face.
 std::vector<Patch> inside_the_yard() {
@@ -308,6 +326,24 @@ TEST_SUITE("registration/icp parts") {
     const AlignResult lost =
         DistanceSchedule<>{}.align(parts_target().cloud(), parts_target(), SE3d(SO3d(), {500, 0, 0}));
     CHECK(lost.status == AlignStatus::no_overlap);
+  }
+
+  TEST_CASE("the coarse of two registrations sees 2048 points or more, evenly and with normals, the fine one all") {
+    for (const std::size_t count : {1000U, 4095U, 4096U, 5000U, 8000U}) {
+      CAPTURE(count);
+      PointCloud<float> source = parts_target().cloud();
+      source.positions.resize(count);
+      source.normals.assign(count, Eigen::Vector3f(0, 0, 1));
+      std::size_t coarse_points = 0, fine_points = 0;
+      CoarseToFine<Looking> both{.coarse = {&coarse_points}, .fine = {&fine_points}};
+      static_cast<void>(both.align(source, parts_target(), SE3d()));
+      CHECK(fine_points == count);
+      CHECK(coarse_points >= std::min<std::size_t>(count, 2048));
+      CHECK(coarse_points < 2 * 2048);
+      both.coarse_points = 0;
+      static_cast<void>(both.align(source, parts_target(), SE3d()));
+      CHECK(coarse_points == count);
+    }
   }
 }
 

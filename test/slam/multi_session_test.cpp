@@ -312,7 +312,7 @@ TEST_SUITE("slam: several sessions") {
     const auto most_of_one = [](const Run& one) {
       return *std::max_element(one.alignments.begin(), one.alignments.end() - 1);
     };
-    const Run at_once = run(20, 0), spread = run(20, 4);
+    const Run at_once = run(20, 0), spread = run(20, BackEndOptions{}.max_alignments);
     CHECK(most_of_one(at_once) > 15);
     CHECK(most_of_one(spread) < 8);  // what is begun when the fourth is made is ended
     CHECK(spread.rechecked == at_once.rechecked);

@@ -29,9 +29,9 @@ struct CoarseToFine {
 
 namespace detail {
 
-/// One of `every` points, with its normal.
+/// One of `every` points, with its normal if the cloud has normals.
 template <Cloud Points>
-[[nodiscard]] PointCloud<float> thinned(const Points& cloud, std::size_t every) {
+[[nodiscard]] PointCloud<float> every_nth(const Points& cloud, std::size_t every) {
   PointCloud<float> some;
   for (std::size_t i = 0; i < cloud_size(cloud); i += every)
     some.positions.push_back(converted<float>(position(cloud, i)));
@@ -48,8 +48,9 @@ template <Cloud Source, AlignTarget Target, Executor Exec>
 AlignResult CoarseToFine<Coarse, Fine>::align(const Source& source, const Target& target, const SE3d& guess,
                                               const Exec& executor, const Deadline& deadline) const {
   const std::size_t every = coarse_points > 0 ? cloud_size(source) / static_cast<std::size_t>(coarse_points) : 1;
-  const AlignResult first = every > 1 ? coarse.align(detail::thinned(source, every), target, guess, executor, deadline)
-                                      : coarse.align(source, target, guess, executor, deadline);
+  const AlignResult first = every > 1
+                                ? coarse.align(detail::every_nth(source, every), target, guess, executor, deadline)
+                                : coarse.align(source, target, guess, executor, deadline);
   if (first.status == AlignStatus::no_overlap || first.status == AlignStatus::too_few_points ||
       first.status == AlignStatus::cancelled)
     return first;
