@@ -85,6 +85,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "closure-noise": ("closures.noise_from_hessian", "closures.lambda", "closures.least_variance"),
     "outliers": ("closures.outlier_threshold", "graph.odometry_outlier_threshold"),
     "gnss": ("graph.gnss",),
+    "gravity": ("graph.gravity",),
     "search-again": ("closures.search_again",),
     "candidates": (
         "closures.radius",

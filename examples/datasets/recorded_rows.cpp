@@ -68,6 +68,22 @@ PackedCovariance read_covariance(LineFields& fields) {
   return PackedCovariance(upper);
 }
 
+/// Three empty fields: not measured.
+std::optional<Eigen::Vector3f> read_delta_velocity(LineFields& fields) {
+  std::array<std::string_view, 3> texts{};
+  for (std::string_view& text : texts) text = fields.text("delta velocity");
+  if (std::ranges::all_of(texts, &std::string_view::empty)) return std::nullopt;
+  Eigen::Vector3f gained;
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::string_view text = texts[static_cast<std::size_t>(axis)];
+    const auto value = detail::parse_double(text);
+    if (!value || !std::isfinite(static_cast<float>(*value)))
+      fields.fail("delta velocity", detail::shown(text), "write three finite numbers, or leave all three empty");
+    gained[axis] = static_cast<float>(*value);
+  }
+  return gained;
+}
+
 SE3d read_pose(LineFields& fields) {
   const Eigen::Vector3d position = detail::read_position(fields);
   return SE3d(detail::read_quaternion(fields, detail::QuaternionOrder::xyzw), position);
@@ -82,7 +98,7 @@ std::string frame_table_head() {
       "qw";
   for (std::size_t i = 0; i < axes.size(); ++i)
     for (std::size_t j = i; j < axes.size(); ++j) head.append(",cov_").append(axes[i]).append("_").append(axes[j]);
-  return head + '\n';
+  return head + std::string(delta_velocity_columns) + '\n';
 }
 
 std::string fix_table_head() {
@@ -110,6 +126,10 @@ std::string text_of(const FrameRow& row) {
   const auto& q = row.frame.T_odom_body.rotation().quaternion();
   for (const double value : {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}) append(text, value);
   for (const float entry : row.frame.covariance.upper()) append(text, entry);
+  if (const auto& gained = row.frame.delta_velocity)
+    for (int axis = 0; axis < 3; ++axis) append(text, (*gained)[axis]);
+  else
+    text += ",,,";
   return text + '\n';
 }
 
@@ -139,7 +159,8 @@ FrameRow read_frame_row(LineFields& fields) {
   health.residual_rms = fields.number("residual_rms_m");
   row.frame.T_odom_body = read_pose(fields);
   row.frame.covariance = read_covariance(fields);
-  fields.end("38 fields: see the first line");
+  if (fields.more()) row.frame.delta_velocity = read_delta_velocity(fields);  // recordings of before have none
+  fields.end("41 fields: see the first line");
   return row;
 }
 

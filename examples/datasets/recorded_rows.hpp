@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/map/frame_record.hpp"
@@ -20,6 +21,9 @@ struct FixRow {
   GnssFix fix{};
   std::int64_t frames_before = 0;
 };
+
+/// The last columns of `frame_table_head`, which recordings of earlier versions do not have.
+inline constexpr std::string_view delta_velocity_columns = ",dv_x,dv_y,dv_z";
 
 [[nodiscard]] std::string frame_table_head();
 [[nodiscard]] std::string fix_table_head();

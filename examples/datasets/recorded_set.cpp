@@ -78,7 +78,10 @@ class RecordedTable {
  public:
   RecordedTable(const fs::path& path, const std::string& head, Row (*read)(LineFields&)) : file_(path), read_(read) {
     const auto line = file_.read_line();
-    if (!line || *line != std::string_view(head).substr(0, head.size() - 1))
+    std::string_view known = std::string_view(head).substr(0, head.size() - 1);
+    if (line && known.ends_with(delta_velocity_columns) && !line->ends_with(delta_velocity_columns))
+      known.remove_suffix(delta_velocity_columns.size());
+    if (!line || *line != known)
       file_.fail("line 1", line ? "other columns" : "an empty file",
                  "record the odometry again: this table is not of this version");
     advance();
@@ -157,6 +160,7 @@ class RecordedSet final : public Dataset {
                 .covariance = row->frame.covariance.matrix(),
                 .cloud = {},
                 .health = row->frame.health};
+    if (row->frame.delta_velocity) frame.delta_velocity = row->frame.delta_velocity->cast<double>();
     if (row->keyframe >= 0) frame.cloud = scan_of(row->keyframe);
     ++given_;
     frames_.advance();

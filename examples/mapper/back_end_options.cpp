@@ -386,6 +386,37 @@ void add_fixes(Configuration& configuration, GnssFactorOptions& gnss) {
                      .help = "Minimum root mean square spread of these fixes across their main direction."});
 }
 
+void add_gravity(Configuration& configuration, GravityFactorOptions& gravity) {
+  configuration.add("graph.gravity", gravity.enabled,
+                    {.help = "Add the direction of gravity, as the accelerometer measures it, to the graph."});
+  configuration.add("graph.gravity_window", gravity.window,
+                    {.unit = "s",
+                     .min = 1,
+                     .max = 1000,
+                     .help = "Time over which the accelerometer gives one direction of gravity."});
+  configuration.add(
+      "graph.gravity_deviation", gravity.deviation,
+      {.unit = "rad",
+       .min = 1e-4,
+       .max = 1,
+       .help = "Standard deviation of such a direction: bias of the accelerometer, mounting of the IMU."});
+  configuration.add("graph.gravity_speed_deviation", gravity.speed_deviation,
+                    {.unit = "m/s",
+                     .min = 0,
+                     .max = 100,
+                     .help = "Standard deviation of odometry's velocity at both ends of the window."});
+  configuration.add("graph.gravity_outlier_threshold", gravity.threshold,
+                    {.min = 0.1,
+                     .max = 1e9,
+                     .help = "Squared Mahalanobis distance beyond which a direction is rejected as an outlier."});
+  configuration.add(
+      "graph.gravity_start_deviation", gravity.start_deviation,
+      {.unit = "rad",
+       .min = 1e-6,
+       .max = 3,
+       .help = "Standard deviation of roll and pitch of a map's first keyframe, once gravity is measured."});
+}
+
 void add_submap_memory(Configuration& configuration, SubmapOptions& submap) {
   constexpr double mebibyte = 1 << 20;
   configuration.add("closures.submap_memory", submap.max_bytes,
@@ -478,6 +509,7 @@ void add_back_end(Configuration& configuration, BackEndParts& parts) {
                              "fixes contradict it. 0: never."});
   add_gnss(configuration, parts.back_end.graph.gnss);
   add_fixes(configuration, parts.back_end.graph.gnss);
+  add_gravity(configuration, parts.back_end.graph.gravity);
   add_submap_memory(configuration, parts.closures.submap);
 }
 

@@ -144,6 +144,7 @@ constexpr PresetValue preset_values[] = {
     alike("graph.odometry_unknown_rotation_per_metre", "0", "code: the same for each step"),
     alike("graph.odometry_outlier_threshold", "0", "paper III-A: squared errors, all of them"),
     alike("graph.gnss", "false", "paper III-A: priors, odometry, closures"),
+    alike("graph.gravity", "false", "paper III-A: priors, odometry, closures"),
     alike("graph.odometry_doubt", "false", "code: the same for each step"),
     alike("graph.anchor", "1e-6", "paper III-A: prior factors; code: variance 1e-12"),
     alike("graph.anchor_joined_sessions", "true", "paper III-D: the prior is replaced by one at the aligned pose"),

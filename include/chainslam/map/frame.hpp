@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <optional>
 
 #include "chainslam/cloud/point_cloud.hpp"
@@ -42,6 +43,9 @@ struct Frame {
   PointCloud<float> cloud;                     ///< motion-corrected to `time`, body frame
   FrameHealth health;
   std::optional<GnssFix> gnss{};  ///< at `time`, if it came with a recorded frame
+  /// Integral of the specific force since the frame before, m/s, body frame at `time`: what the accelerometer measured,
+  /// gravity and bias included. Empty if not all of it was measured, or is in doubt.
+  std::optional<Eigen::Vector3d> delta_velocity{};
 };
 
 }  // namespace chainslam

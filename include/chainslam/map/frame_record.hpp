@@ -1,8 +1,10 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/timestamp.hpp"
@@ -51,11 +53,14 @@ struct FrameRecord {
   SE3d T_odom_body{};
   PackedCovariance covariance{};  ///< of T_odom_body, tangent [translation; rotation], metres and radians
   FrameHealth health{};
+  std::optional<Eigen::Vector3f> delta_velocity{};  ///< see `Frame::delta_velocity`
 };
 
 /// @returns the record of a frame; its session is given by the map that takes it.
 [[nodiscard]] inline FrameRecord record_of(const Frame& frame) {
-  return {{}, frame.time, frame.T_odom_body, PackedCovariance(frame.covariance), frame.health};
+  FrameRecord record{{}, frame.time, frame.T_odom_body, PackedCovariance(frame.covariance), frame.health, {}};
+  if (frame.delta_velocity) record.delta_velocity = frame.delta_velocity->cast<float>();
+  return record;
 }
 
 }  // namespace chainslam

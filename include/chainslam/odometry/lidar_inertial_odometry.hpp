@@ -15,6 +15,7 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/delta_velocity.hpp"
 #include "chainslam/odometry/detail/first_sweep.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/pose_doubt.hpp"
@@ -312,6 +313,10 @@ Frame LidarInertialOdometry<Map, Kernel>::answer(Attempt& attempt, FrameStatus s
     frame.health.imu_use = motion_.measured_share() > 0.5 ? motion_.use() : ImuUse::none;
     frame.health.imu_as_set = frame.health.imu_use == ImuUse::gyroscope && options_.imu_use == ImuUse::gyroscope;
   }
+  if (motion_.use() == ImuUse::all && motion_.interval() > 0)
+    frame.delta_velocity =
+        detail::delta_velocity(motion_.imu(), frame.time - seconds(motion_.interval()), frame.time,
+                               motion_.way_begin().rotation().local(T_odom_body(state()).rotation()));
   frame.cloud = std::move(attempt.clouds.whole);
   return frame;
 }

@@ -226,7 +226,7 @@ template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
 KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, const E& executor) {
   if (!in_session_) {
-    MapGraph<Outliers>::require_finite(keyframe);
+    require_finite(keyframe);
     begin_session({});
   }
   const KeyframeId id = graph_.append(std::move(keyframe));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <span>
+#include <vector>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -10,6 +11,7 @@
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/gnss_factors.hpp"
+#include "chainslam/slam/gravity_factors.hpp"
 
 namespace chainslam {
 
@@ -33,7 +35,11 @@ class GroupGncFactors {
 
   template <class Options>
   [[gnu::cold]] GroupGncFactors(const Options& options, const GroupGnc& gnc)
-      : options_(gnc), smoother_(options.smoother, NoLag{}), gnc_(smoother_), gnss_(options.gnss) {}
+      : options_(gnc),
+        smoother_(options.smoother, NoLag{}),
+        gnc_(smoother_),
+        gnss_(options.gnss),
+        gravity_(options.gravity) {}
   GroupGncFactors(const GroupGncFactors&) = delete;
   GroupGncFactors& operator=(const GroupGncFactors&) = delete;
 
@@ -74,10 +80,20 @@ class GroupGncFactors {
   }
 
   /// The keyframe's fix, if it has one, is taken in by the next update.
-  void wait(const Keyframe& keyframe) { gnss_.wait(keyframe); }
+  void wait(const Keyframe& keyframe) {
+    gnss_.wait(keyframe);
+    gravity_.wait(keyframe.id);
+  }
+  void wait_for_fix(const Keyframe& keyframe) { gnss_.wait(keyframe); }
   [[nodiscard]] Index waiting() const { return gnss_.waiting(); }
   /// Keyframes go over to another frame.
-  void carry(std::span<const Key> keyframes) { gnss_.carry(keyframes, gnc_); }
+  void carry(std::span<const Key> keyframes) {
+    gnss_.carry(keyframes, gnc_);
+    gravity_.carry(keyframes, gnc_);
+  }
+  /// Takes in what the accelerometer says of the keyframes' attitudes.
+  /// @returns sessions whose frames gravity holds upright from now on: their priors must let them lean.
+  [[nodiscard]] std::vector<SessionId> hold_upright(const SlamMap& map) { return gravity_.add(map, gnc_); }
 
   /// Takes in closures that wait for a forecast, without one. @returns whether there were any.
   [[nodiscard]] bool admit() { return gnc_.admit(); }
@@ -137,6 +153,7 @@ class GroupGncFactors {
   Smoother smoother_;
   Gnc gnc_;
   GnssFactors<Gnc> gnss_;
+  GravityFactors<Gnc> gravity_;
   Index last_step_ = Gnc::none;    ///< of odometry, its number in `gnc_`
   detail::Table<Index> suspects_;  ///< of each closure its number in `gnc_`, none if it is beyond suspicion
 };

@@ -39,6 +39,7 @@ class KernelFactors {
 
   /// Fixes do not hold a map with kernels.
   void wait(const Keyframe& /*keyframe*/) {}
+  void wait_for_fix(const Keyframe& /*keyframe*/) {}
   void carry(std::span<const Key> /*keyframes*/) {}
   [[nodiscard]] Index waiting() const { return 0; }
 

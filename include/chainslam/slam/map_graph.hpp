@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "chainslam/core/compiled.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
@@ -61,9 +60,6 @@ class MapGraph {
 
   /// Keyframes appended from now on are of a new session, in a frame of its own.
   [[gnu::cold]] void begin_session(std::string name);
-
-  /// @throws std::invalid_argument if the keyframe's pose is not finite, or so far away that its square is not.
-  [[gnu::cold]] static void require_finite(const Keyframe& keyframe);
 
   /// Adds the session's next keyframe, where odometry puts it.
   /// @throws std::invalid_argument if its time is not later than the session's last, or T_odom_body is not finite; the
@@ -134,6 +130,8 @@ class MapGraph {
     return keys.empty() || !factors_->admit() ? keys : factors_->smoother().floating();
   }
 
+  /// Takes in what is known of gravity. A frame that it holds may lean from where odometry began it.
+  [[gnu::cold]] void hold_upright();
   [[gnu::cold]] void rebuild();
   /// Adds all of the map from these positions on.
   [[gnu::cold]] void add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures);
@@ -162,14 +160,6 @@ void MapGraph<Outliers>::begin_session(std::string name) {
   const SessionId id{to_index(map_.sessions.size())};
   priors_.push_back({});
   map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});
-}
-
-template <class Outliers>
-void MapGraph<Outliers>::require_finite(const Keyframe& keyframe) {
-  const SE3d& T = keyframe.T_odom_body;
-  // |a - b|^2 <= 4 max(|a|^2, |b|^2): no way between two keyframes overflows.
-  if (!is_finite(T.matrix()) || !is_finite(4 * T.translation().squaredNorm()))
-    throw std::invalid_argument("BackEnd: a keyframe's pose is not finite");
 }
 
 template <class Outliers>
@@ -228,7 +218,7 @@ template <class Outliers>
 void MapGraph<Outliers>::set_gnss(KeyframeId id, const GnssFix& fix) {
   const Change change(*this);
   keyframe(id.value).gnss = fix;
-  factors_->wait(keyframe(id.value));
+  factors_->wait_for_fix(keyframe(id.value));
 }
 
 template <class Outliers>
@@ -311,6 +301,7 @@ void MapGraph<Outliers>::load(const SlamMap& other) {
 template <class Outliers>
 UpdateReport MapGraph<Outliers>::optimise() {
   UpdateReport report;
+  hold_upright();
   report.variables = floating();
   if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
   for (Index k = 0; report.ok() && k < options_.optimizer.max_iterations; ++k) {
@@ -330,6 +321,7 @@ UpdateReport MapGraph<Outliers>::optimise() {
 template <class Outliers>
 ConvergeReport MapGraph<Outliers>::converge() {
   ConvergeReport report;
+  hold_upright();
   report.variables = floating();
   if (!report.variables.empty()) {
     report.status = UpdateStatus::unconstrained;
@@ -359,6 +351,19 @@ void MapGraph<Outliers>::remeasure() {
   for (OdometryMeasurement& step : map_.odometry) step.T_from_to = pose(step.from).inverse() * pose(step.to);
   for (LoopClosure& closure : map_.closures) closure.T_from_to = pose(closure.from).inverse() * pose(closure.to);
   rebuild();
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::hold_upright() {
+  if constexpr (decides) {
+    const Change change(*this);
+    for (const SessionId id : factors_->hold_upright(map_)) {
+      Session& frame = map_.sessions[static_cast<std::size_t>(id.value)];
+      frame.prior_sqrt_information = leaning_anchor(frame.prior, options_.anchor, options_.gravity.start_deviation);
+      if (factors_->smoother().contains(priors_[id.value])) factors_->smoother().remove(priors_[id.value]);
+      add_prior(frame);
+    }
+  }
 }
 
 template <class Outliers>

@@ -2,6 +2,7 @@
 
 #include "chainslam/factor_graph/smoother_reports.hpp"
 #include "chainslam/slam/georeference.hpp"
+#include "chainslam/slam/gravity_measurement.hpp"
 #include "chainslam/slam/odometry_doubt.hpp"
 #include "chainslam/slam/odometry_noise.hpp"
 
@@ -19,7 +20,8 @@ struct MapGraphOptions {
   /// Whether measurements of a loaded map, and of sessions before the one that begins, are replaced by what their poses
   /// say, as by the released code, which saves and loads each: no residuals are left, and what is known counts twice.
   bool remeasure_loaded = false;
-  GnssFactorOptions gnss{};  ///< for `GroupGnc`
+  GnssFactorOptions gnss{};        ///< for `GroupGnc`
+  GravityFactorOptions gravity{};  ///< for `GroupGnc`
   /// How near each optimization comes to the optimum. Without patience, since it goes on until nothing waits, and
   /// without a lag, since closures may reach any keyframe.
   SmootherOptions smoother{.patience = 0.0};

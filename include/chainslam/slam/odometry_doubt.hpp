@@ -44,6 +44,14 @@ namespace detail {
   return frames.subspan(first);
 }
 
+/// @throws std::invalid_argument if the keyframe's pose is not finite, or so far away that its square is not.
+[[gnu::cold]] inline void require_finite(const Keyframe& keyframe) {
+  const SE3d& T = keyframe.T_odom_body;
+  // |a - b|^2 <= 4 max(|a|^2, |b|^2): no way between two keyframes overflows.
+  if (!is_finite(T.matrix()) || !is_finite(4 * T.translation().squaredNorm()))
+    throw std::invalid_argument("BackEnd: a keyframe's pose is not finite");
+}
+
 /// @param before  the session's frame before them; null if they are its first.
 /// @throws std::invalid_argument if times do not increase or something is not finite.
 [[gnu::cold]] inline void require_sound(std::span<const FrameRecord> frames, const FrameRecord* before) {
@@ -52,6 +60,8 @@ namespace detail {
       throw std::invalid_argument("BackEnd: a frame's time is not later than the one before it");
     if (!is_finite(frame.T_odom_body.matrix()) || !is_finite(frame.covariance.matrix()))
       throw std::invalid_argument("BackEnd: a frame's pose or covariance is not finite");
+    if (frame.delta_velocity && !is_finite(*frame.delta_velocity))
+      throw std::invalid_argument("BackEnd: a frame's delta velocity is not finite");
     before = &frame;
   }
 }

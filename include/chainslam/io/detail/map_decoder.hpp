@@ -110,7 +110,7 @@ class MapDecoder {
         each(number, *payload, gnss_bytes, &MapDecoder::set_gnss);
         break;
       case ChunkType::frames:
-        each(number, *payload, frame_bytes, &MapDecoder::add_frame);
+        each(number, *payload, frame_bytes, &MapDecoder::add_frame, least_frame_bytes);
         break;
       case ChunkType::commit:
         check_commit(number, *payload);
@@ -136,14 +136,15 @@ class MapDecoder {
 
   using AddRecord = void (MapDecoder::*)(std::size_t number, std::size_t i, Index id, ByteReader in);
 
-  void each(std::size_t number, std::span<const std::byte> payload, std::size_t known_bytes, AddRecord add) {
+  void each(std::size_t number, std::span<const std::byte> payload, std::size_t known_bytes, AddRecord add,
+            std::size_t least_bytes = 0) {
     constexpr std::size_t prelude_bytes = 16;
     const std::uint64_t count = file_.chunks()[number].header.count;
     if (payload.size() < prelude_bytes) fail(number, "payload", std::to_string(payload.size()) + " bytes");
     ByteReader in(payload);
     const Index first = in.take<Index>();
     const std::size_t size = in.take<std::uint32_t>();
-    if (size < known_bytes || count * size != payload.size() - prelude_bytes)
+    if (size < (least_bytes > 0 ? least_bytes : known_bytes) || count * size != payload.size() - prelude_bytes)
       fail(number, "record size",
            std::to_string(size) + " bytes, " + std::to_string(count) + " records in " + std::to_string(payload.size()) +
                " bytes");
@@ -278,6 +279,7 @@ class MapDecoder {
     FrameRecord frame = read_frame_begin(in);
     frame.T_odom_body = take_pose(number, i, "T_odom_body", in);
     frame.covariance = read_packed_covariance(in);
+    frame.delta_velocity = read_delta_velocity(in);
     check(number, i,
           fault_of(frame, frames.empty() ? nullptr : &frames.back(), static_cast<Index>(loaded_.map.sessions.size())));
     frames.push_back(frame);

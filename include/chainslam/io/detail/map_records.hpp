@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -22,7 +23,9 @@ namespace chainslam::detail {
 // the checks: what a writer lets through, every reader takes.
 
 inline constexpr std::size_t pose_bytes = 56, session_bytes = 360, keyframe_bytes = 72, odometry_bytes = 352,
-                             closure_bytes = 376, gnss_bytes = 112, frame_bytes = 172;
+                             closure_bytes = 376, gnss_bytes = 112, frame_bytes = 184;
+/// What records of frames had before format 1.3: no delta velocity.
+inline constexpr std::size_t least_frame_bytes = 172;
 inline constexpr std::uint32_t keyframe_has_scan = 1;
 inline constexpr std::uint8_t frame_map_restarted = 1, frame_after_gap = 2, frame_imu_as_set = 4,
                               frame_imu_unknown = 255;
@@ -248,6 +251,9 @@ inline void append_frame(std::vector<std::byte>& out, const FrameRecord& frame) 
   append_bytes(out, static_cast<float>(health.residual_rms));
   append_pose(out, frame.T_odom_body);
   for (const float entry : frame.covariance.upper()) append_bytes(out, entry);
+  constexpr float not_measured = std::numeric_limits<float>::quiet_NaN();
+  for (int axis = 0; axis < 3; ++axis)
+    append_bytes(out, frame.delta_velocity ? (*frame.delta_velocity)[axis] : not_measured);
 }
 
 /// The record but for its pose, which has to be checked before it is one: `read_pose` comes between the two parts.
@@ -268,6 +274,15 @@ inline FrameRecord read_frame_begin(ByteReader& in) {
   health.iterations = in.take<Index>();
   health.residual_rms = static_cast<double>(in.take<float>());
   return frame;
+}
+
+/// None if the record has none, or numbers that are not finite.
+inline std::optional<Eigen::Vector3f> read_delta_velocity(ByteReader& in) {
+  if (in.left() < 3 * sizeof(float)) return std::nullopt;
+  Eigen::Vector3f gained;
+  for (int axis = 0; axis < 3; ++axis) gained[axis] = in.take<float>();
+  if (!is_finite(gained)) return std::nullopt;
+  return gained;
 }
 
 inline PackedCovariance read_packed_covariance(ByteReader& in) {
