@@ -15,7 +15,7 @@
 namespace chainslam {
 
 /// Holds a map's keyframes upright by what the accelerometer measured between their frames: one direction for each
-/// window of time, at the keyframe that ends it.
+/// window of time, at the keyframe in its middle.
 ///
 /// Only in frames whose first session measures gravity: these lean no more than it does. Others, such as those of maps
 /// without such measurements, stay as they are.
@@ -48,14 +48,10 @@ class GravityFactors {
     begins_.resize(to_index(map.sessions.size()));
     upright_.resize(to_index(map.sessions.size()), 0);
     for (const Index i : std::exchange(waiting_, {})) {
-      const Keyframe& keyframe = map.keyframes[static_cast<std::size_t>(i)];
-      Known& known = known_[i];
-      if (!known.measured) known.measured = measure(map, keyframe);
-      if (!known.measured || known.prior >= 0) continue;
-      const SessionId frame = map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame;
-      if (keyframe.session == frame && std::exchange(upright_[frame.value], 1) == 0) held.push_back(frame);
-      if (upright_[frame.value] == 0) continue;
-      known.prior = gnc.add(gravity_prior(i, *known.measured, keyframe.T_map_body), {.threshold = options_.threshold});
+      if (known_[i].measured)
+        put(map, i, gnc, held);
+      else if (const Index middle = measure(map, i); middle >= 0)
+        put(map, middle, gnc, held);
     }
     return held;
   }
@@ -66,13 +62,31 @@ class GravityFactors {
     Index prior = -1;  ///< its number among the candidates, -1 if none
   };
 
-  /// The direction of the window that ends at the keyframe, if one does.
-  [[nodiscard]] std::optional<GravityMeasurement> measure(const SlamMap& map, const Keyframe& keyframe) {
-    std::optional<Timestamp>& begin = begins_[keyframe.session.value];
-    if (!begin) begin = keyframe.time;
-    if (to_seconds(keyframe.time - *begin) < options_.window) return std::nullopt;
-    const Timestamp from = std::exchange(*begin, keyframe.time);
-    return measure_gravity(frames(map, keyframe.session, from, keyframe.time), options_);
+  /// If a window ends at a keyframe, measures the direction. @returns the keyframe that has it, -1 if none.
+  Index measure(const SlamMap& map, Index last) {
+    const auto keyframe = [&](Index i) -> const Keyframe& { return map.keyframes[static_cast<std::size_t>(i)]; };
+    const Keyframe& end = keyframe(last);
+    std::optional<Timestamp>& begin = begins_[end.session.value];
+    if (!begin) begin = end.time;
+    const double duration = to_seconds(end.time - *begin);
+    if (duration < options_.window) return -1;
+    const Timestamp from = std::exchange(*begin, end.time);
+    const auto measured = measure_gravity(frames(map, end.session, from, end.time), options_);
+    if (!measured) return -1;
+    Index middle = last;
+    while (to_seconds(end.time - keyframe(middle).time) < 0.5 * duration) --middle;
+    const SO3d& R_odom_body = keyframe(middle).T_odom_body.rotation();
+    known_[middle].measured = {R_odom_body.inverse() * measured->up, measured->sigma};
+    return middle;
+  }
+
+  void put(const SlamMap& map, Index i, Gnc& gnc, std::vector<SessionId>& held) {
+    const Keyframe& keyframe = map.keyframes[static_cast<std::size_t>(i)];
+    const SessionId frame = map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame;
+    if (keyframe.session == frame && std::exchange(upright_[frame.value], 1) == 0) held.push_back(frame);
+    if (upright_[frame.value] != 0 && known_[i].prior < 0)
+      known_[i].prior =
+          gnc.add(gravity_prior(i, *known_[i].measured, keyframe.T_map_body), {.threshold = options_.threshold});
   }
 
   /// The session's frames of [from, to].

@@ -28,10 +28,10 @@ struct GravityFactorOptions {
   double start_deviation = 0.1;
 };
 
-/// The direction against gravity at the last frame of a window.
+/// The direction against gravity.
 struct GravityMeasurement {
-  Eigen::Vector3d up_body;  ///< unit vector, body frame
-  double sigma;             ///< radians
+  Eigen::Vector3d up;  ///< unit vector
+  double sigma;        ///< radians
 };
 
 namespace detail {
@@ -45,8 +45,9 @@ namespace detail {
 
 }  // namespace detail
 
-/// The direction against gravity by the specific force over a window, less the acceleration that odometry shows. How
-/// odometry's frame lies does not matter, only how the body turned in the window.
+/// The direction against gravity, seen from odometry's frame, by the specific force over a window less the acceleration
+/// that odometry shows. How that frame lies does not matter, only how the body turned in the window: where odometry's
+/// attitude drifts, the direction is best in the middle of the window.
 /// @param frames  consecutive frames of one session.
 /// @returns nothing if the force was not measured all the time, a scan was lost, or its mean is not about 9.8 m/s^2.
 [[nodiscard]] [[gnu::cold]] inline std::optional<GravityMeasurement> measure_gravity(
@@ -70,21 +71,21 @@ namespace detail {
   const double length = up.norm();
   if (!(std::abs(length - standard) <= tolerance)) return std::nullopt;
   const double by_velocity = options.speed_deviation * std::sqrt(2.0) / (duration * standard);
-  return GravityMeasurement{frames.back().T_odom_body.rotation().inverse() * divided(up, length),
-                            std::hypot(options.deviation, by_velocity)};
+  return GravityMeasurement{divided(up, length), std::hypot(options.deviation, by_velocity)};
 }
 
 /// What a direction against gravity says of a keyframe's attitude: a prior that leaves its position and heading open.
-/// @param pose  by the estimate, in a map whose z axis points against gravity.
+/// @param measured  in the body frame.
+/// @param pose      by the estimate, in a map whose z axis points against gravity.
 [[nodiscard]] [[gnu::cold]] inline PriorFactor<SE3d> gravity_prior(Key key, const GravityMeasurement& measured,
                                                                    const SE3d& pose) {
   const Eigen::Vector3d up = pose.rotation().inverse() * Eigen::Vector3d(Eigen::Vector3d::UnitZ());
-  PriorFactor<SE3d> prior{key, pose * SE3d(SO3d::between(measured.up_body, up), zeros<Eigen::Vector3d>()),
+  PriorFactor<SE3d> prior{key, pose * SE3d(SO3d::between(measured.up, up), zeros<Eigen::Vector3d>()),
                           zeros<SqrtInformation<6>>()};
   for (int j = 0; j < 3; ++j)
     for (int i = 0; i < 3; ++i)
       prior.sqrt_information(3 + i, 3 + j) =
-          ((i == j ? 1.0 : 0.0) - measured.up_body.data()[i] * measured.up_body.data()[j]) / measured.sigma;
+          ((i == j ? 1.0 : 0.0) - measured.up.data()[i] * measured.up.data()[j]) / measured.sigma;
   return prior;
 }
 
