@@ -89,6 +89,9 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "search-again": ("closures.search_again",),
     "candidates": (
         "closures.radius",
+        "closures.wider",
+        "closures.start_",
+        "closures.keyframes_at_once",
         "closures.max_candidates",
         "closures.heading_weight",
         "closures.min_interval",

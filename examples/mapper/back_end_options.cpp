@@ -56,6 +56,27 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
   ClosureGate& gate = parts.closures.gate;
   configuration.add("closures.radius", candidates.radius,
                     {.unit = "m", .min = 0, .max = 1000, .help = "Search radius for loop candidates. 0: no closures."});
+  configuration.add("closures.wider", candidates.wider,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1000,
+                     .help = "Extends the search radius by two standard deviations of the relative position in the "
+                             "graph, up to this distance."});
+  configuration.add("closures.start_spacing", parts.closures.starts.spacing,
+                    {.unit = "m",
+                     .min = 0.1,
+                     .max = 1000,
+                     .help = "Spacing of the initial guesses from which a rejected alignment is repeated."});
+  configuration.add("closures.start_distance", parts.closures.starts.max_distance,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1000,
+                     .help = "Maximum distance of these guesses from the pose in the graph. 0: no repetition."});
+  configuration.add("closures.start_patience", parts.closures.starts.patience,
+                    {.min = 0,
+                     .max = 1000000,
+                     .help = "Number of consecutive unsuccessful searches after which guesses in all horizontal "
+                             "directions are tried."});
   configuration.add("closures.heading_weight", candidates.heading_weight,
                     {.unit = "m/rad",
                      .min = 0,
@@ -83,6 +104,12 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                      .max = 1000000,
                      .help = "Number of alignments of a keyframe after which repeated loop searches, along a merged or "
                              "corrected session, wait for the next keyframe. 0: no limit."});
+  configuration.add(
+      "closures.keyframes_at_once", parts.back_end.keyframes_at_once,
+      {.min = 0,
+       .max = 1000000,
+       .help = "Number of keyframes after which the graph is optimized although no loop was closed. 0: no "
+               "such optimization."});
   configuration.add("closures.before_merge", parts.back_end.close_before_merge,
                     {.help = "Close loops within a session before it has been merged with an earlier one."});
   configuration.add(

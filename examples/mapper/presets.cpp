@@ -42,6 +42,8 @@ constexpr PresetValue preset_values[] = {
 
     // Direct closures.
     alike("closures.radius", "15", "paper III-B: a radius; code: 15 m"),
+    alike("closures.wider", "0", "paper III-B: a radius; code: 15 m"),
+    alike("closures.start_distance", "0", "paper III-B: aligned from the pose in the graph"),
     {"closures.min_interval",
      {"30", "30"},
      {"30", "60"},
@@ -54,6 +56,7 @@ constexpr PresetValue preset_values[] = {
      {"3.3333333333333335", "2.5"},
      "code: loopClosureFrequency 0.3 Hz, 0.4 Hz, whatever the pace"},
     alike("closures.max_alignments", "0", "paper III-D: the graph is rebuilt at once"),
+    alike("closures.keyframes_at_once", "0", "paper III-B: optimized when a loop is closed"),
     differ("closures.before_merge", "true", "false", "code: with a map loaded, none before the merge"),
     alike("closures.submap_radius", "20", "paper III-E: n; code: 20"),
     alike("closures.submap_length", "0", "paper III-E, code: keyframes, however far apart"),

@@ -33,6 +33,14 @@ struct ClosureRegistration {
     return method == ClosureMethod::point_to_plane ? point_to_plane.align(source, target, guess, executor)
                                                    : point_to_point.align(source, target, guess, executor);
   }
+
+  /// Cheap, to compare guesses: `CoarseToFine::rough`.
+  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult rough(const Source& source, const Target& target, const SE3d& guess,
+                                  const Exec& executor = {}) const {
+    return method == ClosureMethod::point_to_plane ? point_to_plane.rough(source, target, guess, executor)
+                                                   : point_to_point.align(source, target, guess, executor);
+  }
 };
 
 /// The noise of a closure that goes with the method: from the registration's Hessian, or the paper's lambda e I.

@@ -66,12 +66,15 @@ keyframes.distance                   3 10 3 10
 keyframes.angle                      11.4592
 keyframes.voxel_size                 0
 closures.radius                      15
+closures.wider                       0
+closures.start_distance              0
 closures.min_interval                30 30 30 60
 closures.max_candidates              1
 closures.heading_weight              0
 closures.min_travel                  16 25 0 0
 closures.min_period                  0 0 3.3333333333333335 2.5
 closures.max_alignments              0
+closures.keyframes_at_once           0
 closures.before_merge                true true false false
 closures.submap_radius               20
 closures.submap_length               0

@@ -25,6 +25,11 @@ struct CoarseToFine {
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
                                   const Exec& executor = {}, const Deadline& deadline = {}) const;
+
+  /// The first stage alone: cheap, to try several guesses.
+  template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult rough(const Source& source, const Target& target, const SE3d& guess,
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const;
 };
 
 namespace detail {
@@ -47,14 +52,20 @@ template <class Coarse, class Fine>
 template <Cloud Source, AlignTarget Target, Executor Exec>
 AlignResult CoarseToFine<Coarse, Fine>::align(const Source& source, const Target& target, const SE3d& guess,
                                               const Exec& executor, const Deadline& deadline) const {
-  const std::size_t every = coarse_points > 0 ? cloud_size(source) / static_cast<std::size_t>(coarse_points) : 1;
-  const AlignResult first = every > 1
-                                ? coarse.align(detail::every_nth(source, every), target, guess, executor, deadline)
-                                : coarse.align(source, target, guess, executor, deadline);
+  const AlignResult first = rough(source, target, guess, executor, deadline);
   if (first.status == AlignStatus::no_overlap || first.status == AlignStatus::too_few_points ||
       first.status == AlignStatus::cancelled)
     return first;
   return fine.align(source, target, first.T_target_source, executor, deadline);
+}
+
+template <class Coarse, class Fine>
+template <Cloud Source, AlignTarget Target, Executor Exec>
+AlignResult CoarseToFine<Coarse, Fine>::rough(const Source& source, const Target& target, const SE3d& guess,
+                                              const Exec& executor, const Deadline& deadline) const {
+  const std::size_t every = coarse_points > 0 ? cloud_size(source) / static_cast<std::size_t>(coarse_points) : 1;
+  return every > 1 ? coarse.align(detail::every_nth(source, every), target, guess, executor, deadline)
+                   : coarse.align(source, target, guess, executor, deadline);
 }
 
 /// One registration at distances that shrink, as the pose gets better, to the registration's own: each stage but the

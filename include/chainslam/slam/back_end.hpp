@@ -52,7 +52,10 @@ class BackEnd {
         closer_(std::move(closer)),
         chainer_(std::move(chainer)),
         merger_(std::move(merger)),
-        graph_(options.graph, std::move(outliers)) {}
+        graph_(options.graph, std::move(outliers)) {
+    positions_.set_covariance(
+        [this](KeyframeId from, KeyframeId to) { return smoother().relative_covariance(from.value, to.value); });
+  }
 
   /// Adds a map that was saved before: its sessions count as earlier ones. If it is the first, its keyframes keep their
   /// numbers; a later one's follow those that are here.
@@ -173,8 +176,16 @@ class BackEnd {
     }
   }
 
-  [[gnu::cold]] void optimise();
-  [[gnu::cold]] void count_optimisation(bool succeeded);
+  [[gnu::cold]] void optimise() {
+    waiting_ = 0;
+    counts_.last = graph_.optimise();
+    count_optimisation(counts_.last.ok());
+  }
+  [[gnu::cold]] void count_optimisation(bool succeeded) {
+    ++counts_.optimisations;
+    if (!succeeded) ++counts_.failed_optimisations;
+    index_positions();
+  }
   [[gnu::cold]] void publish_frame();
 
   BackEndOptions options_;
@@ -190,6 +201,7 @@ class BackEnd {
   bool in_session_ = false;
   Index held_after_ = 0;  ///< optimisations until it was last looked whether frames hold together
   BackEndCounts counts_;
+  Index waiting_ = 0;         ///< keyframes since the last optimisation
   Index alignments_end_ = 0;  ///< of `counts_`, what the keyframe at hand may bring them to
   Snapshot<SE3d> T_map_odom_;
 };
@@ -234,8 +246,9 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, co
   positions_.append(id, map().keyframes.back().T_map_body.translation());
   gnss_.add(id, map().keyframes.back().time);
   const bool found = may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor);
-  // Where the last one failed, fixes do not make the next one better.
-  if (found || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok())) optimise();
+  // Where the last one failed, fixes and keyframes do not make the next one better.
+  const bool enough = graph_.waiting_fixes() >= options_.fixes_at_once || ++waiting_ == options_.keyframes_at_once;
+  if (found || (enough && counts_.last.ok())) optimise();
   moved_.searched(map().keyframes.back());
   try_merge(id, executor);
   recheck(executor);
@@ -360,25 +373,12 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const E& executor) {
         rechecks_.erase(rechecks_.begin());
         continue;
       }
-      auto tried = closer_.search(map().keyframes, one.others(map().keyframes), *id, executor);
+      auto tried = closer_.search(map().keyframes, one.others(map().keyframes, positions_), *id, executor);
       if (!take(std::move(tried), one.cause(), options_.chain_in_recheck, executor)) continue;
       one.pause(options_.recheck_pause);
       optimise();
     }
   }
-}
-
-template <class Closer, class Chainer, class Merger, class Outliers>
-void BackEnd<Closer, Chainer, Merger, Outliers>::optimise() {
-  counts_.last = graph_.optimise();
-  count_optimisation(counts_.last.ok());
-}
-
-template <class Closer, class Chainer, class Merger, class Outliers>
-void BackEnd<Closer, Chainer, Merger, Outliers>::count_optimisation(bool succeeded) {
-  ++counts_.optimisations;
-  if (!succeeded) ++counts_.failed_optimisations;
-  index_positions();
 }
 
 template <class Closer, class Chainer, class Merger, class Outliers>

@@ -16,6 +16,7 @@
 #include "chainslam/registration/coarse_to_fine.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/surface_fit.hpp"
+#include "chainslam/slam/alignment_starts.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/closure_covariance.hpp"
 #include "chainslam/slam/position_index.hpp"
@@ -55,6 +56,7 @@ struct LoopCloserOptions {
   double min_travel = 4.0;  ///< metres along the path between two searches (v / f_lc of the paper); 0: every keyframe
   double min_period = 0;    ///< seconds of the data between two searches (1 / f_lc); 0: by the way alone
   double scan_voxel = 0;    ///< metres, of the scan that is aligned; 0: as the keyframe has it
+  AlignmentStarts starts{};
   ClosureGate gate{};
   SubmapOptions submap{};
 };
@@ -91,7 +93,8 @@ class LoopCloser {
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes,
                                                              const PositionIndex& index, const E& executor = {});
 
-  /// Tries candidates for `query` in their order until one is accepted.
+  /// Tries candidates for `query` in their order until one is accepted; if none is, the first again from elsewhere: see
+  /// `AlignmentStarts`. That needs a registration with `rough`, as `CoarseToFine` has it.
   ///
   /// @param index  positions of the keyframes in the query's frame.
   /// @returns what was tried, refusals and at most one accepted closure, each with its verdict.
@@ -117,6 +120,11 @@ class LoopCloser {
   [[nodiscard]] const std::vector<double>& search_spacing() const { return spacing_; }
 
  private:
+  /// Tries the first candidate once more, from the best of other places where the scan may be.
+  template <Executor E>
+  [[gnu::cold]] void search_wider(std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                  std::vector<LoopClosure>& tried, const E& executor);
+
   /// Whether the newest keyframe lies far enough along the path from the last one that was tried, and late enough.
   [[nodiscard]] bool due(std::span<const Keyframe> keyframes);
 
@@ -147,6 +155,7 @@ class LoopCloser {
   double travelled_ = std::numeric_limits<double>::infinity();
   std::optional<std::pair<SessionId, Timestamp>> searched_;  ///< the last time
   std::vector<double> spacing_;
+  Index refused_ = 0;  ///< searches in a row without an accepted closure
 };
 
 template <class Candidates, class Registration, class Covariance>
@@ -165,13 +174,46 @@ std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::searc
                                                                                   KeyframeId query, const E& executor) {
   std::vector<LoopClosure> tried;
   const SE3d& here = keyframes[static_cast<std::size_t>(query.value)].T_map_body;
+  const auto accepted = [&] { return !tried.empty() && tried.back().verdict == ClosureVerdict::accepted; };
   for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
     const SE3d guess = keyframes[static_cast<std::size_t>(candidate.value)].T_map_body.inverse() * here;
-    const LoopClosure closure = align(keyframes, candidate, query, guess, executor);
-    tried.push_back(closure);
-    if (closure.verdict == ClosureVerdict::accepted) break;
+    tried.push_back(align(keyframes, candidate, query, guess, executor));
+    if (accepted()) break;
   }
+  if (!tried.empty() && !accepted()) search_wider(keyframes, index, tried, executor);
+  if (accepted()) refused_ = 0;
   return tried;
+}
+
+template <class Candidates, class Registration, class Covariance>
+template <Executor E>
+void LoopCloser<Candidates, Registration, Covariance>::search_wider(std::span<const Keyframe> keyframes,
+                                                                    const PositionIndex& index,
+                                                                    std::vector<LoopClosure>& tried,
+                                                                    const E& executor) {
+  if constexpr (requires(const Submap& submap) {
+                  registration_.rough(PointCloud<float>{}, submap, SE3d(), executor);
+                }) {
+    const KeyframeId from = tried.front().from, to = tried.front().to;
+    const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
+    const SE3d& T_map_scan = at(to).T_map_body;
+    const auto offsets = options_.starts(index.covariance(from, to), T_map_scan.rotation(), ++refused_);
+    if (offsets.empty() || !at(to).cloud) return;
+    const PlacedSubmap target = submaps_.get(keyframes, from, executor);
+    const SE3d guess = target.T_keyframe_submap.inverse() * at(from).T_map_body.inverse() * T_map_scan;
+    const double noise = submaps_.surface_noise(*target.submap);
+    double least = std::numeric_limits<double>::infinity();
+    SE3d best = guess;
+    for (const Eigen::Vector3d& offset : offsets) {
+      const AlignResult rough =
+          registration_.rough(scan_of(at(to)), *target.submap, guess * SE3d(SO3d(), offset), executor);
+      const double misfit = surface_fit(scan_of(at(to)), *target.submap, rough.T_target_source).worst_misfit(noise);
+      if (!(misfit < least)) continue;
+      least = misfit;
+      best = rough.T_target_source;
+    }
+    tried.push_back(align(keyframes, from, to, target.T_keyframe_submap * best, executor));
+  }
 }
 
 template <class Candidates, class Registration, class Covariance>

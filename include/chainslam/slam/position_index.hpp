@@ -3,10 +3,13 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <concepts>
+#include <functional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/ranked.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/map/keyframe.hpp"
@@ -36,6 +39,15 @@ class PositionIndex {
   void append(KeyframeId id, const Eigen::Vector3d& position) {
     ids_.push_back(id);
     positions_.push_back(position);
+  }
+
+  /// How well the graph knows where one keyframe is from another: the covariance of T_from_to, tangent [translation;
+  /// rotation], metres and radians.
+  using Covariance = std::function<Matrix6d(KeyframeId from, KeyframeId to)>;
+  void set_covariance(Covariance covariance) { covariance_ = std::move(covariance); }
+  /// Zero if nobody says.
+  [[nodiscard]] Matrix6d covariance(KeyframeId from, KeyframeId to) const {
+    return covariance_ ? covariance_(from, to) : zeros<Matrix6d>();
   }
 
   /// A keyframe and its distance from the query, metres.
@@ -68,6 +80,7 @@ class PositionIndex {
  private:
   detail::Table<KeyframeId> ids_;  // ascending
   detail::Table<Eigen::Vector3d> positions_;
+  Covariance covariance_;
 };
 
 }  // namespace chainslam

@@ -31,9 +31,9 @@ class Recheck {
         next_(session.first_keyframe),
         end_(session.end_keyframe()) {}
 
-  /// Where the keyframes are that the session is to be closed with.
-  [[nodiscard]] [[gnu::cold]] PositionIndex others(std::span<const Keyframe> keyframes) const {
-    PositionIndex index;
+  /// Where the keyframes are that the session is to be closed with. @param index  says how well they are known.
+  [[nodiscard]] [[gnu::cold]] PositionIndex others(std::span<const Keyframe> keyframes,
+                                                   PositionIndex index = {}) const {
     index.rebuild(keyframes, [&](const Keyframe& there) { return joined_[there.session.value] != 0; });
     return index;
   }
