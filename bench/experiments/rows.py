@@ -91,7 +91,6 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
         "closures.radius",
         "closures.wider",
         "closures.start_",
-        "closures.keyframes_at_once",
         "closures.max_candidates",
         "closures.heading_weight",
         "closures.min_interval",

@@ -104,12 +104,6 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                      .max = 1000000,
                      .help = "Number of alignments of a keyframe after which repeated loop searches, along a merged or "
                              "corrected session, wait for the next keyframe. 0: no limit."});
-  configuration.add(
-      "closures.keyframes_at_once", parts.back_end.keyframes_at_once,
-      {.min = 0,
-       .max = 1000000,
-       .help = "Number of keyframes after which the graph is optimized although no loop was closed. 0: no "
-               "such optimization."});
   configuration.add("closures.before_merge", parts.back_end.close_before_merge,
                     {.help = "Close loops within a session before it has been merged with an earlier one."});
   configuration.add(

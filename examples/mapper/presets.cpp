@@ -56,7 +56,6 @@ constexpr PresetValue preset_values[] = {
      {"3.3333333333333335", "2.5"},
      "code: loopClosureFrequency 0.3 Hz, 0.4 Hz, whatever the pace"},
     alike("closures.max_alignments", "0", "paper III-D: the graph is rebuilt at once"),
-    alike("closures.keyframes_at_once", "0", "paper III-B: optimized when a loop is closed"),
     differ("closures.before_merge", "true", "false", "code: with a map loaded, none before the merge"),
     alike("closures.submap_radius", "20", "paper III-E: n; code: 20"),
     alike("closures.submap_length", "0", "paper III-E, code: keyframes, however far apart"),

@@ -74,7 +74,6 @@ closures.heading_weight              0
 closures.min_travel                  16 25 0 0
 closures.min_period                  0 0 3.3333333333333335 2.5
 closures.max_alignments              0
-closures.keyframes_at_once           0
 closures.before_merge                true true false false
 closures.submap_radius               20
 closures.submap_length               0

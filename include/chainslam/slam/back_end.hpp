@@ -21,6 +21,7 @@
 #include "chainslam/slam/map_graph.hpp"
 #include "chainslam/slam/map_merger.hpp"
 #include "chainslam/slam/position_index.hpp"
+#include "chainslam/slam/relative_covariance.hpp"
 #include "chainslam/slam/repeated_searches.hpp"
 
 namespace chainslam {
@@ -54,7 +55,7 @@ class BackEnd {
         merger_(std::move(merger)),
         graph_(options.graph, std::move(outliers)) {
     positions_.set_covariance(
-        [this](KeyframeId from, KeyframeId to) { return smoother().relative_covariance(from.value, to.value); });
+        [this](KeyframeId from, KeyframeId to) { return relative_covariance(smoother(), map(), from, to); });
   }
 
   /// Adds a map that was saved before: its sessions count as earlier ones. If it is the first, its keyframes keep their
@@ -177,7 +178,6 @@ class BackEnd {
   }
 
   [[gnu::cold]] void optimise() {
-    waiting_ = 0;
     counts_.last = graph_.optimise();
     count_optimisation(counts_.last.ok());
   }
@@ -201,7 +201,6 @@ class BackEnd {
   bool in_session_ = false;
   Index held_after_ = 0;  ///< optimisations until it was last looked whether frames hold together
   BackEndCounts counts_;
-  Index waiting_ = 0;         ///< keyframes since the last optimisation
   Index alignments_end_ = 0;  ///< of `counts_`, what the keyframe at hand may bring them to
   Snapshot<SE3d> T_map_odom_;
 };
@@ -246,9 +245,8 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, co
   positions_.append(id, map().keyframes.back().T_map_body.translation());
   gnss_.add(id, map().keyframes.back().time);
   const bool found = may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor);
-  // Where the last one failed, fixes and keyframes do not make the next one better.
-  const bool enough = graph_.waiting_fixes() >= options_.fixes_at_once || ++waiting_ == options_.keyframes_at_once;
-  if (found || (enough && counts_.last.ok())) optimise();
+  // Where the last one failed, fixes do not make the next one better.
+  if (found || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok())) optimise();
   moved_.searched(map().keyframes.back());
   try_merge(id, executor);
   recheck(executor);

@@ -11,8 +11,6 @@ struct BackEndOptions {
   /// After a merge, metres along the aligned path between two keyframes that are tried again (section 6 of the paper).
   double recheck_travel = 4.0;
   Index fixes_at_once = 10;  ///< GNSS fixes that wait before they make an optimisation of their own
-  /// Keyframes that do the same, so that it is known how far they may be off; 0: any number (the paper).
-  Index keyframes_at_once = 10;
   /// Metres that a keyframe of the current session is moved by before it is tried again: its neighbours are others now.
   double search_again = 3.0;
   /// Scans that a keyframe aligns, until what is left to search again waits for the next one; 0: any number (the

@@ -167,6 +167,8 @@ class IncrementalSmoother {
   /// Covariance of x_from^-1 x_to, as a right perturbation: zero if they are one.
   /// @throws std::invalid_argument if a key is unknown.
   [[nodiscard]] [[gnu::cold]] typename Group::Jacobian relative_covariance(Key from, Key to) const;
+  /// Whether covariances know the variable: it is not fixed, and an update has taken it in.
+  [[nodiscard]] bool has_covariance(Key key) const { return solver_.is_eliminated(key); }
   /// The covariance of each variable by itself, all at once: for about two factorisations of everything.
   [[nodiscard]] std::vector<typename Group::Jacobian> marginals() const;
 
