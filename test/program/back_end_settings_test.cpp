@@ -24,7 +24,7 @@ using namespace chainslam::test;
 constexpr int keyframes_of_a_drive = 36;
 
 /// Poses of the keyframes of a data set, mapped with some settings.
-std::vector<SE3d> mapped(const ScratchFolder& scratch, const fs::path& data, const std::string& settings) {
+std::vector<SE3d> poses_of_map(const ScratchFolder& scratch, const fs::path& data, const std::string& settings) {
   const fs::path out = scratch.path() / "out";
   fs::remove_all(out);
   std::string options;
@@ -49,7 +49,7 @@ class RoundMap {
   RoundMap() : scratch_("back_end_settings") { write_keyframes(data(), keyframes_of_a_drive, true); }
 
   [[nodiscard]] std::vector<SE3d> poses(const std::string& settings) const {
-    return mapped(scratch_, data(), settings);
+    return poses_of_map(scratch_, data(), settings);
   }
 
  private:
@@ -70,11 +70,11 @@ class LeaningMap {
   }
 
   [[nodiscard]] std::vector<SE3d> poses(const std::string& settings) const {
-    return mapped(scratch_, data(), settings);
+    return poses_of_map(scratch_, data(), settings);
   }
   /// Of the recording as earlier versions wrote it, without the accelerometer.
   [[nodiscard]] std::vector<SE3d> poses_of_earlier(const std::string& settings) const {
-    return mapped(scratch_, earlier(), settings);
+    return poses_of_map(scratch_, earlier(), settings);
   }
 
  private:
