@@ -19,7 +19,9 @@
 // give the same map as the data themselves.
 //   Scans/%06d.pcd, times.txt, odom_poses.txt   of the keyframes, as in any keyframe set
 //                  (x y z of the points that the map keeps, and their intensity if the data have it)
-//   frames.csv     every frame: time, keyframe or -1, health, T_odom_body, covariance (upper triangle as floats)
+//   frames.csv     every frame: time, keyframe or -1, health, T_odom_body, covariance (upper triangle as floats), what
+//                  the accelerometer measured since the frame before (dv_x, dv_y, dv_z: integral of the specific force,
+//                  m/s, body frame at the frame's time; empty if not measured, no columns in earlier recordings)
 //   fixes.csv      GNSS fixes, each with the number of frames before it
 //   truth.tum      T_map_body, if it is known
 //   odometry.json  format, version, name of the session, how keyframes were picked, notes

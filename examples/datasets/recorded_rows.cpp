@@ -68,7 +68,7 @@ PackedCovariance read_covariance(LineFields& fields) {
   return PackedCovariance(upper);
 }
 
-/// Three empty fields: not measured.
+/// Nothing if all three fields are empty.
 std::optional<Eigen::Vector3f> read_delta_velocity(LineFields& fields) {
   std::array<std::string_view, 3> texts{};
   for (std::string_view& text : texts) text = fields.text("delta velocity");
@@ -89,17 +89,42 @@ SE3d read_pose(LineFields& fields) {
   return SE3d(detail::read_quaternion(fields, detail::QuaternionOrder::xyzw), position);
 }
 
-}  // namespace
+/// The columns that recordings of all versions have.
+FrameRow read_common_fields(LineFields& fields) {
+  FrameRow row;
+  row.frame.time = Timestamp::from_nanoseconds(fields.integer("time_ns"));
+  row.keyframe = read_integer(fields, "keyframe", -1, std::numeric_limits<Index>::max());
+  FrameHealth& health = row.frame.health;
+  health.status = static_cast<FrameStatus>(read_word(fields, "status", statuses));
+  health.map_restarted = read_flag(fields, "map_restarted");
+  health.after_gap = read_flag(fields, "after_gap");
+  const std::size_t use = read_word(fields, "imu_use", imu_uses);
+  health.imu_as_set = use == gyroscope_as_set;
+  if (use != no_imu_use) health.imu_use = health.imu_as_set ? ImuUse::gyroscope : static_cast<ImuUse>(use);
+  health.points = read_index(fields, "points");
+  health.matches = read_index(fields, "matches");
+  health.iterations = read_index(fields, "iterations");
+  health.residual_rms = fields.number("residual_rms_m");
+  row.frame.T_odom_body = read_pose(fields);
+  row.frame.covariance = read_covariance(fields);
+  return row;
+}
 
-std::string frame_table_head() {
+std::string common_columns() {
   constexpr std::array<std::string_view, 6> axes{"x", "y", "z", "rx", "ry", "rz"};
   std::string head =
       "time_ns,keyframe,status,map_restarted,after_gap,imu_use,points,matches,iterations,residual_rms_m,x,y,z,qx,qy,qz,"
       "qw";
   for (std::size_t i = 0; i < axes.size(); ++i)
     for (std::size_t j = i; j < axes.size(); ++j) head.append(",cov_").append(axes[i]).append("_").append(axes[j]);
-  return head + std::string(delta_velocity_columns) + '\n';
+  return head;
 }
+
+}  // namespace
+
+std::string frame_table_head() { return common_columns() + ",dv_x,dv_y,dv_z\n"; }
+
+std::string earlier_frame_table_head() { return common_columns() + '\n'; }
 
 std::string fix_table_head() {
   std::string head = "frames_before,time_ns,quality,ecef_x,ecef_y,ecef_z";
@@ -143,24 +168,15 @@ std::string text_of(const FixRow& row) {
 }
 
 FrameRow read_frame_row(LineFields& fields) {
-  FrameRow row;
-  row.frame.time = Timestamp::from_nanoseconds(fields.integer("time_ns"));
-  row.keyframe = read_integer(fields, "keyframe", -1, std::numeric_limits<Index>::max());
-  FrameHealth& health = row.frame.health;
-  health.status = static_cast<FrameStatus>(read_word(fields, "status", statuses));
-  health.map_restarted = read_flag(fields, "map_restarted");
-  health.after_gap = read_flag(fields, "after_gap");
-  const std::size_t use = read_word(fields, "imu_use", imu_uses);
-  health.imu_as_set = use == gyroscope_as_set;
-  if (use != no_imu_use) health.imu_use = health.imu_as_set ? ImuUse::gyroscope : static_cast<ImuUse>(use);
-  health.points = read_index(fields, "points");
-  health.matches = read_index(fields, "matches");
-  health.iterations = read_index(fields, "iterations");
-  health.residual_rms = fields.number("residual_rms_m");
-  row.frame.T_odom_body = read_pose(fields);
-  row.frame.covariance = read_covariance(fields);
-  if (fields.more()) row.frame.delta_velocity = read_delta_velocity(fields);  // recordings of before have none
+  FrameRow row = read_common_fields(fields);
+  row.frame.delta_velocity = read_delta_velocity(fields);
   fields.end("41 fields: see the first line");
+  return row;
+}
+
+FrameRow read_earlier_frame_row(LineFields& fields) {
+  const FrameRow row = read_common_fields(fields);
+  fields.end("38 fields: see the first line");
   return row;
 }
 

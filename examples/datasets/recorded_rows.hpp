@@ -2,7 +2,6 @@
 
 #include <cstdint>
 #include <string>
-#include <string_view>
 
 #include "chainslam/io/line_fields.hpp"
 #include "chainslam/map/frame_record.hpp"
@@ -22,10 +21,9 @@ struct FixRow {
   std::int64_t frames_before = 0;
 };
 
-/// The last columns of `frame_table_head`, which recordings of earlier versions do not have.
-inline constexpr std::string_view delta_velocity_columns = ",dv_x,dv_y,dv_z";
-
 [[nodiscard]] std::string frame_table_head();
+/// That of earlier versions, which did not record `FrameRecord::delta_velocity`.
+[[nodiscard]] std::string earlier_frame_table_head();
 [[nodiscard]] std::string fix_table_head();
 [[nodiscard]] std::string text_of(const FrameRow& row);
 [[nodiscard]] std::string text_of(const FixRow& row);
@@ -33,6 +31,7 @@ inline constexpr std::string_view delta_velocity_columns = ",dv_x,dv_y,dv_z";
 /// @throws IoError naming line and field.
 /// @{
 [[nodiscard]] FrameRow read_frame_row(LineFields& fields);
+[[nodiscard]] FrameRow read_earlier_frame_row(LineFields& fields);
 [[nodiscard]] FixRow read_fix_row(LineFields& fields);
 /// @}
 

@@ -72,16 +72,22 @@ RecordingInfo read_info(const fs::path& path) {
   }
 }
 
+/// The columns that one version wrote, and how its rows are read.
+template <class Row>
+struct TableLayout {
+  std::string head;
+  Row (*read)(LineFields&);
+};
+
 /// A table with a first line that names its columns, row by row, one of them read ahead.
 template <class Row>
 class RecordedTable {
  public:
-  RecordedTable(const fs::path& path, const std::string& head, Row (*read)(LineFields&)) : file_(path), read_(read) {
+  RecordedTable(const fs::path& path, const std::vector<TableLayout<Row>>& known) : file_(path) {
     const auto line = file_.read_line();
-    std::string_view known = std::string_view(head).substr(0, head.size() - 1);
-    if (line && known.ends_with(delta_velocity_columns) && !line->ends_with(delta_velocity_columns))
-      known.remove_suffix(delta_velocity_columns.size());
-    if (!line || *line != known)
+    for (const TableLayout<Row>& layout : known)
+      if (line && std::string(*line) + '\n' == layout.head) read_ = layout.read;
+    if (read_ == nullptr)
       file_.fail("line 1", line ? "other columns" : "an empty file",
                  "record the odometry again: this table is not of this version");
     advance();
@@ -99,7 +105,7 @@ class RecordedTable {
 
  private:
   InputFile file_;
-  Row (*read_)(LineFields&);
+  Row (*read_)(LineFields&) = nullptr;
   std::optional<Row> row_;
 };
 
@@ -109,7 +115,8 @@ class RecordedSet final : public Dataset {
       : recording_(read_info(folder / recording_description)),
         intensities_(options.recorded_intensities || !(recording_.keyframes.scan_step > 0)),
         scans_(files_in(folder / "Scans", {".pcd"})),
-        frames_(folder / "frames.csv", frame_table_head(), read_frame_row) {
+        frames_(folder / "frames.csv",
+                {{frame_table_head(), read_frame_row}, {earlier_frame_table_head(), read_earlier_frame_row}}) {
     info_.kind = DatasetKind::keyframes;
     info_.path = folder;
     info_.name = recording_.session;
@@ -125,7 +132,7 @@ class RecordedSet final : public Dataset {
                              "odometry " + recording_.odometry + ", scans of " + std::to_string(scans_.size()) +
                                  " keyframes, corrected for motion"});
     if (fs::is_regular_file(folder / "fixes.csv")) {
-      fixes_.emplace(folder / "fixes.csv", fix_table_head(), read_fix_row);
+      fixes_.emplace(folder / "fixes.csv", std::vector<TableLayout<FixRow>>{{fix_table_head(), read_fix_row}});
       info_.sensors.push_back({"fixes.csv", SensorKind::gnss, std::nullopt, "recorded with the odometry"});
     }
     info_.notes = recording_.notes;

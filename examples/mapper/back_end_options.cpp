@@ -409,33 +409,35 @@ void add_fixes(Configuration& configuration, GnssFactorOptions& gnss) {
 
 void add_gravity(Configuration& configuration, GravityFactorOptions& gravity) {
   configuration.add("graph.gravity", gravity.enabled,
-                    {.help = "Add the direction of gravity, as the accelerometer measures it, to the graph."});
+                    {.help = "Add the direction of gravity, as measured by the accelerometer, to the graph."});
   configuration.add("graph.gravity_window", gravity.window,
                     {.unit = "s",
                      .min = 1,
                      .max = 1000,
-                     .help = "Time over which the accelerometer gives one direction of gravity."});
+                     .help = "Duration of the accelerometer measurements that yield one direction of gravity."});
   configuration.add(
       "graph.gravity_deviation", gravity.deviation,
-      {.unit = "rad",
-       .min = 1e-4,
-       .max = 1,
-       .help = "Standard deviation of such a direction: bias of the accelerometer, mounting of the IMU."});
+      {.unit = "deg",
+       .min = 0.001,
+       .max = 90,
+       .factor = radians_a_degree,
+       .help = "Standard deviation of such a direction due to accelerometer bias and extrinsic calibration."});
   configuration.add("graph.gravity_speed_deviation", gravity.speed_deviation,
                     {.unit = "m/s",
                      .min = 0,
                      .max = 100,
-                     .help = "Standard deviation of odometry's velocity at both ends of the window."});
+                     .help = "Standard deviation of the velocity from odometry at each end of this duration."});
   configuration.add("graph.gravity_outlier_threshold", gravity.threshold,
                     {.min = 0.1,
                      .max = 1e9,
                      .help = "Squared Mahalanobis distance beyond which a direction is rejected as an outlier."});
-  configuration.add(
-      "graph.gravity_start_deviation", gravity.start_deviation,
-      {.unit = "rad",
-       .min = 1e-6,
-       .max = 3,
-       .help = "Standard deviation of roll and pitch of a map's first keyframe, once gravity is measured."});
+  configuration.add("graph.gravity_start_deviation", gravity.start_deviation,
+                    {.unit = "deg",
+                     .min = 1e-4,
+                     .max = 180,
+                     .factor = radians_a_degree,
+                     .help = "Standard deviation of roll and pitch in the prior on the first pose of a frame that "
+                             "directions of gravity constrain."});
 }
 
 void add_submap_memory(Configuration& configuration, SubmapOptions& submap) {

@@ -80,8 +80,9 @@ void add_odometry(CLI::App& program, int& exit_code) {
   CLI::App* verb = program.add_subcommand("odometry", "run odometry only and record it as a data set");
   verb->footer(
       "SET contains Scans/*.pcd (with intensities if available), times.txt and odom_poses.txt of the keyframes, as\n"
-      "other programs read keyframe sets; frames.csv (pose, covariance and health of every scan), fixes.csv,\n"
-      "truth.tum, odometry.json, config.toml and summary.json (times, memory, errors against the ground truth).\n"
+      "other programs read keyframe sets; frames.csv (pose, covariance and health of every scan, specific force\n"
+      "integrated since the scan before: dv_x, dv_y, dv_z), fixes.csv, truth.tum, odometry.json, config.toml and\n"
+      "summary.json (times, memory, errors against the ground truth).\n"
       "`chainslam map SET --config SET/config.toml` gives a map that is bit-identical to that of DATA, within "
       "seconds:\n"
       "use it to tune closures, chain, merge and graph. Keyframes are recorded as set by keyframes.distance, angle "

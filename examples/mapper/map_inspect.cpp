@@ -101,6 +101,9 @@ datasets::Inspection inspect_map_file(const std::filesystem::path& path) {
   result.facts.emplace_back("keyframes", std::to_string(map.keyframes.size()));
   const auto fixes = std::ranges::count_if(map.keyframes, [](const Keyframe& k) { return k.gnss.has_value(); });
   result.facts.emplace_back("gnss fixes", std::to_string(fixes));
+  const auto measured =
+      std::ranges::count_if(map.frames, [](const FrameRecord& f) { return f.delta_velocity.has_value(); });
+  result.facts.emplace_back("frames with acceleration", std::to_string(measured));
   add_closures(map, result);
   add_joins(map, result);
   add_file(loaded, result);

@@ -205,6 +205,8 @@
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/gnss_factors.hpp"
 #include "chainslam/slam/gnss_interpolator.hpp"
+#include "chainslam/slam/gravity_factors.hpp"
+#include "chainslam/slam/gravity_measurement.hpp"
 #include "chainslam/slam/group_gnc.hpp"
 #include "chainslam/slam/kernel_factors.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"

@@ -70,10 +70,11 @@ const std::map<std::string, std::string> recorded{
 
 /// `recorded` with a table of one frame.
 std::map<std::string, std::string> recorded_frame(const std::string& keyframe, const std::string& status = "good",
-                                                  const std::string& variance = "1") {
+                                                  const std::string& variance = "1",
+                                                  const std::string& delta_velocity = ",,") {
   std::string row = "1," + keyframe + "," + status + ",0,0,all,1,1,1,0.1,0,0,0,0,0,0,1";
   for (int i = 0; i < 21; ++i) row += "," + variance;
-  return with(recorded, {{"frames.csv", frame_table_head() + row + "\n"}});
+  return with(recorded, {{"frames.csv", frame_table_head() + row + "," + delta_velocity + "\n"}});
 }
 
 const std::map<std::string, std::string> nclt{{"velodyne_sync/1326030975000000.bin", std::string(8, '\0')}};
@@ -120,6 +121,14 @@ std::vector<DatasetCase> dataset_cases() {
        "write one of good, degenerate, lost"},
       {recorded_frame("0", "good", "-1"), "frames.csv", "line 2, field covariance", "-1",
        "write a covariance: its diagonal is not negative"},
+      {recorded_frame("0", "good", "1", "0.1,fast,9.8"), "frames.csv", "line 2, field delta velocity", "'fast'",
+       "write three finite numbers, or leave all three empty"},
+      {recorded_frame("0", "good", "1", "0.1,,9.8"), "frames.csv", "line 2, field delta velocity", "''",
+       "write three finite numbers, or leave all three empty"},
+      {recorded_frame("0", "good", "1", "1e39,0,0"), "frames.csv", "line 2, field delta velocity", "'1e39'",
+       "write three finite numbers, or leave all three empty"},
+      {recorded_frame("0", "good", "1", "0,0,9.8,1"), "frames.csv", "line 2, field after the last", "'1'",
+       "each line holds 41 fields"},
       {with(recorded_frame("0"), {{"frames.csv", frame_table_head()}}), "frames.csv", "",
        "0 frames and 0 keyframes, not 1 and 1", "the recording was cut short or mixed with another: copy it again"},
       // What a path holds.

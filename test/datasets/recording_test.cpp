@@ -2,6 +2,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -44,6 +45,8 @@ FrameRecord random_frame(Rng& rng, std::int64_t time) {
                   .after_gap = rng.uniform() < 0.5};
   if (rng.uniform() < 0.8) frame.health.imu_use = static_cast<ImuUse>(rng.uniform_index(4));
   frame.health.imu_as_set = frame.health.imu_use == ImuUse::gyroscope && rng.uniform() < 0.5;
+  if (rng.uniform() < 0.7)
+    frame.delta_velocity = Eigen::Vector3d(rng.normal() * 1e-7, rng.normal(), rng.normal() * 1e3).cast<float>();
   return frame;
 }
 
@@ -117,6 +120,17 @@ std::string open_and_read(const std::filesystem::path& folder) {
   return "";
 }
 
+/// A table of frames as earlier versions wrote it: without the last three columns.
+std::string without_delta_velocity(const std::string& table) {
+  std::string earlier;
+  std::istringstream lines(table);
+  for (std::string line; std::getline(lines, line);) {
+    for (int column = 0; column < 3; ++column) line.erase(line.rfind(','));
+    earlier += line + '\n';
+  }
+  return earlier;
+}
+
 std::string replaced(std::string text, const std::string& what, const std::string& with) {
   const std::size_t at = text.find(what);
   REQUIRE(at != text.npos);
@@ -166,12 +180,31 @@ TEST_SUITE("datasets/recording") {
         CHECK(read.health.after_gap == wanted.health.after_gap);
         CHECK(read.health.imu_use == wanted.health.imu_use);
         CHECK(read.health.imu_as_set == wanted.health.imu_as_set);
+        CHECK(read.delta_velocity == wanted.delta_velocity);
         CHECK(frame->cloud.positions == drive.scans[i].positions);
       }
       CHECK(!dataset->next_frame());
       check_fixes(drive.frames.size());
       CHECK(fix == drive.fixes.size());
     });
+  }
+
+  TEST_CASE("a recording of an earlier version, without what the accelerometer measured, is read") {
+    const TemporaryFolder folder;
+    Rng rng(2);
+    const Drive drive = record(rng, 12, folder.path());
+    const std::string earlier = without_delta_velocity(read_bytes(folder / "frames.csv"));
+    REQUIRE(earlier.substr(0, earlier.find('\n')).ends_with(",cov_rz_rz"));
+    write_bytes(folder / "frames.csv", earlier);
+    const auto dataset = open_dataset(folder.path());
+    for (const FrameRecord& wanted : drive.frames) {
+      const auto frame = dataset->next_frame();
+      REQUIRE(frame);
+      CHECK(frame->time == wanted.time);
+      CHECK(record_of(*frame).covariance == wanted.covariance);
+      CHECK(!frame->delta_velocity);
+    }
+    CHECK(!dataset->next_frame());
   }
 
   TEST_CASE("intensities of rounded scans are given to those who ask, and to no map") {
@@ -222,6 +255,10 @@ TEST_SUITE("datasets/recording") {
     CHECK(says(with("frames.csv", frames.substr(0, second + 40)), "line 2"));
     CHECK(says(with("frames.csv", frames.substr(second)), "other columns"));
     CHECK(says(with("frames.csv", ""), "an empty file"));
+    const std::string earlier = without_delta_velocity(frames), rows = frames.substr(second);
+    CHECK(says(with("frames.csv", frames.substr(0, second) + earlier.substr(earlier.find('\n') + 1)),
+               "line 2, field delta velocity"));
+    CHECK(says(with("frames.csv", earlier.substr(0, earlier.find('\n') + 1) + rows), "each line holds 38 fields"));
     CHECK(says(with("frames.csv", replaced(frames, ",0,", ",7,")), "field keyframe"));
     CHECK(says(with("fixes.csv", "frames_before\n"), "other columns"));
     CHECK(says(with("odometry.json", "{}"), "no description"));

@@ -16,7 +16,7 @@ from experiments.markdown import figure, interval, spread
 from experiments.plan import GRAPH_SOURCES, Plan, Programs
 from experiments.readme import MarkerError, with_result
 from experiments.results import Result, back_end, errors, options_hash, resources, stage
-from experiments.rows import MAIN_ROWS, OWN_ROW, RowError, ablations, chosen, subject_of
+from experiments.rows import MAIN_ROWS, OWN_ROW, RowError, ablations, chosen, differing, subject_of
 from experiments.table import WorldNote, document, plain, values
 from experiments.tasks import Task, TaskFailed
 from experiments.worlds import WorldError, simulated, worlds
@@ -242,6 +242,11 @@ class RowsAndWorlds(Scratch):
         self.assertEqual(found["ablation-merge-candidates"].settings_on("mars"), ("merge.min_travel=9",))
         self.assertEqual(found["ablation-chain-reach"].settings_on("mars"), ())
         self.assertIn("nclt: merge.min_travel=0; mars: merge.min_travel=9", found["ablation-merge-candidates"].definition)
+
+    def test_fixes_and_gravity_are_subjects_of_their_own(self) -> None:
+        best = {"graph.gnss": "true", "graph.gravity": "true", "graph.gravity_window": "10"}
+        paper = {"graph.gnss": "false", "graph.gravity": "false", "graph.gravity_window": "10"}
+        self.assertEqual(differing(best, paper), {"gnss": ("graph.gnss=false",), "gravity": ("graph.gravity=false",)})
 
     def test_a_setting_that_no_subject_has_is_an_error(self) -> None:
         with self.assertRaisesRegex(RowError, "chain.new_bound"):

@@ -1,5 +1,7 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <map>
 
@@ -86,6 +88,34 @@ auto put(std::size_t offset, T value) {
     REQUIRE(offset + bytes.size() <= chunk.payload.size());
     std::copy(bytes.begin(), bytes.end(), chunk.payload.begin() + static_cast<std::ptrdiff_t>(offset));
   };
+}
+
+/// Cuts each record of a block, or lets it grow by what no version has written.
+void resize_records(Chunk& chunk, std::size_t size) {
+  const std::size_t before = load_as<std::uint32_t>(chunk.payload.data() + 4);
+  Bytes resized(chunk.payload.begin(), chunk.payload.begin() + 4);
+  append_bytes(resized, static_cast<std::uint32_t>(size));
+  resized.insert(resized.end(), chunk.payload.begin() + 8, chunk.payload.begin() + 16);
+  for (std::size_t i = 0; i < chunk.header.count; ++i) {
+    const auto record = chunk.payload.begin() + static_cast<std::ptrdiff_t>(16 + before * i);
+    resized.insert(resized.end(), record, record + static_cast<std::ptrdiff_t>(std::min(before, size)));
+    resized.resize(16 + size * (i + 1), std::byte{77});
+  }
+  chunk.payload = resized;
+}
+
+/// Where the first chunk of frames begins in a file.
+std::size_t frames_chunk(std::string_view file) {
+  const std::size_t at = file.find(std::string("CHNK\x0d\0", 6));
+  REQUIRE(at != std::string::npos);
+  return at;
+}
+
+/// One of the records of `size` bytes in that chunk.
+const std::byte* frame_record(std::string_view file, std::size_t i, std::size_t size) {
+  const std::byte* chunk = std::as_bytes(std::span(file)).data() + frames_chunk(file);
+  REQUIRE(load_as<std::uint32_t>(chunk + 68) == size);
+  return chunk + 64 + 16 + i * size;
 }
 
 /// Changes the file's own header and its checksum.
@@ -179,9 +209,18 @@ SlamMap golden_map_1_1() {
 }
 
 /// The same with a closure that was taken back, as format 1.2 has it.
-SlamMap golden_map() {
+SlamMap golden_map_1_2() {
   SlamMap map = golden_map_1_1();
   map.closures[1].verdict = ClosureVerdict::reverted;
+  return map;
+}
+
+/// The same with what the accelerometer measured before some of the frames, as format 1.3 has it.
+SlamMap golden_map() {
+  SlamMap map = golden_map_1_2();
+  for (std::size_t i = 1; i < map.frames.size(); ++i)
+    if (i != 5 && i != 8)
+      map.frames[i].delta_velocity = Eigen::Vector3f(0.0625F * static_cast<float>(i), -0.03125F, 1.2265625F);
   return map;
 }
 
@@ -291,7 +330,24 @@ TEST_SUITE("io/map_format") {
     const LoadedMap loaded = load_map(path);
     CHECK(loaded.report.complete);
     CHECK(loaded.report.format_minor == 2);
+    CHECK_FALSE(loaded.report.newer_fields);
+    CHECK(same_map(loaded.map, golden_map_1_2()));
+    const TemporaryFolder folder;
+    save_map(folder / "again", loaded);
+    CHECK(load_map(folder / "again").report.format_minor == chainslam::detail::map_minor);
+    CHECK(same_map(load_map(folder / "again").map, golden_map_1_2()));
+  }
+
+  TEST_CASE("the golden file of format 1.3 says what it said when it was made") {
+    const std::string path = CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_3.cslam";
+    const LoadedMap loaded = load_map(path);
+    CHECK(loaded.report.complete);
+    CHECK(loaded.report.format_minor == 3);
+    CHECK_FALSE(loaded.report.newer_fields);
+    CHECK(loaded.parameters == golden_options().parameters);
+    CHECK(loaded.unknown == golden_options().unknown);
     CHECK(same_map(loaded.map, golden_map()));
+    CHECK_FALSE(same_map(loaded.map, golden_map_1_2()));
     const TemporaryFolder folder;
     save_map(folder / "again", loaded);
     CHECK(read_bytes(folder / "again") == read_bytes(path));
@@ -301,10 +357,8 @@ TEST_SUITE("io/map_format") {
     const TemporaryFolder folder;
     const std::string path = CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_1.cslam";
     std::string file = read_bytes(path);
-    const auto at = file.find(std::string("CHNK\x0d\0", 6));
-    REQUIRE(at != std::string::npos);
-    const auto* record = reinterpret_cast<const std::byte*>(file.data()) + at + 64 + 16 + 5 * 172;
-    CHECK(load_as<std::uint32_t>(reinterpret_cast<const std::byte*>(file.data()) + at + 68) == 172);
+    const std::size_t at = frames_chunk(file);
+    const std::byte* record = frame_record(file, 5, 172);
     CHECK(load_as<std::int64_t>(record) == 1'000'000'000'625'000'000);
     CHECK(load_as<std::int32_t>(record + 8) == 0);
     CHECK(load_as<std::uint8_t>(record + 12) == 2);  // lost
@@ -329,18 +383,57 @@ TEST_SUITE("io/map_format") {
     CHECK_FALSE(loaded.report.complete);
   }
 
+  TEST_CASE("what the accelerometer measured stands behind a frame's covariance; three NaN say that it did not") {
+    const std::string file = read_bytes(CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_3.cslam");
+    const std::byte* record = frame_record(file, 7, 184);
+    CHECK(load_as<std::int64_t>(record) == 1'000'000'000'875'000'000);
+    CHECK(load_as<float>(record + 88 + 20 * 4) == 0.25F);  // the covariance's last entry
+    CHECK(load_as<float>(record + 172) == 0.4375F);
+    CHECK(load_as<float>(record + 176) == -0.03125F);
+    CHECK(load_as<float>(record + 180) == 1.2265625F);
+    for (const std::size_t unmeasured : {0U, 5U, 8U})
+      for (const std::size_t offset : {172U, 176U, 180U})
+        CHECK(std::isnan(load_as<float>(frame_record(file, unmeasured, 184) + offset)));
+  }
+
+  TEST_CASE("frames of earlier versions have nothing of the accelerometer, also among frames of today") {
+    const TemporaryFolder folder;
+    SlamMap map = random_map(4, 12);
+    save_map(folder / "a", map);
+    rewrite(folder / "a", folder / "b", [](std::vector<Chunk>& chunks) {
+      for (Chunk& chunk : chunks)
+        if (chunk.is(ChunkType::frames)) resize_records(chunk, 172);
+    });
+    const LoadedMap loaded = load_map(folder / "b");
+    CHECK(loaded.report.complete);
+    CHECK_FALSE(loaded.report.newer_fields);
+    CHECK_FALSE(same_map(loaded.map, map));
+    for (FrameRecord& frame : map.frames) frame.delta_velocity.reset();
+    CHECK(same_map(loaded.map, map));
+  }
+
+  TEST_CASE("frames whose records have a size that no version wrote are refused, longer ones are read") {
+    for (const std::size_t size : {171U, 173U, 176U, 183U})
+      CHECK(says(after_change(ChunkType::frames, [&](Chunk& chunk) { resize_records(chunk, size); }), "record size"));
+    CHECK(after_change(ChunkType::frames, [](Chunk& chunk) { resize_records(chunk, 192); }).empty());
+  }
+
   TEST_CASE("frames that cannot be are refused with record and field") {
-    const std::size_t second = 16 + 172;
+    const std::size_t second = 16 + 184;
     CHECK(says(after_change(ChunkType::frames, put(second + 12, std::uint8_t{3})), "record 1, status"));
     CHECK(says(after_change(ChunkType::frames, put(second + 14, std::uint8_t{4})), "record 1, use of the IMU"));
     CHECK(says(after_change(ChunkType::frames, put(second + 8, std::int32_t{2})), "record 1, session"));
     CHECK(says(after_change(ChunkType::frames, put(second, std::int64_t{5})), "record 1, time"));
     CHECK(says(after_change(ChunkType::frames, put(second + 32, std::nan(""))), "record 1, T_odom_body"));
     CHECK(says(after_change(ChunkType::frames, put(second + 88, -1.0F)), "record 1, covariance"));
+    CHECK(says(after_change(ChunkType::frames, put(second + 176, HUGE_VALF)), "record 1, delta velocity"));
     CHECK(says(after_change(ChunkType::frames, put(0, std::int32_t{1})), "record 0, number"));
+    const TemporaryFolder folder;
     SlamMap map = random_map(4, 5);
     map.frames[2].covariance = PackedCovariance(std::array<float, 21>{std::nanf("")});
-    const TemporaryFolder folder;
+    CHECK_THROWS_AS(save_map(folder / "a", map), std::invalid_argument);
+    map = random_map(4, 5);
+    map.frames[2].delta_velocity = Eigen::Vector3f(0, std::nanf(""), 1);
     CHECK_THROWS_AS(save_map(folder / "a", map), std::invalid_argument);
   }
 
@@ -442,9 +535,9 @@ TEST_SUITE("io/map_format") {
     const TemporaryFolder folder;
     const SlamMap map = random_map(4, 5);
     save_map(folder / "a", map);
-    write_bytes(folder / "minor", with_header(folder / "a", 10, 3));
+    write_bytes(folder / "minor", with_header(folder / "a", 10, chainslam::detail::map_minor + 1));
     const LoadedMap loaded = load_map(folder / "minor");
-    CHECK(loaded.report.format_minor == 3);
+    CHECK(loaded.report.format_minor == chainslam::detail::map_minor + 1);
     CHECK(same_map(loaded.map, map));
     write_bytes(folder / "major", with_header(folder / "a", 8, 2));
     CHECK(says(io_error([&] { return load_map(folder / "major", {.recover = true}); }),
@@ -460,16 +553,7 @@ TEST_SUITE("io/map_format") {
     rewrite(folder / "a", folder / "b", [](std::vector<Chunk>& chunks) {
       for (Chunk& chunk : chunks) {
         if (chunk.is(ChunkType::session)) chunk.payload.resize(chunk.payload.size() + 24);
-        if (!chunk.is(ChunkType::odometry)) continue;
-        Bytes grown(chunk.payload.begin(), chunk.payload.begin() + 16);
-        const Bytes size = {std::byte{360 & 255}, std::byte{360 >> 8}};
-        std::copy(size.begin(), size.end(), grown.begin() + 4);
-        for (std::size_t i = 0; i < chunk.header.count; ++i) {
-          const auto record = chunk.payload.begin() + 16 + static_cast<std::ptrdiff_t>(352 * i);
-          grown.insert(grown.end(), record, record + 352);
-          grown.resize(grown.size() + 8, std::byte{77});
-        }
-        chunk.payload = grown;
+        if (chunk.is(ChunkType::odometry)) resize_records(chunk, 360);
       }
     });
     const LoadedMap loaded = load_map(folder / "b");

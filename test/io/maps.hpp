@@ -117,6 +117,8 @@ class GrowingMap {
                     .after_gap = rng_.uniform_index(2) == 0};
     if (const Index use = rng_.uniform_index(5); use < 4) frame.health.imu_use = static_cast<ImuUse>(use);
     frame.health.imu_as_set = frame.health.imu_use == ImuUse::gyroscope && frame.health.matches % 2 == 0;
+    if (rng_.uniform_index(3) > 0)
+      frame.delta_velocity = Eigen::Vector3d(rng_.normal(), rng_.normal(), rng_.normal(0.98, 0.1)).cast<float>();
     map_.frames.push_back(frame);
   }
 
@@ -211,7 +213,7 @@ inline bool same_record(const FrameRecord& a, const FrameRecord& b) {
   return a.session == b.session && a.time == b.time && a.T_odom_body == b.T_odom_body && a.covariance == b.covariance &&
          x.status == y.status && x.points == y.points && x.matches == y.matches && x.residual_rms == y.residual_rms &&
          x.iterations == y.iterations && x.map_restarted == y.map_restarted && x.after_gap == y.after_gap &&
-         x.imu_use == y.imu_use && x.imu_as_set == y.imu_as_set;
+         x.imu_use == y.imu_use && x.imu_as_set == y.imu_as_set && a.delta_velocity == b.delta_velocity;
 }
 
 template <class Records>

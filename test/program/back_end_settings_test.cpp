@@ -1,10 +1,16 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <sstream>
 #include <string>
 #include <vector>
 
 #include "chainslam/io/map_archive.hpp"
+#include "datasets/odometry_recording.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"
 
@@ -15,29 +21,35 @@ namespace {
 using namespace chainslam;
 using namespace chainslam::test;
 
+constexpr int keyframes_of_a_drive = 36;
+
+/// Poses of the keyframes of a data set, mapped with some settings.
+std::vector<SE3d> poses_of_map(const ScratchFolder& scratch, const fs::path& data, const std::string& settings) {
+  const fs::path out = scratch.path() / "out";
+  fs::remove_all(out);
+  std::string options;
+  for (std::size_t at = 0; at < settings.size();) {
+    const std::size_t end = std::min(settings.find(' ', at), settings.size());
+    options += " --set " + settings.substr(at, end - at);
+    at = end + 1;
+  }
+  const ProgramResult result = run_program(scratch.path(), "map " + quoted(data) + " --out " + quoted(out) + options);
+  CAPTURE(result.errors);
+  REQUIRE(result.exit_code == 0);
+  const LoadedMap loaded = load_map(out / "map.cslam");
+  std::vector<SE3d> poses;
+  for (const Keyframe& keyframe : loaded.map.keyframes) poses.push_back(keyframe.T_map_body);
+  REQUIRE(poses.size() == keyframes_of_a_drive);
+  return poses;
+}
+
 /// One and a third rounds of a circle of 20 m with a fix at each keyframe, mapped with some settings.
 class RoundMap {
  public:
-  RoundMap() : scratch_("back_end_settings") { write_keyframes(data(), 36, true); }
+  RoundMap() : scratch_("back_end_settings") { write_keyframes(data(), keyframes_of_a_drive, true); }
 
   [[nodiscard]] std::vector<SE3d> poses(const std::string& settings) const {
-    const fs::path out = scratch_.path() / "out";
-    fs::remove_all(out);
-    std::string options;
-    for (std::size_t at = 0; at < settings.size();) {
-      const std::size_t end = std::min(settings.find(' ', at), settings.size());
-      options += " --set " + settings.substr(at, end - at);
-      at = end + 1;
-    }
-    const ProgramResult result =
-        run_program(scratch_.path(), "map " + quoted(data()) + " --out " + quoted(out) + options);
-    CAPTURE(result.errors);
-    REQUIRE(result.exit_code == 0);
-    const LoadedMap loaded = load_map(out / "map.cslam");
-    std::vector<SE3d> poses;
-    for (const Keyframe& keyframe : loaded.map.keyframes) poses.push_back(keyframe.T_map_body);
-    REQUIRE(poses.size() == 36);
-    return poses;
+    return poses_of_map(scratch_, data(), settings);
   }
 
  private:
@@ -45,6 +57,109 @@ class RoundMap {
 
   ScratchFolder scratch_;
 };
+
+/// The same circle, level, driven in 52.5 s and recorded by odometry whose frame leans by 2 degrees and whose roll and
+/// pitch drift, with what an accelerometer measured between its frames. From 21 to 31.5 s, that is off by 6 degrees.
+class LeaningMap {
+ public:
+  LeaningMap() : scratch_("back_end_gravity") {
+    fs::create_directories(data());
+    record();
+    fs::copy(data(), earlier(), fs::copy_options::recursive);
+    write_text(earlier() / "frames.csv", without_accelerations(read_text(data() / "frames.csv")));
+  }
+
+  [[nodiscard]] std::vector<SE3d> poses(const std::string& settings) const {
+    return poses_of_map(scratch_, data(), settings);
+  }
+  /// Of the recording as earlier versions wrote it, without the accelerometer.
+  [[nodiscard]] std::vector<SE3d> poses_of_earlier(const std::string& settings) const {
+    return poses_of_map(scratch_, earlier(), settings);
+  }
+
+ private:
+  static constexpr int frames_of_a_keyframe = 6;
+  static constexpr double interval = 1.5 / frames_of_a_keyframe;  // seconds between frames
+  static constexpr double turn_rate = 2 * std::numbers::pi / 40, radius = 20;
+
+  [[nodiscard]] fs::path data() const { return scratch_.path() / "data"; }
+  [[nodiscard]] fs::path earlier() const { return scratch_.path() / "earlier"; }
+
+  static SE3d truth(double time) {
+    const double angle = turn_rate * time;
+    return SE3d(SO3d::exp({0, 0, angle + std::numbers::pi / 2}),
+                {radius * std::cos(angle), radius * std::sin(angle), 0});
+  }
+
+  static Eigen::Vector3d velocity(double time) {
+    const double angle = turn_rate * time;
+    return radius * turn_rate * Eigen::Vector3d(-std::sin(angle), std::cos(angle), 0);
+  }
+
+  static Eigen::Vector3f delta_velocity(double time) {
+    constexpr double gravity = 9.80665;
+    const Eigen::Vector3d gained =
+        velocity(time) - velocity(time - interval) + Eigen::Vector3d(0, 0, gravity * interval);
+    Eigen::Vector3d in_body = truth(time).rotation().inverse() * gained;
+    if (time > 21 && time <= 31.5) in_body.y() += std::sin(6 * std::numbers::pi / 180) * gravity * interval;
+    return in_body.cast<float>();
+  }
+
+  void record() const {
+    datasets::OdometryRecording recording(data());
+    Rng walls(1), drift(5);
+    const std::vector<Eigen::Vector3f> place = walled_place(walls, 250);
+    SE3d T_odom_body(SO3d::exp({0.03, -0.02, 0}), {0, 0, 0});
+    const int frames = (keyframes_of_a_drive - 1) * frames_of_a_keyframe + 1;
+    for (int i = 0; i < frames; ++i) {
+      const double time = interval * i;
+      FrameRecord frame{.time = Timestamp(seconds(100 + time))};
+      if (i > 0) {
+        const SE3d step = truth(time - interval).inverse() * truth(time);
+        const SE3d error(SO3d::exp({drift.normal(0, 0.001), drift.normal(0, 0.001), drift.normal(0, 0.001)}),
+                         {drift.normal(0, 0.005), 0, 0});
+        T_odom_body = T_odom_body * step * error;
+        frame.delta_velocity = delta_velocity(time);
+      }
+      frame.T_odom_body = T_odom_body;
+      frame.health = {.points = 1000, .matches = 900, .imu_use = ImuUse::all};
+      std::optional<Keyframe> keyframe;
+      if (i % frames_of_a_keyframe == 0) {
+        PointCloud<float> near;
+        for (const Eigen::Vector3f& p : transformed(place, truth(time).inverse()).positions)
+          if (p.norm() < 18) near.positions.push_back(p);
+        keyframe.emplace();
+        keyframe->time = frame.time;
+        keyframe->T_odom_body = frame.T_odom_body;
+        keyframe->cloud = std::make_shared<const PointCloud<float>>(std::move(near));
+      }
+      recording.add(frame, keyframe);
+    }
+    recording.finish({.session = "leaning", .odometry = "lidar_inertial", .scans = frames}, {});
+  }
+
+  static std::string without_accelerations(const std::string& table) {
+    std::string earlier;
+    std::istringstream lines(table);
+    for (std::string line; std::getline(lines, line);) {
+      for (int column = 0; column < 3; ++column) line.erase(line.rfind(','));
+      earlier += line + '\n';
+    }
+    return earlier;
+  }
+
+  ScratchFolder scratch_;
+};
+
+/// How much keyframes differ in height, metres.
+double height_range(const std::vector<SE3d>& poses) {
+  double least = poses[0].translation().z(), most = least;
+  for (const SE3d& pose : poses) {
+    least = std::min(least, pose.translation().z());
+    most = std::max(most, pose.translation().z());
+  }
+  return most - least;
+}
 
 /// The largest distance of two maps' keyframes, metres.
 double apart(const std::vector<SE3d>& a, const std::vector<SE3d>& b) {
@@ -68,6 +183,22 @@ TEST_SUITE("program/back_end_settings") {
     CHECK(apart(map.poses(held + " graph.gnss_bias=10"), with) > 0.001);
     CHECK(apart(map.poses(held + " graph.gnss_correlated=100"), with) > 0.001);
     CHECK(apart(map.poses(held + " graph.gnss_antenna_y=3"), with) > 0.01);
+  }
+
+  TEST_CASE(
+      "gravity holds a map upright, as long and as firmly as is set; without it the map is as without accelerations") {
+    const LeaningMap map;
+    const std::vector<SE3d> without = map.poses("graph.gravity=false"), with = map.poses("");
+    CHECK(apart(map.poses_of_earlier(""), without) == 0);
+    CHECK(apart(with, without) > 0.1);
+    CHECK(height_range(with) < 0.3 * height_range(without));
+    CHECK(apart(map.poses("graph.gravity_window=5"), with) > 0.001);
+    CHECK(apart(map.poses("graph.gravity_deviation=5"), with) > 0.001);
+    CHECK(apart(map.poses("graph.gravity_speed_deviation=10"), with) > 0.001);
+    CHECK(apart(map.poses("graph.gravity_start_deviation=0.001"), with) > 0.01);
+    const std::vector<SE3d> by_all = map.poses("graph.gravity_outlier_threshold=1e6");
+    CHECK(apart(by_all, with) > 0.01);
+    CHECK(height_range(by_all) > height_range(with));  // what is off by 6 degrees was rejected
   }
 
   TEST_CASE("a map does not depend on how many submaps are kept; their memory is stated in MiB") {

@@ -27,7 +27,8 @@ TEST_SUITE("program/map_file") {
   TEST_CASE("inspect says what is in a map file, and lists its closures") {
     const ScratchFolder scratch("map_inspect");
     const fs::path map = scratch.path() / "a.cslam";
-    save_map(map, random_map(1, 20), {.parameters = "x = 1\n"});
+    const SlamMap written = random_map(1, 20);
+    save_map(map, written, {.parameters = "x = 1\n"});
     const ProgramResult result = run(scratch, "inspect", map, "--closures");
     CAPTURE(result.errors);
     CHECK(result.exit_code == 0);
@@ -38,6 +39,11 @@ TEST_SUITE("program/map_file") {
     CHECK(contains(result.output, "refusals."));
     CHECK(contains(result.output, "\n0,0,4,direct,accepted,-1,"));
     CHECK(contains(result.output, "bytes a point"));
+    const auto measured = std::ranges::count_if(
+        written.frames, [](const FrameRecord& frame) { return frame.delta_velocity.has_value(); });
+    CHECK(measured > 0);
+    CHECK(measured < std::ssize(written.frames));
+    CHECK(contains(result.output, "frames with acceleration  " + std::to_string(measured) + "\n"));
     CHECK(contains(result.output, "sessions 0 and 1"));
     CHECK(contains(result.output, "joined by 0 places, 0 direct, 1 chained closures"));
   }

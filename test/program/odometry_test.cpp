@@ -1,10 +1,13 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
 #include <iterator>
 #include <string>
 
+#include "chainslam/io/map_archive.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"
 #include "support/real_data.hpp"
@@ -24,8 +27,16 @@ ProgramResult good(const ScratchFolder& scratch, const std::string& arguments) {
   return result;
 }
 
+/// How many frames of a map have what the accelerometer measured before them.
+std::ptrdiff_t frames_with_acceleration(const fs::path& map) {
+  const LoadedMap loaded = load_map(map, {.scans = false});
+  return std::ranges::count_if(loaded.map.frames,
+                               [](const FrameRecord& frame) { return frame.delta_velocity.has_value(); });
+}
+
 /// Records, maps both ways with the same settings, and compares the bytes.
-void check_same_map(const std::string& data, const std::string& settings, bool intensities) {
+/// @param accelerations  how many frames of the map have them at least; 0: none has.
+void check_same_map(const std::string& data, const std::string& settings, bool intensities, int accelerations) {
   const ScratchFolder scratch("odometry");
   const fs::path set = scratch.path() / "set", direct = scratch.path() / "direct",
                  recorded = scratch.path() / "recorded";
@@ -35,6 +46,9 @@ void check_same_map(const std::string& data, const std::string& settings, bool i
   CHECK(read_pcd(set / "Scans/000000.pcd").has_intensities() == intensities);
   CHECK(read_text(direct / "map.cslam").size() > 100'000);
   CHECK(read_text(direct / "map.cslam") == read_text(recorded / "map.cslam"));
+  const std::ptrdiff_t measured = frames_with_acceleration(recorded / "map.cslam");
+  CHECK(measured >= accelerations);
+  CHECK((measured > 0) == (accelerations > 0));
   CHECK(read_text(direct / "odometry.tum") == read_text(recorded / "odometry.tum"));
   CHECK(summary_of(direct)["keyframes"] == summary_of(recorded)["keyframes"]);
   if (summary_of(direct)["errors"].contains("odometry"))
@@ -88,13 +102,17 @@ TEST_SUITE("program/odometry") {
   }
 
   TEST_CASE("a map of recorded odometry is the map of the data, bit for bit: simulated, with fixes") {
-    check_same_map("simulate:nclt-like/small/1", " --max-scans 250 --set odometry.source=lidar", true);
+    check_same_map("simulate:nclt-like/small/1", " --max-scans 250 --set odometry.source=lidar", true, 0);
+  }
+
+  TEST_CASE("a map of recorded odometry is the map of the data, bit for bit: simulated, with accelerations") {
+    check_same_map("simulate:nclt-like/small/1", " --max-scans 150", true, 120);
   }
 
   TEST_CASE("a map of recorded odometry is the map of the data, bit for bit: KITTI with its IMU" *
             doctest::skip(quick())) {
     if (const auto data = real_data("kitti00_keyframes_imu/kitti00_keyframes_imu/kitti00_keyframes_imu"))
-      check_same_map(quoted(*data), " --max-scans 80", false);
+      check_same_map(quoted(*data), " --max-scans 80", false, 60);
   }
 
   TEST_CASE("a recording is inspected, mapped with other settings, and not recorded again") {

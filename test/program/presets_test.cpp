@@ -157,6 +157,7 @@ graph.odometry_unknown_rotation      0.05729577951308232
 graph.odometry_unknown_rotation_per_metre 0
 graph.odometry_outlier_threshold     0
 graph.gnss                           false
+graph.gravity                        false
 graph.odometry_doubt                 false
 graph.anchor                         1e-6
 graph.anchor_joined_sessions         true

@@ -1,6 +1,6 @@
 #pragma once
 
-// Map files (.cslam), format 1.1.
+// Map files (.cslam), format 1.3.
 //
 // All numbers are little-endian; i and u are whole numbers, f is IEEE 754, the figure is their bits. Lengths are
 // metres, times are nanoseconds of the data set's clock. Poses are 7 f64: translation x y z, unit quaternion x y z w
@@ -62,15 +62,14 @@
 //   8009 gnss *       112 bytes: i32 keyframe, u32 quality (0 none, 1 2-D, 2 3-D, 3 differential, 4 RTK float, 5 RTK
 //                     fixed), i64 time, 3 f64 position, 9 f64 covariance (m^2), Earth-centred, WGS 84. The number of
 //                     the first record has no meaning.
-//   000D frames *     184 bytes (since 1.1; 172 before 1.3): every frame of odometry, keyframe or not: i64 time, i32
-//   session, u8 status
+//   000D frames *     184 bytes, since 1.1: every frame of odometry, keyframe or not: i64 time, i32 session, u8 status
 //                     (0 good, 1 degenerate, 2 lost), u8 flags (1: the local map was restarted here, 2: no frame for
 //                     long before, 4: the accelerometer is left out by the settings), u8 use of the IMU (0 all, 1
 //                     gyroscope, 2 gyroscope with more noise, 3 none, 255: not stated), u8 0, i32 points, i32 matches,
 //                     i32 iterations, f32 residual (m), pose T_odom_body, 21 f32 covariance of it: the upper triangle,
-//                     row by row, tangent [translation; rotation], 3 f32 integral of the specific force since the
-//                     frame before (m/s, body frame at its time; NaN: not measured). Sessions follow one another; times
-//                     increase in each.
+//                     row by row, tangent [translation; rotation], since 1.3 (172 bytes before) 3 f32 integral of the
+//                     specific force since the frame before (m/s, body frame at `time`; three NaN: not measured).
+//                     Sessions follow one another; times increase in each.
 //   000E fixes *      112 bytes, as gnss, keyframe -1: one measured fix. In input journals only, as the next.
 //   000F loaded       u64 hash of a map file's chunk headers, then its path (UTF-8): a map that the back end was given
 //                     before all else

@@ -44,7 +44,7 @@ struct Frame {
   FrameHealth health;
   std::optional<GnssFix> gnss{};  ///< at `time`, if it came with a recorded frame
   /// Integral of the specific force since the frame before, m/s, body frame at `time`: what the accelerometer measured,
-  /// gravity and bias included. Empty if not all of it was measured, or is in doubt.
+  /// gravity and bias included. Empty if not all of it was measured, or odometry excludes the accelerometer.
   std::optional<Eigen::Vector3d> delta_velocity{};
 };
 

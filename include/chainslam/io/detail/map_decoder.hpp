@@ -110,7 +110,7 @@ class MapDecoder {
         each(number, *payload, gnss_bytes, &MapDecoder::set_gnss);
         break;
       case ChunkType::frames:
-        each(number, *payload, frame_bytes, &MapDecoder::add_frame, least_frame_bytes);
+        each(number, *payload, frame_bytes, &MapDecoder::add_frame, frame_bytes_before_1_3);
         break;
       case ChunkType::commit:
         check_commit(number, *payload);
@@ -136,15 +136,16 @@ class MapDecoder {
 
   using AddRecord = void (MapDecoder::*)(std::size_t number, std::size_t i, Index id, ByteReader in);
 
+  /// @param earlier_bytes  what a record had in earlier versions of the format, if it has grown since.
   void each(std::size_t number, std::span<const std::byte> payload, std::size_t known_bytes, AddRecord add,
-            std::size_t least_bytes = 0) {
+            std::optional<std::size_t> earlier_bytes = {}) {
     constexpr std::size_t prelude_bytes = 16;
     const std::uint64_t count = file_.chunks()[number].header.count;
     if (payload.size() < prelude_bytes) fail(number, "payload", std::to_string(payload.size()) + " bytes");
     ByteReader in(payload);
     const Index first = in.take<Index>();
     const std::size_t size = in.take<std::uint32_t>();
-    if (size < (least_bytes > 0 ? least_bytes : known_bytes) || count * size != payload.size() - prelude_bytes)
+    if ((size < known_bytes && size != earlier_bytes) || count * size != payload.size() - prelude_bytes)
       fail(number, "record size",
            std::to_string(size) + " bytes, " + std::to_string(count) + " records in " + std::to_string(payload.size()) +
                " bytes");

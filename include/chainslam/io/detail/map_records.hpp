@@ -24,8 +24,7 @@ namespace chainslam::detail {
 
 inline constexpr std::size_t pose_bytes = 56, session_bytes = 360, keyframe_bytes = 72, odometry_bytes = 352,
                              closure_bytes = 376, gnss_bytes = 112, frame_bytes = 184;
-/// What records of frames had before format 1.3: no delta velocity.
-inline constexpr std::size_t least_frame_bytes = 172;
+inline constexpr std::size_t frame_bytes_before_1_3 = 172;  ///< without delta velocity
 inline constexpr std::uint32_t keyframe_has_scan = 1;
 inline constexpr std::uint8_t frame_map_restarted = 1, frame_after_gap = 2, frame_imu_as_set = 4,
                               frame_imu_unknown = 255;
@@ -172,6 +171,8 @@ inline MaybeFault fault_of(const FrameRecord& frame, const FrameRecord* before, 
   if (!is_finite(covariance)) return Fault{"covariance", "a number that is not finite"};
   for (int i = 0; i < 6; ++i)
     if (covariance(i, i) < 0) return Fault{"covariance", "a variance of " + std::to_string(covariance(i, i))};
+  if (frame.delta_velocity && !is_finite(*frame.delta_velocity))
+    return Fault{"delta velocity", "a number that is not finite"};
   const FrameHealth& health = frame.health;
   if (!is_finite(health.residual_rms)) return Fault{"residual", "a number that is not finite"};
   return first_fault({fault_of_number("status", static_cast<Index>(health.status), 0,
@@ -276,12 +277,12 @@ inline FrameRecord read_frame_begin(ByteReader& in) {
   return frame;
 }
 
-/// None if the record has none, or numbers that are not finite.
+/// Nothing if it was not measured, or the record is of a version that did not have it.
 inline std::optional<Eigen::Vector3f> read_delta_velocity(ByteReader& in) {
-  if (in.left() < 3 * sizeof(float)) return std::nullopt;
+  if (in.left() == 0) return std::nullopt;
   Eigen::Vector3f gained;
   for (int axis = 0; axis < 3; ++axis) gained[axis] = in.take<float>();
-  if (!is_finite(gained)) return std::nullopt;
+  if (std::isnan(gained[0]) && std::isnan(gained[1]) && std::isnan(gained[2])) return std::nullopt;
   return gained;
 }
 
