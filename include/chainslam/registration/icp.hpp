@@ -25,6 +25,13 @@
 
 namespace chainslam {
 
+namespace detail {
+/// Makes what `Icp` works on of a plain cloud; defined in registration/align.hpp, which brings the estimation of
+/// normals.
+template <class T>
+struct PlainCloud;
+}  // namespace detail
+
 /// Iterative closest points (Besl and McKay 1992; Chen and Medioni 1992): iterates association of every source point
 /// with its nearest target point, linearization and an update on SE(3).
 ///
@@ -92,8 +99,16 @@ struct Icp {
   /// @returns pose, information, figures and status; never throws because of point data.
   /// @throws std::invalid_argument if an option or the guess makes no sense, or if a cloud lacks the normals needed.
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
-  [[nodiscard]] [[gnu::cold]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
+  [[nodiscard]] [[gnu::cold]] AlignResult align(const Source& source, const Target& target, const SE3d& guess = {},
                                                 const Exec& executor = {}, const Deadline& deadline = {}) const;
+
+  /// The same of two plain clouds, in one go: indexes the target, and estimates the normals that the metric needs and a
+  /// cloud does not have, from 10 neighbours. Needs the header chainslam/registration/align.hpp. Keep an `IndexedCloud`
+  /// where several sources meet one target.
+  template <Cloud Source, Cloud Target, Executor Exec = Serial>
+    requires(!AlignTarget<Target>)
+  [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess = {},
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const;
 
  private:
   /// Points that the first steps are to look at, at least.
@@ -174,6 +189,28 @@ AlignResult Icp<Metric, Kernel, Rejector, Optimizer, Prior>::align(const Source&
   run.report(result);
   result.status = status_after(result.stop, run.left_out());
   return result;
+}
+
+template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>
+template <Cloud Source, Cloud Target, Executor Exec>
+  requires(!AlignTarget<Target>)
+AlignResult Icp<Metric, Kernel, Rejector, Optimizer, Prior>::align(const Source& source, const Target& target,
+                                                                   const SE3d& guess, const Exec& executor,
+                                                                   const Deadline& deadline)
+const {
+  static_assert(
+      requires { sizeof(detail::PlainCloud<Target>); },
+      "Icp: to align plain clouds, include chainslam/registration/align.hpp, or index the target: "
+      "IndexedCloud");
+  constexpr Surface of_source = detail::source_surface<Metric>(), of_target = detail::target_surface<Metric>();
+  static_assert(of_source != Surface::covariance && of_target != Surface::covariance,
+                "Icp: plain clouds have no covariances; align to a GaussianVoxelMap or to IndexedGaussians");
+  const auto indexed =
+      detail::PlainCloud<Target>::indexed(target, of_target == Surface::normal || Rejector::needs_normals, executor);
+  if constexpr (of_source == Surface::normal || Rejector::needs_normals)
+    return align(detail::PlainCloud<Source>::oriented(source, executor), indexed, guess, executor, deadline);
+  else
+    return align(source, indexed, guess, executor, deadline);
 }
 
 template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>

@@ -8,7 +8,7 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/search/concepts.hpp"
-#include "chainslam/search/detail/search_verbs.hpp"
+#include "chainslam/search/search_base.hpp"
 
 namespace chainslam {
 
@@ -18,10 +18,10 @@ namespace chainslam {
 /// The index of a point is its position in the input, from 0, whether or not the others were taken; indices are
 /// not used again.
 template <class ScalarType = float, int Dim = 3>
-class BruteForce : public detail::IncrementalVerbs<BruteForce<ScalarType, Dim>, ScalarType, Dim> {
-  using Base = detail::IncrementalVerbs<BruteForce, ScalarType, Dim>;
+class BruteForce : public IncrementalSearchBase<BruteForce<ScalarType, Dim>, ScalarType, Dim> {
+  using Base = IncrementalSearchBase<BruteForce, ScalarType, Dim>;
   friend Base;
-  friend detail::SearchVerbs<BruteForce, ScalarType, Dim>;
+  friend SearchBase<BruteForce, ScalarType, Dim>;
 
  public:
   using typename Base::Scalar;

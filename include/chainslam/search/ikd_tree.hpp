@@ -25,10 +25,10 @@
 #include "chainslam/search/detail/box_tree.hpp"
 #include "chainslam/search/detail/box_visit.hpp"
 #include "chainslam/search/detail/passes.hpp"
-#include "chainslam/search/detail/search_verbs.hpp"
 #include "chainslam/search/detail/thinning.hpp"
 #include "chainslam/search/detail/tree_archive.hpp"
 #include "chainslam/search/downsampling.hpp"
+#include "chainslam/search/search_base.hpp"
 
 namespace chainslam {
 
@@ -59,13 +59,13 @@ struct NoPayload {};
 ///
 /// @tparam Payload  trivially copyable; goes with each point, such as the caller's own index.
 template <class ScalarType = float, DownsamplingPolicy Policy = KeepAll, int Dim = 3, class Payload = NoPayload>
-class IkdTree : public detail::IncrementalVerbs<IkdTree<ScalarType, Policy, Dim, Payload>, ScalarType, Dim> {
+class IkdTree : public IncrementalSearchBase<IkdTree<ScalarType, Policy, Dim, Payload>, ScalarType, Dim> {
   static_assert(Dim == 2 || Dim == 3, "IkdTree: points have two or three coordinates");
   static_assert(std::is_trivially_copyable_v<Payload> && std::is_default_constructible_v<Payload>,
                 "IkdTree: Payload must be trivially copyable, such as an index into the caller's own data");
-  using Base = detail::IncrementalVerbs<IkdTree, ScalarType, Dim>;
+  using Base = IncrementalSearchBase<IkdTree, ScalarType, Dim>;
   friend Base;
-  friend detail::SearchVerbs<IkdTree, ScalarType, Dim>;
+  friend SearchBase<IkdTree, ScalarType, Dim>;
 
  public:
   using typename Base::Box;

@@ -44,16 +44,33 @@ class IndexedCloud {
     return cloud_.normals[static_cast<std::size_t>(i)];
   }
 
+  /// The k nearest points as a vector, as `SearchBase::knn`.
+  [[nodiscard]] std::vector<Neighbor<Scalar>> knn(
+      const Vector3& query, Index k, Scalar max_distance = std::numeric_limits<Scalar>::infinity()) const requires
+      requires(const Search& search) {
+    search.knn(query, k, max_distance);
+  }
+  { return search_.knn(query, k, max_distance); }
+  /// All points with distance <= `radius` (metres) as a vector, ascending by distance, as `SearchBase::radius`.
+  [[nodiscard]] std::vector<Neighbor<Scalar>> radius(const Vector3& query, Scalar radius) const requires
+      requires(const Search& search) {
+    search.radius(query, radius);
+  }
+  { return search_.radius(query, radius); }
+
+  /// As `NearestNeighborSearch` has it.
   Index knn(const Vector3& query, std::span<Neighbor<Scalar>> out,
             Scalar max_distance = std::numeric_limits<Scalar>::infinity()) const {
     return search_.knn(query, out, max_distance);
   }
 
+  /// As `SeededSearch` has it.
   Index knn(const Vector3& query, std::span<Neighbor<Scalar>> out, Scalar max_distance,
             std::span<const Neighbor<Scalar>> seeds) const requires SeededSearch<Search> {
     return search_.knn(query, out, max_distance, seeds);
   }
 
+  /// As `FixedSizeSearch` has it.
   template <int K>
     requires FixedSizeSearch<Search>
   [[nodiscard]] KNearest<Scalar, K> knn(const Vector3& query,
@@ -61,6 +78,7 @@ class IndexedCloud {
     return search_.template knn<K>(query, max_distance);
   }
 
+  /// Replaces `out` by all points with distance <= `radius` (metres), in any order.
   void within(const Vector3& query, Scalar radius, std::vector<Neighbor<Scalar>>& out) const {
     search_.within(query, radius, out);
   }

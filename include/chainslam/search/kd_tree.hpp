@@ -15,7 +15,7 @@
 #include "chainslam/search/detail/box_split.hpp"
 #include "chainslam/search/detail/lanes.hpp"
 #include "chainslam/search/detail/point_runs.hpp"
-#include "chainslam/search/detail/search_verbs.hpp"
+#include "chainslam/search/search_base.hpp"
 
 namespace chainslam {
 
@@ -34,8 +34,8 @@ class TreeLeaves;
 ///
 /// Const calls may run on several threads. Indices are the cloud's.
 template <class ScalarType = float, int Dim = 3>
-class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, Dim> {
-  friend detail::SearchVerbs<KdTree, ScalarType, Dim>;
+class KdTree : public SearchBase<KdTree<ScalarType, Dim>, ScalarType, Dim> {
+  friend SearchBase<KdTree, ScalarType, Dim>;
   friend detail::TreeLeaves<KdTree>;
 
  public:

@@ -9,7 +9,7 @@
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/finite.hpp"
 #include "chainslam/search/concepts.hpp"
-#include "chainslam/search/detail/search_verbs.hpp"
+#include "chainslam/search/search_base.hpp"
 
 namespace chainslam {
 
@@ -54,8 +54,8 @@ class NanoflannResult {
 
 /// nanoflann's static k-d tree (Blanco and Rai 2014, BSD) behind `NearestNeighborSearch`: needs nanoflann 1.4 or newer.
 template <class ScalarType = float>
-class NanoflannTree : public detail::SearchVerbs<NanoflannTree<ScalarType>, ScalarType, 3> {
-  friend detail::SearchVerbs<NanoflannTree, ScalarType, 3>;
+class NanoflannTree : public SearchBase<NanoflannTree<ScalarType>, ScalarType, 3> {
+  friend SearchBase<NanoflannTree, ScalarType, 3>;
 
  public:
   using Scalar = ScalarType;
