@@ -30,12 +30,13 @@ enum class Existing {
 
 /// Where a file is to be written. Any path is a target whose old file is replaced.
 struct FileTarget {
+  /// A file of this name.
   template <std::convertible_to<std::filesystem::path> Path>
   FileTarget(const Path& target, Existing of_old = Existing::replace)  // NOLINT: paths are targets
       : path(target), existing(of_old) {}
 
-  std::filesystem::path path;
-  Existing existing;
+  std::filesystem::path path;  ///< its name
+  Existing existing;           ///< what becomes of a file that has the name
 };
 
 /// A file that appears whole or not at all.
@@ -47,7 +48,7 @@ template <class System = RealFileSystem>
 class BasicAtomicFile {
   static_assert(FileSystem<System>,
                 "BasicAtomicFile: System needs create, write, sync, close, rename, rename_new, link, sync_directory "
-                "and remove, as RealFileSystem has them");
+                "and remove, as RealFileSystem has them; see chainslam/io/file_system.hpp");
 
  public:
   /// @throws IoError if the target is no plain file, is there and has to stay, or its folder is missing or cannot be
@@ -86,6 +87,7 @@ class BasicAtomicFile {
     if (buffer_.size() + bytes.size() > buffer_size) flush();
     buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
   }
+  /// Appends text. @throws IoError if the disk fails.
   void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
 
   /// Bytes written so far.

@@ -25,6 +25,13 @@
 
 namespace chainslam {
 
+namespace detail {
+/// Makes what `Icp` works on of a plain cloud; defined in registration/align.hpp, which brings the estimation of
+/// normals.
+template <class T>
+struct PlainCloud;
+}  // namespace detail
+
 /// Iterative closest points (Besl and McKay 1992; Chen and Medioni 1992): iterates association of every source point
 /// with its nearest target point, linearization and an update on SE(3).
 ///
@@ -41,21 +48,25 @@ namespace chainslam {
 template <class Metric = PointToPlane, class Kernel = Trivial, class Rejector = KeepPairs,
           class Optimizer = GaussNewtonStep, class Prior = NoPrior>
 struct Icp {
-  static_assert(RobustKernel<Kernel>, "Icp: Kernel needs `double weight(double squared_residual) const`, as in Huber");
+  static_assert(RobustKernel<Kernel>,
+                "Icp: Kernel needs `double weight(double squared_residual) const`, as in Huber; see "
+                "chainslam/core/robust_kernels.hpp");
   static_assert(MatchRejector<Rejector>,
                 "Icp: Rejector needs `static constexpr bool needs_normals` and `void operator()(pairs) const`, as in "
-                "OneToOne");
+                "OneToOne; see chainslam/registration/rejectors.hpp");
   static_assert(PoseOptimizer<Optimizer>,
                 "Icp: Optimizer needs `initial_damping` and `std::optional<Vector6d> step(problem, damping) const`, as "
-                "in GaussNewtonStep");
-  static_assert(AlignPrior<Prior>, "Icp: Prior needs `PriorTerms evaluate(T_target_source) const`, as in PosePrior");
+                "in GaussNewtonStep; see chainslam/registration/optimizers.hpp");
+  static_assert(AlignPrior<Prior>,
+                "Icp: Prior needs `PriorTerms evaluate(T_target_source) const`, as in PosePrior; see "
+                "chainslam/registration/pose_prior.hpp");
   static_assert(std::same_as<Optimizer, GaussNewtonStep> || RobustCost<Kernel>,
                 "Icp: an optimizer that compares costs needs a Kernel with `double cost(double squared_residual) "
-                "const`, as in Huber");
-  using MetricType = Metric;
-  using KernelType = Kernel;
-  using RejectorType = Rejector;
-  using PriorType = Prior;
+                "const`, as in Huber; see chainslam/core/robust_kernels.hpp");
+  using MetricType = Metric;      ///< the metric
+  using KernelType = Kernel;      ///< the kernel
+  using RejectorType = Rejector;  ///< the rejector
+  using PriorType = Prior;        ///< the prior
 
   /// As many as unknowns.
   static constexpr Index least_points = 6;
@@ -73,12 +84,12 @@ struct Icp {
   /// is the square of 4 degrees, the noise of normals themselves: below it, what looks like information is mostly that
   /// noise. Metrics may have one of their own.
   double degeneracy_threshold = detail::degeneracy_threshold_of<Metric>();
-  DegreesOfFreedom free{};  ///< unless all are, steps are about the source's origin
-  [[no_unique_address]] Metric metric{};
-  [[no_unique_address]] Kernel kernel{};  ///< of the metric's residual, metres
-  [[no_unique_address]] Rejector rejector{};
-  [[no_unique_address]] Optimizer optimizer{};
-  [[no_unique_address]] Prior prior{};
+  DegreesOfFreedom free{};                      ///< unless all are, steps are about the source's origin
+  [[no_unique_address]] Metric metric{};        ///< with its settings
+  [[no_unique_address]] Kernel kernel{};        ///< of the metric's residual, metres
+  [[no_unique_address]] Rejector rejector{};    ///< with its settings
+  [[no_unique_address]] Optimizer optimizer{};  ///< with its settings
+  [[no_unique_address]] Prior prior{};          ///< with its settings
 
   /// Aligns `source` to the points of `target`, starting from `guess`.
   ///
@@ -92,8 +103,16 @@ struct Icp {
   /// @returns pose, information, figures and status; never throws because of point data.
   /// @throws std::invalid_argument if an option or the guess makes no sense, or if a cloud lacks the normals needed.
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
-  [[nodiscard]] [[gnu::cold]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
+  [[nodiscard]] [[gnu::cold]] AlignResult align(const Source& source, const Target& target, const SE3d& guess = {},
                                                 const Exec& executor = {}, const Deadline& deadline = {}) const;
+
+  /// The same of two plain clouds, in one go: indexes the target, and estimates the normals that the metric needs and a
+  /// cloud does not have, from 10 neighbours. Needs the header chainslam/registration/align.hpp. Keep an `IndexedCloud`
+  /// where several sources meet one target.
+  template <Cloud Source, Cloud Target, Executor Exec = Serial>
+    requires(!AlignTarget<Target>)
+  [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess = {},
+                                  const Exec& executor = {}, const Deadline& deadline = {}) const;
 
  private:
   /// Points that the first steps are to look at, at least.
@@ -129,7 +148,8 @@ struct Icp {
     constexpr bool target_normals = of_target == Surface::normal || Rejector::needs_normals;
     constexpr bool source_normals = of_source == Surface::normal || Rejector::needs_normals;
     static_assert(SurfaceMetric<Metric> || ErrorMetric<Metric, Target>,
-                  "Icp: Metric needs `evaluate(pair, terms)`, as in PointToPlane, or `error(target, match, p_target)`");
+                  "Icp: Metric needs `evaluate(pair, terms)`, as in PointToPlane, or `error(target, match, p_target)`; "
+                  "see chainslam/registration/concepts.hpp");
     static_assert(
         !target_normals || requires(const Target& t, Index i) { t.normal(i)[0]; },
         "Icp: PointToPlane needs a target with `normal(i)`, such as IndexedCloud; so do PlaneToPlane and "
@@ -174,6 +194,28 @@ AlignResult Icp<Metric, Kernel, Rejector, Optimizer, Prior>::align(const Source&
   run.report(result);
   result.status = status_after(result.stop, run.left_out());
   return result;
+}
+
+template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>
+template <Cloud Source, Cloud Target, Executor Exec>
+  requires(!AlignTarget<Target>)
+AlignResult Icp<Metric, Kernel, Rejector, Optimizer, Prior>::align(const Source& source, const Target& target,
+                                                                   const SE3d& guess, const Exec& executor,
+                                                                   const Deadline& deadline)
+const {
+  static_assert(
+      requires { sizeof(detail::PlainCloud<Target>); },
+      "Icp: to align plain clouds, include chainslam/registration/align.hpp, or index the target: "
+      "IndexedCloud");
+  constexpr Surface of_source = detail::source_surface<Metric>(), of_target = detail::target_surface<Metric>();
+  static_assert(of_source != Surface::covariance && of_target != Surface::covariance,
+                "Icp: plain clouds have no covariances; align to a GaussianVoxelMap or to IndexedGaussians");
+  const auto indexed =
+      detail::PlainCloud<Target>::indexed(target, of_target == Surface::normal || Rejector::needs_normals, executor);
+  if constexpr (of_source == Surface::normal || Rejector::needs_normals)
+    return align(detail::PlainCloud<Source>::oriented(source, executor), indexed, guess, executor, deadline);
+  else
+    return align(source, indexed, guess, executor, deadline);
 }
 
 template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>

@@ -41,19 +41,20 @@ namespace chainslam {
 template <class Local = Refit, class Bail = BoundedScoring>
 struct BasicRansac {
   static_assert(LocalOptimization<Local>,
-                "BasicRansac: Local needs `Hypothesis improve(points, hypothesis, max_distance) const`, as in Refit");
+                "BasicRansac: Local needs `Hypothesis improve(points, hypothesis, max_distance) const`, as in Refit; "
+                "see chainslam/registration/ransac_policies.hpp");
   static_assert(BailOut<Bail>,
                 "BasicRansac: Bail needs `bool give_up(seen, count, agreed, gain, largest_gain, least_gain) const`, as "
-                "in BoundedScoring");
+                "in BoundedScoring; see chainslam/registration/ransac_policies.hpp");
 
   double max_distance = 1.0;       ///< metres, of a match that agrees; of an inlier
   double edge_length_ratio = 0.9;  ///< least ratio of the shorter to the longer edge
   Index max_iterations = 10'000;   ///< hypotheses
   double confidence = 0.999;       ///< that a triple of right matches is among the hypotheses, for stopping early
   Index min_consensus = 10;  ///< matches that must agree; three always do, and of other places eight did by chance
-  std::uint64_t seed = 0;
-  [[no_unique_address]] Local local_optimization{};
-  [[no_unique_address]] Bail bail_out{};
+  std::uint64_t seed = 0;    ///< of the random draws
+  [[no_unique_address]] Local local_optimization{};  ///< improves hypotheses
+  [[no_unique_address]] Bail bail_out{};             ///< ends the scoring of bad ones early
 
   /// @param source    points in the source's frame, metres.
   /// @param target    search over points in the target's frame; `position(i)` takes the matches' target indices.

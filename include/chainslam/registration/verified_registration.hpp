@@ -45,16 +45,18 @@ concept HypothesisEstimator = ConsensusEstimator<E> &&
 template <class Estimator = GraphConsensus<>, class Refinement = CoarseToFine<Icp<PointToPlane, Huber>>,
           class Check = Verifier>
 struct VerifiedRegistration {
-  static_assert(HypothesisEstimator<Estimator>,
-                "VerifiedRegistration: Estimator needs `gather(source, target, matches)`, `hypotheses(points, count, "
-                "executor, deadline)` and `max_distance`, as in GraphConsensus");
+  static_assert(
+      HypothesisEstimator<Estimator>,
+      "VerifiedRegistration: Estimator needs `gather(source, target, matches)`, `hypotheses(points, count, executor, "
+      "deadline)` and `max_distance`, as in GraphConsensus; see chainslam/registration/graph_consensus.hpp");
   static_assert(Registration<Refinement, PointCloud<float>, IndexedCloud<>>,
                 "VerifiedRegistration: Refinement needs `AlignResult align(source, target, guess, executor) const`, as "
-                "in Icp");
+                "in Icp; see chainslam/registration/concepts.hpp");
   static_assert(PoseVerifier<Check>,
                 "VerifiedRegistration: Check needs `Verification verify(source, target, T_target_source, viewpoints, "
-                "executor) const`, as in Verifier");
+                "executor) const`, as in Verifier; see chainslam/registration/verifier.hpp");
 
+  /// Matching and description.
   FeatureRegistration<Estimator> features{.voxel_size = 0.5,
                                           .normals = {.neighbors = 0, .radius = 1.5},
                                           .features = {.radius = 2.5, .max_neighbors = 0},
@@ -64,7 +66,7 @@ struct VerifiedRegistration {
   Refinement refinement{
       .coarse = {.max_iterations = 10, .max_distance = 1.0, .degeneracy_threshold = 0.001, .kernel = {.width = 0.2}},
       .fine = {.max_iterations = 15, .max_distance = 0.5, .degeneracy_threshold = 0.001, .kernel = {.width = 0.1}}};
-  Check check{};
+  Check check{};                           ///< accepts or rejects poses
   std::optional<Viewpoints> viewpoints{};  ///< where both clouds were seen from one place each, as scans are
 
   /// For submaps of several scans, seen from many places.

@@ -8,7 +8,7 @@
 #include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/search/concepts.hpp"
-#include "chainslam/search/detail/search_verbs.hpp"
+#include "chainslam/search/search_base.hpp"
 
 namespace chainslam {
 
@@ -18,10 +18,10 @@ namespace chainslam {
 /// The index of a point is its position in the input, from 0, whether or not the others were taken; indices are
 /// not used again.
 template <class ScalarType = float, int Dim = 3>
-class BruteForce : public detail::IncrementalVerbs<BruteForce<ScalarType, Dim>, ScalarType, Dim> {
-  using Base = detail::IncrementalVerbs<BruteForce, ScalarType, Dim>;
+class BruteForce : public IncrementalSearchBase<BruteForce<ScalarType, Dim>, ScalarType, Dim> {
+  using Base = IncrementalSearchBase<BruteForce, ScalarType, Dim>;
   friend Base;
-  friend detail::SearchVerbs<BruteForce, ScalarType, Dim>;
+  friend SearchBase<BruteForce, ScalarType, Dim>;
 
  public:
   using typename Base::Scalar;
@@ -40,11 +40,13 @@ class BruteForce : public detail::IncrementalVerbs<BruteForce<ScalarType, Dim>, 
   [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(size_); }
   /// Points left out because a coordinate is NaN or infinite.
   [[nodiscard]] Index rejected() const { return rejected_; }
+  /// Bytes held, free capacity included.
   [[nodiscard]] std::size_t memory() const { return positions_.capacity() * sizeof(Vector); }
   /// Whether i is the index of a point.
   [[nodiscard]] bool contains(Index i) const {
     return i >= 0 && static_cast<std::size_t>(i) < positions_.size() && is_finite(position(i));
   }
+  /// Position of point i, metres.
   [[nodiscard]] const Vector& position(Index i) const { return positions_[static_cast<std::size_t>(i)]; }
 
   using Base::insert;
@@ -73,7 +75,7 @@ class BruteForce : public detail::IncrementalVerbs<BruteForce<ScalarType, Dim>, 
     });
     return before - size_;
   }
-  void clear() { *this = BruteForce(); }
+  void clear() { *this = BruteForce(); }  ///< erases everything
 
   /// Calls `visit(index, position)` for every point, in the order of the indices.
   template <class Visit>

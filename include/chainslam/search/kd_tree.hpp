@@ -15,7 +15,7 @@
 #include "chainslam/search/detail/box_split.hpp"
 #include "chainslam/search/detail/lanes.hpp"
 #include "chainslam/search/detail/point_runs.hpp"
-#include "chainslam/search/detail/search_verbs.hpp"
+#include "chainslam/search/search_base.hpp"
 
 namespace chainslam {
 
@@ -34,13 +34,13 @@ class TreeLeaves;
 ///
 /// Const calls may run on several threads. Indices are the cloud's.
 template <class ScalarType = float, int Dim = 3>
-class KdTree : public detail::SearchVerbs<KdTree<ScalarType, Dim>, ScalarType, Dim> {
-  friend detail::SearchVerbs<KdTree, ScalarType, Dim>;
-  friend detail::TreeLeaves<KdTree>;
+class KdTree : public SearchBase<KdTree<ScalarType, Dim>, ScalarType, Dim> {
+  friend SearchBase<KdTree, ScalarType, Dim>;
+  friend class detail::TreeLeaves<KdTree>;
 
  public:
-  using Scalar = ScalarType;
-  using Vector = Eigen::Matrix<Scalar, Dim, 1>;
+  using Scalar = ScalarType;                     ///< number type
+  using Vector = Eigen::Matrix<Scalar, Dim, 1>;  ///< a point
 
   KdTree() = default;
 
@@ -122,6 +122,7 @@ KdTree<ScalarType, Dim>::KdTree(const Points& cloud) {
   build(items.all(), scratch.all());
 }
 
+/// The finite points of a cloud.
 template <class ScalarType, int Dim>
 template <detail::PointSource<Dim> Points>
 auto KdTree<ScalarType, Dim>::finite_items(const Points& cloud) -> detail::Table<Item> {

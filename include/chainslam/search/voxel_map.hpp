@@ -9,9 +9,9 @@
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/bucketed_voxels.hpp"
 #include "chainslam/search/detail/point_source.hpp"
-#include "chainslam/search/detail/search_verbs.hpp"
 #include "chainslam/search/detail/voxel_tiles.hpp"
 #include "chainslam/search/downsampling.hpp"
+#include "chainslam/search/search_base.hpp"
 
 namespace chainslam {
 
@@ -28,16 +28,15 @@ namespace chainslam {
 /// are good until the next change. Erasing frees indices, which are then used again.
 /// Const calls may run on several threads, but not during a change.
 template <class ScalarType = float, class Downsampling = VoxelMapOptions, int Dim = 3>
-class VoxelMap : public detail::IncrementalVerbs<VoxelMap<ScalarType, Downsampling, Dim>, ScalarType, Dim> {
-  static_assert(
-      std::is_same_v<Downsampling, VoxelMapOptions> || VoxelPolicy<Downsampling>,
-      "VoxelMap: Downsampling needs a voxel_size and its rule, as in NearestToCenter; to keep all points, take "
-      "VoxelMapOptions");
+class VoxelMap : public IncrementalSearchBase<VoxelMap<ScalarType, Downsampling, Dim>, ScalarType, Dim> {
+  static_assert(std::is_same_v<Downsampling, VoxelMapOptions> || VoxelPolicy<Downsampling>,
+                "VoxelMap: Downsampling needs a voxel_size and its rule, as in NearestToCenter; to keep all points, "
+                "take VoxelMapOptions; see chainslam/search/downsampling.hpp");
   static constexpr bool many_a_voxel =
       std::is_same_v<Downsampling, VoxelMapOptions> || std::is_same_v<Downsampling, AtMost>;
-  using Base = detail::IncrementalVerbs<VoxelMap, ScalarType, Dim>;
+  using Base = IncrementalSearchBase<VoxelMap, ScalarType, Dim>;
   friend Base;
-  friend detail::SearchVerbs<VoxelMap, ScalarType, Dim>;
+  friend SearchBase<VoxelMap, ScalarType, Dim>;
 
  public:
   using typename Base::Box;
@@ -53,8 +52,8 @@ class VoxelMap : public detail::IncrementalVerbs<VoxelMap<ScalarType, Downsampli
     insert(points);
   }
 
-  [[nodiscard]] const Downsampling& downsampling() const { return options_; }
-  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(voxels_.size()); }
+  [[nodiscard]] const Downsampling& downsampling() const { return options_; }                  ///< how it downsamples
+  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(voxels_.size()); }  ///< number of points
   /// Points refused because a coordinate is NaN, infinite, or 2^31 or more voxels from the origin (where there may be
   /// many a voxel, blocks of four voxels).
   [[nodiscard]] Index rejected() const { return voxels_.rejected(); }
@@ -85,7 +84,7 @@ class VoxelMap : public detail::IncrementalVerbs<VoxelMap<ScalarType, Downsampli
   Index erase_if(Predicate&& leaves) {
     return voxels_.erase_if(std::forward<Predicate>(leaves));
   }
-  void clear() { *this = VoxelMap(options_); }
+  void clear() { *this = VoxelMap(options_); }  ///< erases everything
 
   /// Whether i is the index of a point.
   [[nodiscard]] bool contains(Index i) const { return voxels_.contains(i); }

@@ -30,9 +30,10 @@ struct GroupGnc {
 /// A map's factors, and which of them count.
 class GroupGncFactors {
  public:
-  using Smoother = IncrementalSmoother<SE3d>;
-  using ClosureFactor = BetweenFactor<SE3d>;
+  using Smoother = IncrementalSmoother<SE3d>;  ///< the smoother behind
+  using ClosureFactor = BetweenFactor<SE3d>;   ///< the factor of a closure
 
+  /// An empty graph.
   template <class Options>
   [[gnu::cold]] GroupGncFactors(const Options& options, const GroupGnc& gnc)
       : options_(gnc),
@@ -43,9 +44,10 @@ class GroupGncFactors {
   GroupGncFactors(const GroupGncFactors&) = delete;
   GroupGncFactors& operator=(const GroupGncFactors&) = delete;
 
-  [[nodiscard]] Smoother& smoother() { return smoother_; }
-  [[nodiscard]] const Smoother& smoother() const { return smoother_; }
+  [[nodiscard]] Smoother& smoother() { return smoother_; }              ///< the smoother behind
+  [[nodiscard]] const Smoother& smoother() const { return smoother_; }  ///< the smoother behind
 
+  /// Adds a factor.
   void add(const OdometryMeasurement& step) {
     const ClosureFactor factor{step.from.value, step.to.value, step.T_from_to, step.sqrt_information};
     if (!(options_.odometry > 0)) {
@@ -84,8 +86,9 @@ class GroupGncFactors {
     gnss_.wait(keyframe);
     gravity_.wait(keyframe.id);
   }
+  /// The keyframe has got a fix later.
   void wait_for_fix(const Keyframe& keyframe) { gnss_.wait(keyframe); }
-  [[nodiscard]] Index waiting() const { return gnss_.waiting(); }
+  [[nodiscard]] Index waiting() const { return gnss_.waiting(); }  ///< fixes that wait for a factor
   /// Keyframes go over to another frame.
   void carry(std::span<const Key> keyframes) {
     gnss_.carry(keyframes, gnc_);
@@ -98,11 +101,13 @@ class GroupGncFactors {
   /// Takes in closures that wait for a forecast, without one. @returns whether there were any.
   [[nodiscard]] bool admit() { return gnc_.admit(); }
 
+  /// Takes in what was added and makes the estimate better.
   [[nodiscard]] [[gnu::cold]] UpdateReport update(const SlamMap& map) {
     gnss_.add(map, gnc_);
     ask_fixes(map);
     return gnc_.update().last;
   }
+  /// Keys whose estimate the last update changed.
   [[nodiscard]] std::span<const Key> changed() const { return gnc_.changed(); }
 
   /// To the optimum, and until what counts there does not change it any more.

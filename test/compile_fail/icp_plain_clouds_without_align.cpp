@@ -1,0 +1,12 @@
+// expect: to align plain clouds, include chainslam/registration/align.hpp
+#include <vector>
+
+#include "chainslam/registration/icp.hpp"
+#ifdef CHAINSLAM_RIGHT
+#include "chainslam/registration/align.hpp"
+#endif
+
+int main() {
+  const std::vector<Eigen::Vector3f> scan;
+  (void)chainslam::PointToPlaneIcp{}.align(scan, scan);
+}
