@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <span>
+#include <utility>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -82,10 +83,13 @@ class GroupGncFactors {
   /// Takes in closures that wait for a forecast, without one. @returns whether there were any.
   [[nodiscard]] bool admit() { return gnc_.admit(); }
 
+  /// @returns what the last update says, and the work of all.
   [[nodiscard]] [[gnu::cold]] UpdateReport update(const SlamMap& map) {
     gnss_.add(map, gnc_);
     ask_fixes(map);
-    return gnc_.update().last;
+    IncrementalGncReport report = gnc_.update();
+    report.last.work = report.work;
+    return std::move(report.last);
   }
   [[nodiscard]] std::span<const Key> changed() const { return gnc_.changed(); }
 
