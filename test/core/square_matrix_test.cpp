@@ -2,7 +2,9 @@
 
 #include <doctest/doctest.h>
 
+#include <Eigen/Eigenvalues>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "chainslam/core/random.hpp"
@@ -112,6 +114,31 @@ TEST_SUITE("core/square_matrix") {
     CHECK(square_root(P).row(2).norm() == 0);
     P(1, 1) = std::numeric_limits<double>::quiet_NaN();
     CHECK(std::isnan(square_root(P).sum()));
+  }
+
+  TEST_CASE("bounds on eigenvalues hold for a matrix and its inverse, are exact for a diagonal one, and hand on NaN") {
+    constexpr int n = 7;
+    using Matrix = Eigen::Matrix<double, n, n>;
+    for (int seed = 0; seed < 20; ++seed) {
+      Rng rng(static_cast<std::uint64_t>(seed));
+      Matrix P = filled<n>(rng) * 0.3;
+      P = Matrix(P * P.transpose()) + Matrix::Identity();
+      const Eigen::VectorXd eigenvalues = Eigen::MatrixXd(P).selfadjointView<Eigen::Lower>().eigenvalues();
+      const double largest = eigenvalue_bound(P.data(), n);
+      CHECK(largest >= eigenvalues.maxCoeff());
+      CHECK(largest <= n * eigenvalues.maxCoeff());
+      Matrix L = cholesky(P);
+      const double of_inverse = inverse_eigenvalue_bound(L.data(), n);
+      CHECK(of_inverse >= 1 / eigenvalues.minCoeff());
+      CHECK(of_inverse <= n / eigenvalues.minCoeff());
+    }
+    Matrix D = Matrix::Identity() * 4.0;
+    CHECK(eigenvalue_bound(D.data(), n) == 4.0);
+    Matrix root = Matrix::Identity() * 2.0;
+    CHECK(inverse_eigenvalue_bound(root.data(), n) == 0.25);
+    D(3, 3) = root(3, 3) = std::numeric_limits<double>::quiet_NaN();
+    CHECK(std::isnan(eigenvalue_bound(D.data(), n)));
+    CHECK(std::isnan(inverse_eigenvalue_bound(root.data(), n)));
   }
 }
 

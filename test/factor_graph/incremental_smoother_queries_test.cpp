@@ -204,13 +204,53 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
         added.push_back(factor);
       }
       const double without = twin.smoother.cost();
-      const double rise = twin.smoother.rise_with(std::span<const BetweenFactor<SE3d>>(added));
+      const double rise = twin.smoother.rise_with(std::span<const BetweenFactor<SE3d>>(added)).change;
       for (const auto& factor : added) ids.push_back(twin.smoother.add(factor));
       REQUIRE(twin.smoother.converge().ok());
       // kernels and curvature are not in the forecasts
       CHECK(twin.smoother.cost() - without == doctest::Approx(rise).epsilon(0.05).scale(0.1));
-      const double fall = twin.smoother.fall_without(std::span<const BetweenFactor<SE3d>>(added));
+      const double fall = twin.smoother.fall_without(std::span<const BetweenFactor<SE3d>>(added)).change;
       CHECK(twin.smoother.cost() - without == doctest::Approx(fall).epsilon(0.05).scale(0.1));
+    });
+  }
+
+  TEST_CASE("a forecast bounds those of later graphs that know more, until the smoother counts a loss") {
+    for_all(20, [](Rng& rng, int size) {
+      Twin twin;
+      Walk walk(rng);
+      for (int k = 0; k < 5 + size; ++k) walk.step(twin);
+      const Key last = twin.smoother.size() - 1;
+      const auto between = [&](Key from, Key to) {
+        BetweenFactor<SE3d> factor{from, to, twin.smoother[from].inverse() * twin.smoother[to], {}};
+        factor.measurement = factor.measurement * SE3d::exp(random_tangent<SE3d>(rng, 0.003, 0.003));
+        factor.sqrt_information = Smoother::Noise::from_sigma(0.02).sqrt_information();
+        return factor;
+      };
+      const std::vector<BetweenFactor<SE3d>> in{between(0, last), between(1, last)}, out{between(2, last)};
+      for (const auto& factor : in) twin.smoother.add(factor);
+      REQUIRE(twin.smoother.converge().ok());
+      const JointForecast fall = twin.smoother.fall_without(std::span(in)),
+                          rise = twin.smoother.rise_with(std::span(out));
+      const std::uint64_t losses = twin.smoother.losses();
+      const FactorId more = twin.smoother.add(between(3, last), 0.5);
+      twin.smoother.set_weight(more, 1.0);
+      REQUIRE(twin.smoother.converge().ok());
+      CHECK(twin.smoother.losses() == losses);
+      const auto squares = [&](const std::vector<BetweenFactor<SE3d>>& factors) {
+        double sum = 0;
+        for (const auto& factor : factors) sum += factor.residual(twin.smoother.values()).squaredNorm();
+        return sum;
+      };
+      constexpr double curvature = 1.001;
+      CHECK(twin.smoother.fall_without(std::span(in)).change <= curvature * fall.per_residual * squares(in));
+      CHECK(curvature * twin.smoother.rise_with(std::span(out)).change >= rise.per_residual * squares(out));
+      CHECK(fall.per_residual > 1.0);
+      CHECK(rise.per_residual < 1.0);
+      twin.smoother.set_weight(more, 0.5);
+      CHECK(twin.smoother.losses() > losses);
+      const std::uint64_t weighed = twin.smoother.losses();
+      twin.smoother.remove(more);
+      CHECK(twin.smoother.losses() > weighed);
     });
   }
 
@@ -224,7 +264,9 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     const BetweenFactor<SE3d> only{1, free, beside, Smoother::Noise::from_sigma(0.1).sqrt_information()};
     twin.smoother.add(only);
     REQUIRE(twin.smoother.converge().ok());
-    CHECK_FALSE(twin.smoother.fall_without(std::span<const BetweenFactor<SE3d>>(&only, 1)) > 1e-3);
+    const JointForecast fall = twin.smoother.fall_without(std::span<const BetweenFactor<SE3d>>(&only, 1));
+    CHECK_FALSE(fall.change > 1e-3);
+    CHECK_FALSE(fall.per_residual < 1e9);  // bounds nothing
   }
 
   TEST_CASE("the covariance of a relative pose is that of both poses, carried") {

@@ -3,6 +3,8 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <cstdint>
+#include <string>
 #include <vector>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
@@ -387,6 +389,36 @@ TEST_SUITE("slam/map_graph") {
     REQUIRE(sessions.graph.converge().ok());
     sessions.join(rng, 0, 1, 1);
     CHECK(sessions.graph.optimise().relinearized < 100);
+  }
+
+  TEST_CASE("an optimisation that exceeds its work goes on with the next calls, to the same bits") {
+    for_all(5, [](Rng& rng, int) {
+      const auto seed = static_cast<std::uint64_t>(rng.uniform_index(1000));
+      MapGraphOptions options = to_the_end;
+      options.smoother.largest_relinearization = 5;
+      const auto ended = [&](double largest_work, int& calls) {
+        options.largest_work = largest_work;
+        Rng same(seed);
+        RandomSessions sessions(same, 2, 40, options);
+        sessions.join(same, 0, 1);
+        const auto optimise = [&] {
+          ++calls;
+          const UpdateReport report = sessions.graph.optimise();
+          REQUIRE(report.ok());
+          CHECK(sessions.graph.is_unfinished() == (report.waiting > 0));
+        };
+        optimise();
+        while (sessions.graph.is_unfinished()) optimise();
+        return sessions.graph.map().keyframes;
+      };
+      int at_once = 0, in_parts = 0;
+      const std::vector<Keyframe> whole = ended(MapGraphOptions{}.largest_work, at_once);
+      const std::vector<Keyframe> parts = ended(1.0, in_parts);
+      CHECK(at_once == 1);  // maps of less than some thousand keyframes never exceed it
+      CHECK(in_parts > 1);
+      for (std::size_t i = 0; i < whole.size(); ++i)
+        CHECK(parts[i].T_map_body.matrix() == whole[i].T_map_body.matrix());
+    });
   }
 
   TEST_CASE("a snapshot is whole, stays as it was, and is made once for each change") {

@@ -142,4 +142,43 @@ template <class Scalar, int N>
   return sum;
 }
 
+/// A bound on the largest eigenvalue of a symmetric matrix of n rows: the largest sum of a column's magnitudes. NaN if
+/// one is.
+[[nodiscard, gnu::noinline, gnu::cold]] inline double eigenvalue_bound(const double* A, int n) {
+  double largest = 0;
+  for (int column = 0; column < n; ++column) {
+    double sum = 0;
+    for (int row = 0; row < n; ++row) sum += std::abs(A[row + column * n]);
+    if (std::isnan(sum)) return sum;
+    largest = std::max(largest, sum);
+  }
+  return largest;
+}
+
+/// The same bound for a matrix's inverse, given Cholesky's factor L of n rows, which is overwritten by L^-1.
+[[nodiscard, gnu::noinline, gnu::cold]] inline double inverse_eigenvalue_bound(double* L, int n) {
+  for (int column = 0; column < n; ++column) {
+    double* const x = L + column * n;
+    const double diagonal = 1 / x[column];
+    for (int row = column + 1; row < n; ++row) {
+      double sum = -x[row] * diagonal;
+      for (int k = column + 1; k < row; ++k) sum -= L[row + k * n] * x[k];
+      x[row] = sum / L[row + row * n];
+    }
+    x[column] = diagonal;
+  }
+  double largest = 0;
+  for (int column = 0; column < n; ++column) {
+    double sum = 0;
+    for (int row = 0; row < n; ++row) {
+      double entry = 0;
+      for (int k = std::max(row, column); k < n; ++k) entry += L[k + row * n] * L[k + column * n];
+      sum += std::abs(entry);
+    }
+    if (std::isnan(sum)) return sum;
+    largest = std::max(largest, sum);
+  }
+  return largest;
+}
+
 }  // namespace chainslam

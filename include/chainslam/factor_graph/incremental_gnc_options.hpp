@@ -43,9 +43,10 @@ struct Suspicion {
 
 /// What an update did.
 struct IncrementalGncReport {
-  UpdateReport last;    ///< of the last update
-  Index steps = 0;      ///< updates
-  bool decided = true;  ///< whether each suspect is in or out, as its residual says; else the steps did not suffice
+  UpdateReport last;       ///< of the last update
+  Index steps = 0;         ///< updates,
+  FactorizationWork work;  ///< and what all of them took
+  bool decided = true;     ///< whether each suspect is in or out, as its residual says; else the steps did not suffice
 };
 
 }  // namespace chainslam

@@ -105,6 +105,14 @@ struct ConvergeReport {
   [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }  ///< whether the estimate was updated
 };
 
+/// What adding or taking out several factors together would do.
+struct JointForecast {
+  double change = 0.0;  ///< of the squared error: its rise or its fall
+  /// The change is at least (rise) or at most (fall) this times the factors' squared residuals at the estimate. Stays
+  /// true, but for relinearization, until information is lost (`IncrementalSmoother::losses`).
+  double per_residual = 0.0;
+};
+
 /// What a factor would do if it were added.
 struct FactorForecast {
   double squared_residual = 0.0;  ///< at the estimate as it is

@@ -247,7 +247,8 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, co
   gnss_.add(id, map().keyframes.back().time);
   const bool found = may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor);
   // Where the last one failed, fixes do not make the next one better.
-  if (found || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok())) optimise();
+  if (found || graph_.is_unfinished() || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok()))
+    optimise();
   moved_.searched(map().keyframes.back());
   try_merge(id, executor);
   recheck(executor);

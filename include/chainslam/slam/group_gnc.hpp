@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/table.hpp"
@@ -102,10 +103,13 @@ class GroupGncFactors {
   [[nodiscard]] bool admit() { return gnc_.admit(); }
 
   /// Takes in what was added and makes the estimate better.
+  /// @returns what the last update says, and the work of all.
   [[nodiscard]] [[gnu::cold]] UpdateReport update(const SlamMap& map) {
     gnss_.add(map, gnc_);
     ask_fixes(map);
-    return gnc_.update().last;
+    IncrementalGncReport report = gnc_.update();
+    report.last.work = report.work;
+    return std::move(report.last);
   }
   /// Keys whose estimate the last update changed.
   [[nodiscard]] std::span<const Key> changed() const { return gnc_.changed(); }

@@ -100,6 +100,8 @@ class MapGraph {
   /// Takes in what was added, and moves the keyframes to the optimum, as near as the smoother's tolerances say. If that
   /// fails they stay, and what was added waits for the next time.
   [[gnu::cold]] UpdateReport optimise();
+  /// Whether the last one left something to the next (`MapGraphOptions::largest_work`).
+  [[nodiscard]] bool is_unfinished() const { return unfinished_; }
 
   /// The same, to the end.
   [[gnu::cold]] ConvergeReport converge();
@@ -116,8 +118,6 @@ class MapGraph {
 
   [[nodiscard]] Keyframe& keyframe(Index i) { return map_.keyframes[static_cast<std::size_t>(i)]; }
   [[nodiscard]] const Session& session(SessionId id) const { return map_.sessions[static_cast<std::size_t>(id.value)]; }
-
-  void check(const Keyframe& keyframe) const;
   [[nodiscard]] [[gnu::cold]] NoiseModel<6> odometry_noise(const Keyframe& last, const Keyframe& next) const;
   [[gnu::cold]] void remeasure();
 
@@ -143,6 +143,7 @@ class MapGraph {
   SlamMap map_;
   std::optional<Factors> factors_;  ///< never empty; optional so that `rebuild` can replace them in place
   detail::Table<FactorId> priors_;  ///< of each session
+  bool unfinished_ = false;
   mutable std::mutex changing_;
   mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since
 };
@@ -165,7 +166,7 @@ void MapGraph<Outliers>::begin_session(std::string name) {
 
 template <class Outliers>
 KeyframeId MapGraph<Outliers>::append(Keyframe keyframe) {
-  check(keyframe);
+  require_next(map_, keyframe);
   if (map_.sessions.empty()) begin_session({});
   const Change change(*this);
   Session& session = map_.sessions.back();
@@ -305,7 +306,8 @@ UpdateReport MapGraph<Outliers>::optimise() {
   hold_upright();
   report.variables = floating();
   if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
-  for (Index k = 0; report.ok() && k < options_.optimizer.max_iterations; ++k) {
+  double work = 0;
+  for (Index k = 0; report.ok() && work < options_.largest_work && k < options_.optimizer.max_iterations; ++k) {
     report = factors_->update(map_);
     const Change change(*this);
     if (report.ok()) {
@@ -315,7 +317,9 @@ UpdateReport MapGraph<Outliers>::optimise() {
       rebuild();
     }
     if (report.waiting == 0) break;
+    work += report.work.multiplications;
   }
+  unfinished_ = report.ok() && work >= options_.largest_work;
   return report;
 }
 
@@ -337,13 +341,6 @@ ConvergeReport MapGraph<Outliers>::converge() {
   for (Key key = 0; key < smoother().size(); ++key) keyframe(key).T_map_body = smoother()[key];
   factors_->record(map_);
   return report;
-}
-
-template <class Outliers>
-void MapGraph<Outliers>::check(const Keyframe& keyframe) const {
-  require_finite(keyframe);
-  if (!map_.sessions.empty() && map_.sessions.back().keyframes > 0 && keyframe.time <= map_.keyframes.back().time)
-    throw std::invalid_argument("BackEnd: a keyframe's time is not later than the one before it");
 }
 
 template <class Outliers>

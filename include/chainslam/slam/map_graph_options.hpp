@@ -28,6 +28,9 @@ struct MapGraphOptions {
   SmootherOptions smoother{.patience = 0.0};
   /// How near the last one does. Its iterations also bound the updates of the others.
   ConvergeOptions<NoRestart> optimizer{.max_iterations = 50, .relative_tolerance = 1e-6};
+  /// Multiplications of factorizations after which an optimization leaves what still waits to be relinearized to the
+  /// next one: it bounds the time of an optimization.
+  double largest_work = 1e8;
 };
 
 }  // namespace chainslam

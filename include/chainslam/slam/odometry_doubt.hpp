@@ -13,6 +13,7 @@
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/map/frame_record.hpp"
 #include "chainslam/map/keyframe.hpp"
+#include "chainslam/map/slam_map.hpp"
 
 namespace chainslam {
 
@@ -50,6 +51,14 @@ namespace detail {
   // |a - b|^2 <= 4 max(|a|^2, |b|^2): no way between two keyframes overflows.
   if (!is_finite(T.matrix()) || !is_finite(4 * T.translation().squaredNorm()))
     throw std::invalid_argument("BackEnd: a keyframe's pose is not finite");
+}
+
+/// @throws std::invalid_argument if the keyframe cannot be the map's next: its pose is not finite, or its time not
+/// later.
+[[gnu::cold]] inline void require_next(const SlamMap& map, const Keyframe& keyframe) {
+  require_finite(keyframe);
+  if (!map.sessions.empty() && map.sessions.back().keyframes > 0 && keyframe.time <= map.keyframes.back().time)
+    throw std::invalid_argument("BackEnd: a keyframe's time is not later than the one before it");
 }
 
 /// @param before  the session's frame before them; null if they are its first.

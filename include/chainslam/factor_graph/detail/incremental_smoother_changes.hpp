@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 
 #include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
@@ -10,6 +11,20 @@
 // How `IncrementalSmoother` takes in values and factors, and lets them go.
 
 namespace chainslam {
+
+template <class Group, class... Extra>
+template <class Graph>
+Key IncrementalSmoother<Group, Extra...>::append(const Graph& graph) {
+  const Key first = size();
+  for (const Group& value : graph.values()) add_value(value);
+  graph.for_each_factor([&](auto factor) {
+    detail::shift_keys(factor, first);
+    add(factor);
+  });
+  for (Key key = first; key < size(); ++key)
+    if (graph.is_fixed(key - first)) set_fixed(key);
+  return first;
+}
 
 template <class Group, class... Extra>
 Key IncrementalSmoother<Group, Extra...>::add_value(const Group& initial) {
@@ -33,6 +48,16 @@ FactorId IncrementalSmoother<Group, Extra...>::add(const F& factor) {
   const Index term = begin_term(factor.keys(), detail::rows_of(factor));
   const FactorId id = pools_.add(factor, term);
   note_added(term);
+  return id;
+}
+
+template <class Group, class... Extra>
+template <Factor F>
+FactorId IncrementalSmoother<Group, Extra...>::add(const F& factor, double weight) {
+  const FactorId id = add(factor);
+  const std::uint64_t losses = losses_;
+  set_weight(id, weight);
+  losses_ = losses;  // what was not there yet is not lost
   return id;
 }
 
@@ -84,6 +109,7 @@ void IncrementalSmoother<Group, Extra...>::remove(const FactorId& id) {
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::remove_term(Index term) {
+  ++losses_;
   set_off(term, 0.0);
   solver_.remove_term(term);
   set_alive(term, false);
@@ -95,6 +121,7 @@ void IncrementalSmoother<Group, Extra...>::set_fixed(Key key, bool fixed) {
   require_keys(std::array<Key, 1>{key});  // a marginalised one stays as it is
   if (solver_.is_fixed(key) == fixed) return;
   begin();
+  ++losses_;
   relinearize_at_estimate(key);
   solver_.set_fixed(key, fixed);
   components_outdated_ = true;
@@ -108,6 +135,7 @@ void IncrementalSmoother<Group, Extra...>::set_weight(const FactorId& id, double
   const double before = this->weight(id);
   if (weight == before) return;
   begin();
+  if (weight < before) ++losses_;
   changes_.push_back({ChangeKind::factor_weighed, term, before});
   weigh_term(term, weight);
   touch(term);

@@ -69,6 +69,9 @@ class IncrementalSmoother {
   /// @throws std::invalid_argument if a key is unknown or repeated.
   template <Factor F>
   FactorId add(const F& factor);
+  /// The same, to count with a weight from the start (`set_weight`).
+  template <Factor F>
+  FactorId add(const F& factor, double weight);
   /// Adds a prior: the variable is `mean`, up to `noise`. @throws std::invalid_argument if the key is unknown.
   FactorId add_prior(Key key, const Group& mean, const Noise& noise);
   /// @param measurement  T_from_to
@@ -80,18 +83,7 @@ class IncrementalSmoother {
   /// `for_each_factor`.
   /// @returns the key of its first variable; the others follow in their order.
   template <class Graph>
-  Key append(const Graph& graph) {
-    const Key first = size();
-    for (const Group& value : graph.values()) add_value(value);
-    graph.for_each_factor([&](auto factor) {
-      detail::shift_keys(factor, first);
-      add(factor);
-    });
-    for (Key key = first; key < size(); ++key) {
-      if (graph.is_fixed(key - first)) set_fixed(key);
-    }
-    return first;
-  }
+  Key append(const Graph& graph);
 
   /// @throws std::invalid_argument if there is no such factor (any longer).
   void remove(const FactorId& id);
@@ -186,11 +178,13 @@ class IncrementalSmoother {
   [[nodiscard]] [[gnu::cold]] FactorForecast what_if(const F& factor) const;
   /// What the squared error would rise by if several factors were added together.
   template <Factor F>
-  [[nodiscard]] [[gnu::cold]] double rise_with(std::span<const F> factors) const;
+  [[nodiscard]] [[gnu::cold]] JointForecast rise_with(std::span<const F> factors) const;
   /// What it would fall by if several factors of the graph, which count in full, were taken out together; NaN if
   /// nothing else holds what they hold.
   template <Factor F>
-  [[nodiscard]] [[gnu::cold]] double fall_without(std::span<const F> factors) const;
+  [[nodiscard]] [[gnu::cold]] JointForecast fall_without(std::span<const F> factors) const;
+  /// Grows whenever the graph may have come to know less: factors removed, weights lowered, variables moved.
+  [[nodiscard]] std::uint64_t losses() const { return losses_; }
 
   /// The whole state as bytes, the same on every machine: values and where they are linearised, factors with their
   /// names and weights, what is fixed or waits, and the order of elimination; not what `undo` would need. Types of
@@ -269,10 +263,10 @@ class IncrementalSmoother {
     return Group::right_jacobian(matrix_of<Tangent>(solver_.solution(key).data()));
   }
   template <Factor F>
-  [[nodiscard]] [[gnu::cold]] double forecast(std::span<const F> factors, double sign) const;
+  [[nodiscard]] [[gnu::cold]] JointForecast forecast(std::span<const F> factors, double sign) const;
   /// r^T (I + sign J H^-1 J^T)^-1 r for a J of these variables. @param residual  is overwritten.
-  [[nodiscard]] [[gnu::cold]] double forecast(std::span<const Key> keys, std::span<const double> jacobian,
-                                              std::span<double> residual, double sign) const;
+  [[nodiscard]] [[gnu::cold]] JointForecast forecast(std::span<const Key> keys, std::span<const double> jacobian,
+                                                     std::span<double> residual, double sign) const;
   template <class Archive>
   static void visit_options(SmootherOptions& options, Archive&& archive);
   void marginalize_old();
@@ -365,6 +359,7 @@ class IncrementalSmoother {
   bool components_outdated_ = false;
   Key oldest_ = 0;  ///< none before it is kept by `SmootherOptions::lag`
   std::uint64_t revision_ = 0;
+  std::uint64_t losses_ = 0;
   bool open_ = false;  ///< whether changes wait for `update`
 };
 

@@ -41,6 +41,7 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
   detail::sort_unique(outside);
   for (const Key key : outside) relinearize_at_estimate(key);
   revision_ += 2;
+  ++losses_;
   components_outdated_ = true;  // what holds a part may see it from elsewhere
 }
 
@@ -110,24 +111,24 @@ template <class Group, class... Extra>
 template <Factor F>
 FactorForecast IncrementalSmoother<Group, Extra...>::what_if(const F& factor) const {
   require_keys(factor.keys());
-  return {factor.residual(estimates_).squaredNorm(), rise_with(std::span<const F>(&factor, 1))};
+  return {factor.residual(estimates_).squaredNorm(), rise_with(std::span<const F>(&factor, 1)).change};
 }
 
 template <class Group, class... Extra>
 template <Factor F>
-double IncrementalSmoother<Group, Extra...>::rise_with(std::span<const F> factors) const {
+JointForecast IncrementalSmoother<Group, Extra...>::rise_with(std::span<const F> factors) const {
   return forecast(factors, 1.0);
 }
 
 template <class Group, class... Extra>
 template <Factor F>
-double IncrementalSmoother<Group, Extra...>::fall_without(std::span<const F> factors) const {
+JointForecast IncrementalSmoother<Group, Extra...>::fall_without(std::span<const F> factors) const {
   return forecast(factors, -1.0);
 }
 
 template <class Group, class... Extra>
 template <Factor F>
-double IncrementalSmoother<Group, Extra...>::forecast(std::span<const F> factors, double sign) const {
+JointForecast IncrementalSmoother<Group, Extra...>::forecast(std::span<const F> factors, double sign) const {
   detail::Table<Key> keys;
   for (const F& factor : factors) {
     for (const Key key : factor.keys()) {
@@ -154,8 +155,9 @@ double IncrementalSmoother<Group, Extra...>::forecast(std::span<const F> factors
 }
 
 template <class Group, class... Extra>
-double IncrementalSmoother<Group, Extra...>::forecast(std::span<const Key> keys, std::span<const double> jacobian,
-                                                      std::span<double> residual, double sign) const {
+JointForecast IncrementalSmoother<Group, Extra...>::forecast(std::span<const Key> keys,
+                                                             std::span<const double> jacobian,
+                                                             std::span<double> residual, double sign) const {
   detail::Table<Key> free;
   for (const Key key : keys)
     if (solver_.is_eliminated(key)) free.push_back(key);
@@ -175,7 +177,9 @@ double IncrementalSmoother<Group, Extra...>::forecast(std::span<const Key> keys,
   solver_.inverse_product(free.all(), E.data(), rows, innovation.data());
   for (double& entry : innovation) entry *= sign;
   for (Index row = 0; row < rows; ++row) innovation[Offset{row} * (rows + 1)] += 1.0;
-  return squared_mahalanobis(innovation.data(), residual.data(), rows);
+  const double most = eigenvalue_bound(innovation.data(), rows);
+  const double change = squared_mahalanobis(innovation.data(), residual.data(), rows);
+  return {change, sign > 0.0 ? 1.0 / most : inverse_eigenvalue_bound(innovation.data(), rows)};
 }
 
 }  // namespace chainslam

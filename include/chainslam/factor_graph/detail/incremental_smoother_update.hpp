@@ -86,6 +86,7 @@ void IncrementalSmoother<Group, Extra...>::revert() {
   waiting_gap_ = waiting_gap_before_;
   find_waiting();
   solver_.rollback();
+  ++losses_;
   estimate_all();
   components_outdated_ = true;
   oldest_ = 0;

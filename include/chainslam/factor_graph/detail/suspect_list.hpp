@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <utility>
 
 #include "chainslam/core/ranked.hpp"
@@ -17,6 +18,14 @@ class SuspectList {
  public:
   static constexpr Index none = -1;
 
+  /// What was last forecast for the members of a group that are alike in or out (`JointForecast::per_residual`).
+  struct Forecast {
+    double per_residual = 0.0;
+    std::uint64_t losses = 0;  ///< of the smoother by then
+    Index members = 0;         ///< how many they were
+    bool in = false;
+  };
+
   struct Entry {
     FactorId id{};
     BetweenFactor<Group> factor{};  ///< `from` is none if it is on one variable
@@ -32,6 +41,8 @@ class SuspectList {
     Index members = 0, newest = none;                       ///< of a leader's group
     Index before = none;                                    ///< in its group
     Index older_at_to = none, older_at_from = none;
+    std::uint64_t measured = 0;  ///< the update for which `ratio` was last computed
+    Forecast forecasts{};        ///< of a leader's group
   };
 
   [[nodiscard]] Entry& operator[](Index number) { return entries_[number]; }

@@ -30,6 +30,14 @@ struct FactorizationWork {
   Index refactorized = 0;        ///< variables whose columns of the factor were computed anew
   Index substituted = 0;         ///< variables whose solution was computed anew
   double multiplications = 0.0;  ///< of the factorisation
+
+  FactorizationWork& operator+=(const FactorizationWork& more) {
+    reordered += more.reordered;
+    refactorized += more.refactorized;
+    substituted += more.substituted;
+    multiplications += more.multiplications;
+    return *this;
+  }
 };
 
 /// Solves sum(J^T J) x = -sum(J^T r) over terms that come, change and go, each on a few variables of `BlockSize` rows.

@@ -1,0 +1,124 @@
+#pragma once
+
+#include <algorithm>
+#include <span>
+#include <utility>
+
+#include "chainslam/core/ranked.hpp"
+#include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/detail/incremental_gnc_class.hpp"
+#include "chainslam/factor_graph/pairwise_consistency.hpp"
+
+// How `IncrementalGnc` tries whether the truncated squares are less the other way round.
+
+namespace chainslam {
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::try_others(IncrementalGncReport& report, Index rows) {
+  while (report.last.ok() && report.steps < options_.max_steps) {
+    // Trusted ones that are out come first: each costs much. Then the newest.
+    sort_ranked(touched_.all());
+    Index left = rows;
+    bool turned = false;
+    for (Offset k = 0; k < touched_.size() && left > 0 && !turned; ++k) turned = turn(touched_[k].index, left);
+    if (!turned || !step(report)) return;
+    decide(report);
+  }
+}
+
+template <class Smoother>
+bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
+  if (suspects_[leader].turned || !may_be_tried(leader)) return false;
+  const bool in = is_in(leader);
+  detail::Table<Suspect> members;
+  double squares = 0.0;
+  const auto for_each_alike = [&](auto&& visit) {
+    suspects_.for_each_member(leader, [&](Index number) {
+      if (smoother_.contains(id(number)) && is_in(number) == in) visit(number);
+    });
+  };
+  for_each_alike([&](Index number) {
+    members.push_back(suspects_[number].factor);
+    squares += suspects_[number].ratio * suspects_[number].threshold;
+  });
+  rows -= to_index(members.size()) * Group::dof;
+  const double limit = price(leader, members.size());
+  if (stays(leader, in, to_index(members.size()), squares, limit)) return false;
+  const std::span<const Suspect> together = members.all();
+  const JointForecast forecast = in ? smoother_.fall_without(together) : smoother_.rise_with(together);
+  suspects_[leader].forecasts = {forecast.per_residual, smoother_.losses(), to_index(members.size()), in};
+  // Not a number where nothing else holds what they hold: neither.
+  if (!(in ? forecast.change > limit : forecast.change < limit)) return false;
+  for_each_alike([&](Index number) { set_in(number, !in); });
+  suspects_[leader].turned = true;
+  if (in && !suspects_[leader].trusted) unexpected_.push_back(leader);
+  return true;
+}
+
+template <class Smoother>
+bool IncrementalGnc<Smoother>::stays(Index leader, bool in, Index members, double squares, double limit) const {
+  constexpr double margin = 1.25;  // for what relinearization has changed since
+  const auto& known = suspects_[leader].forecasts;
+  if (known.members != members || known.in != in || known.losses != smoother_.losses()) return false;
+  const double bound = known.per_residual * squares;
+  return in ? margin * bound <= limit : bound >= margin * limit;
+}
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::try_unexpected(IncrementalGncReport& report) {
+  unexpected_.keep_if([&](Index leader) { return !is_in(leader); });
+  if (const Offset forgotten = unexpected_.size() - options_.memory; forgotten > 0)
+    unexpected_ = detail::Table<Index>(unexpected_.range(forgotten, unexpected_.size()));
+  const detail::Table<Index> newest(
+      unexpected_.range(std::max<Offset>(unexpected_.size() - std::exchange(news_, 0), 0), unexpected_.size()));
+  for (const Index leader : std::exchange(vouched_for_, {})) try_in(std::span(&leader, 1), report);
+  detail::Table<Index> agreeing;
+  for (const Index leader : newest) {
+    agreeing.clear();
+    for (const Index other : unexpected_)
+      if (!is_in(other) && (other == leader || pairwise_consistent(smoother_, factor(other), factor(leader),
+                                                                   suspects_[leader].threshold, options_.max_blur)))
+        agreeing.push_back(other);
+    if (agreeing.size() >= options_.support) try_in(agreeing.all(), report);
+  }
+}
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, IncrementalGncReport& report) {
+  if (!report.last.ok()) return;
+  const double before = truncated_squares();
+  detail::Table<double> weights;
+  for (Index number = 0; number < suspects_.size(); ++number)
+    weights.push_back(smoother_.contains(id(number)) ? smoother_.weight(id(number)) : 0.0);
+  for (const bool trusting : {true, false}) {
+    IncrementalGncReport trial;
+    for (const Index leader : leaders) suspects_.for_each_member(leader, [&](Index number) { set_in(number, true); });
+    trusting_ = trusting;
+    if (step(trial)) decide(trial);
+    trusting_ = true;
+    try_others(trial, options_.tried_rows);
+    report.steps += trial.steps;
+    report.work += trial.work;
+    report.last = trial.last;
+    if (!trial.last.ok() || truncated_squares() < before) return;
+    for (Index number = 0; number < suspects_.size(); ++number)
+      if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
+        smoother_.set_weight(id(number), weights[number]);
+    if (!step(report)) return;
+  }
+  decide(report);
+}
+
+template <class Smoother>
+double IncrementalGnc<Smoother>::truncated_squares() const {
+  double sum = smoother_.cost();
+  for (Index number = 0; number < suspects_.size(); ++number) {
+    const Entry& one = suspects_[number];
+    if (!is_out(number)) continue;
+    sum += (follows_one(number) ? options_.consecutive_price : 1.0) * one.price / suspects_.votes(one.leader);
+  }
+  return sum;
+}
+
+}  // namespace chainslam
