@@ -3,34 +3,24 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <numbers>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
+#include "chainslam/core/binary_descriptor.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/features/density_image.hpp"
+#include "chainslam/features/height_image.hpp"
 #include "chainslam/features/detail/image_filters.hpp"
 
 namespace chainslam {
 
-/// 256 comparisons.
-using BinaryDescriptor = std::array<std::uint64_t, 4>;
-
-/// Number of comparisons that differ.
-[[nodiscard]] inline Index hamming_distance(const BinaryDescriptor& a, const BinaryDescriptor& b) {
-  int count = 0;
-  for (std::size_t word = 0; word < a.size(); ++word) count += std::popcount(a[word] ^ b[word]);
-  return count;
-}
-
-/// A corner of a density image.
+/// A corner of a height image.
 struct ImageKeypoint {
   Eigen::Vector2f position{0, 0};  ///< metres, in the frame of the image's cloud
   float angle = 0;                 ///< radians, of the direction in which its surroundings are brighter
@@ -41,10 +31,10 @@ struct ImageKeypoint {
 struct ImageKeypointOptions {
   double smoothing = 1.0;     ///< pixels: deviation of the Gaussian by which corners are sought
   double window = 1.5;        ///< pixels: deviation of the Gaussian that weights gradients around a corner
-  double min_response = 1e-4;  ///< the structure tensor's smaller eigenvalue, of an image from 0 to 1
+  double min_response = 1e-4; ///< the structure tensor's smaller eigenvalue, of an image from 0 to 1
   Index separation = 3;       ///< pixels to the next stronger corner, at least
   Index max_count = 200;      ///< the strongest
-  double radius = 15.0;       ///< pixels, of the disc that a descriptor compares
+  double radius = 20.0;       ///< pixels, of the disc that a descriptor compares
   double spread = 1.5;        ///< pixels: deviation of the Gaussian over which a compared value is averaged
 };
 
@@ -100,6 +90,18 @@ struct ComparisonPattern {
   return xx;
 }
 
+/// Where between the pixels the response is largest: the vertex of the parabolas through the neighbours' values.
+[[nodiscard]] inline Eigen::Vector2d vertex(const GrayImage& response, const Eigen::Vector2i& corner) {
+  const auto offset = [&](Index dx, Index dy) {
+    const auto value = [&](Index step) {
+      return static_cast<double>(response.value(corner.x() + step * dx, corner.y() + step * dy));
+    };
+    const double curvature = value(-1) - 2 * value(0) + value(1);
+    return curvature < 0 ? std::clamp(0.5 * (value(-1) - value(1)) / curvature, -0.5, 0.5) : 0.0;
+  };
+  return corner.cast<double>() + Eigen::Vector2d(offset(1, 0), offset(0, 1));
+}
+
 /// The strongest corners, each the strongest within the separation.
 [[nodiscard]] inline std::vector<Eigen::Vector2i> corners(const GrayImage& response,
                                                           const ImageKeypointOptions& options) {
@@ -141,6 +143,16 @@ struct ComparisonPattern {
   return std::atan2(y_moment, x_moment);
 }
 
+/// The ground at a corner, as far as it was seen.
+[[nodiscard]] inline float lowest_around(const HeightImage& image, const Eigen::Vector2i& center) {
+  constexpr Index reach = 2;
+  float lowest = std::numeric_limits<float>::infinity();
+  for (Index y = center.y() - reach; y <= center.y() + reach; ++y)
+    for (Index x = center.x() - reach; x <= center.x() + reach; ++x)
+      if (image.contains(x, y)) lowest = std::min(lowest, image.lowest[image.at(x, y)]);
+  return lowest;
+}
+
 [[nodiscard]] inline BinaryDescriptor described(const GrayImage& image, const Eigen::Vector2i& center, float angle,
                                                 double radius) {
   const Eigen::Vector2f along = static_cast<float>(radius) * Eigen::Vector2f(std::cos(angle), std::sin(angle));
@@ -158,9 +170,9 @@ struct ComparisonPattern {
 
 }  // namespace detail
 
-/// Corners of a density image with binary descriptors that turn with them, the strongest first.
+/// Corners of a height image with binary descriptors that turn with them, the strongest first.
 /// @throws std::invalid_argument if an option makes no sense.
-[[nodiscard]] inline std::vector<ImageKeypoint> image_keypoints(const DensityImage& image,
+[[nodiscard]] inline std::vector<ImageKeypoint> image_keypoints(const HeightImage& image,
                                                                 const ImageKeypointOptions& options = {}) {
   detail::check(options);
   std::vector<ImageKeypoint> keypoints;
@@ -168,17 +180,13 @@ struct ComparisonPattern {
   const detail::GrayImage gray{image.width, image.height, image.values};
   const detail::GrayImage smooth = detail::blurred(gray, options.smoothing);
   const detail::GrayImage averaged = detail::blurred(gray, options.spread);
-  for (const Eigen::Vector2i& corner : detail::corners(detail::corner_response(smooth, options.window), options)) {
+  const detail::GrayImage response = detail::corner_response(smooth, options.window);
+  for (const Eigen::Vector2i& corner : detail::corners(response, options)) {
     ImageKeypoint keypoint;
-    keypoint.position = image.position(corner.cast<double>()).cast<float>();
+    keypoint.position = image.position(detail::vertex(response, corner)).cast<float>();
     keypoint.angle = detail::orientation(smooth, corner, options.radius);
+    keypoint.lowest = detail::lowest_around(image, corner);
     keypoint.descriptor = detail::described(averaged, corner, keypoint.angle, options.radius);
-    float lowest = std::numeric_limits<float>::infinity();
-    for (Index dy = -2; dy <= 2; ++dy)
-      for (Index dx = -2; dx <= 2; ++dx)
-        if (image.contains(corner.x() + dx, corner.y() + dy))
-          lowest = std::min(lowest, image.lowest[image.at(corner.x() + dx, corner.y() + dy)]);
-    keypoint.lowest = lowest;
     keypoints.push_back(keypoint);
   }
   return keypoints;
