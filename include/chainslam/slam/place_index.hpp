@@ -2,9 +2,10 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <concepts>
 #include <cstddef>
-#include <cstdint>
+#include <numbers>
 #include <span>
 #include <stdexcept>
 #include <vector>
@@ -24,6 +25,7 @@ namespace chainslam {
 struct PlaceIndexOptions {
   HammingForestOptions forest{};
   Index max_distance = 70;  ///< bits, of 256, between the descriptors of a match
+  Index vote_distance = 55; ///< bits: more similar ones vote for a place
   Index shortlist = 12;     ///< places with most similar descriptors, whose keypoints are matched one by one
   Index min_inliers = 6;    ///< matches that agree on one motion
   PlanarConsensusOptions consensus{};
@@ -114,31 +116,69 @@ class PlaceIndex {
     return std::span(keypoints_).subspan(begin, end - begin);
   }
 
-  /// Places by the number of the query's keypoints that have a similar one there.
+  /// A stored keypoint that is similar to one of the query's.
+  struct Hit {
+    Index place = 0;
+    Index query = 0;
+    Index id = 0;
+    double weight = 0;
+  };
+
+  /// Places by the weight of the similar keypoints that agree in pairs: they lie as far apart here and there, and are
+  /// turned by the same angle.
   template <class Wanted>
   [[nodiscard]] detail::Table<Index> shortlist(std::span<const ImageKeypoint> query, const Wanted& wanted) const {
-    std::vector<std::uint64_t> votes;  // place and keypoint of the query
-    std::vector<HammingForest::Found> near;
-    for (std::size_t i = 0; i < query.size(); ++i) {
-      forest_.near(query[i].descriptor, options_.max_distance, near);
-      for (const HammingForest::Found& one : near) {
-        const auto place = static_cast<std::uint64_t>(places_[static_cast<std::size_t>(one.id)]);
-        votes.push_back(place << 32 | i);
-      }
-    }
-    std::sort(votes.begin(), votes.end());
-    votes.erase(std::unique(votes.begin(), votes.end()), votes.end());
+    std::vector<Hit> hits = this->hits(query);
+    std::sort(hits.begin(), hits.end(), [](const Hit& a, const Hit& b) {
+      return a.place != b.place ? a.place < b.place : a.query != b.query ? a.query < b.query : a.id < b.id;
+    });
     detail::Table<Ranked> ranked;
-    for (std::size_t begin = 0, end = 0; begin < votes.size(); begin = end) {
-      const auto place = static_cast<Index>(votes[begin] >> 32);
-      while (end < votes.size() && static_cast<Index>(votes[end] >> 32) == place) ++end;
-      if (end - begin >= 2 && wanted(place)) ranked.push_back({-static_cast<double>(end - begin), place});
+    for (std::size_t begin = 0, end = 0; begin < hits.size(); begin = end) {
+      const Index place = hits[begin].place;
+      while (end < hits.size() && hits[end].place == place) ++end;
+      const double votes = agreeing_weight(query, std::span(hits).subspan(begin, end - begin));
+      if (votes > 0 && wanted(place)) ranked.push_back({-votes, place});
     }
     sort_ranked(ranked.all());
     detail::Table<Index> best;
     for (const Ranked& one : ranked)
       if (best.size() < options_.shortlist) best.push_back(one.index);
     return best;
+  }
+
+  [[nodiscard]] std::vector<Hit> hits(std::span<const ImageKeypoint> query) const {
+    std::vector<Hit> hits;
+    std::vector<HammingForest::Found> near;
+    for (std::size_t i = 0; i < query.size(); ++i) {
+      forest_.near(query[i].descriptor, options_.vote_distance, near);
+      for (const HammingForest::Found& one : near)
+        hits.push_back({places_[static_cast<std::size_t>(one.id)], static_cast<Index>(i), one.id,
+                        1.0 / std::sqrt(static_cast<double>(near.size()))});  // what is common says little
+    }
+    return hits;
+  }
+
+  /// The largest weight of hits of one place that agree with one of them.
+  [[nodiscard]] double agreeing_weight(std::span<const ImageKeypoint> query, std::span<const Hit> hits) const {
+    const auto here = [&](const Hit& hit) -> const ImageKeypoint& { return query[static_cast<std::size_t>(hit.query)]; };
+    const auto there = [&](const Hit& hit) -> const ImageKeypoint& {
+      return keypoints_[static_cast<std::size_t>(hit.id)];
+    };
+    const auto allowed = static_cast<float>(options_.consensus.max_distance);
+    const auto max_angle = static_cast<float>(options_.consensus.max_angle);
+    double most = 0;
+    for (const Hit& a : hits) {
+      double weight = 0;
+      for (const Hit& b : hits) {
+        if (a.query == b.query || a.id == b.id) continue;
+        const float apart = (here(a).position - here(b).position).norm();
+        if (std::abs(apart - (there(a).position - there(b).position).norm()) > allowed) continue;
+        const float turned = (there(a).angle - here(a).angle) - (there(b).angle - here(b).angle);
+        if (std::abs(std::remainder(turned, 2 * std::numbers::pi_v<float>)) <= max_angle) weight += b.weight;
+      }
+      most = std::max(most, weight > 0 ? weight + a.weight : 0.0);
+    }
+    return most;
   }
 
   /// Keypoints that are each other's most similar one.
