@@ -32,7 +32,6 @@ struct HeightImage {
   double cell_size = 0;
   Eigen::Vector2d corner = Eigen::Vector2d::Zero();  ///< of pixel (0, 0), metres
   std::vector<float> values;                         ///< rows of equal y; 0 to 1
-  std::vector<float> lowest;                         ///< z of the lowest point of a pixel, metres; infinity: none
 
   [[nodiscard]] bool contains(Index x, Index y) const { return x >= 0 && y >= 0 && x < width && y < height; }
   [[nodiscard]] std::size_t at(Index x, Index y) const {
@@ -83,17 +82,17 @@ template <Cloud C>
   image.height = high_y - low_y + 1;
   image.corner = options.cell_size * Eigen::Vector2d(low_x, low_y);
   const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
-  image.lowest.assign(pixels, std::numeric_limits<float>::infinity());
+  std::vector<float> lowest(pixels, std::numeric_limits<float>::infinity());
   std::vector<float> highest(pixels, -std::numeric_limits<float>::infinity());
   for_each_in_range([&](Index x, Index y, float z) {
     const std::size_t pixel = image.at(x - low_x, y - low_y);
-    image.lowest[pixel] = std::min(image.lowest[pixel], z);
+    lowest[pixel] = std::min(lowest[pixel], z);
     highest[pixel] = std::max(highest[pixel], z);
   });
   image.values.resize(pixels);
   const auto white = static_cast<float>(options.white);
   for (std::size_t pixel = 0; pixel < pixels; ++pixel)
-    image.values[pixel] = std::clamp((highest[pixel] - image.lowest[pixel]) / white, 0.0F, 1.0F);  // -inf: none
+    image.values[pixel] = std::clamp((highest[pixel] - lowest[pixel]) / white, 0.0F, 1.0F);  // -inf: none
   return image;
 }
 

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -24,7 +23,6 @@ namespace chainslam {
 struct ImageKeypoint {
   Eigen::Vector2f position{0, 0};  ///< metres, in the frame of the image's cloud
   float angle = 0;                 ///< radians, of the direction in which its surroundings are brighter
-  float lowest = 0;                ///< metres: z of the lowest point around it, the ground as far as it was seen
   BinaryDescriptor descriptor{};
 };
 
@@ -143,16 +141,6 @@ struct ComparisonPattern {
   return std::atan2(y_moment, x_moment);
 }
 
-/// The ground at a corner, as far as it was seen.
-[[nodiscard]] inline float lowest_around(const HeightImage& image, const Eigen::Vector2i& center) {
-  constexpr Index reach = 2;
-  float lowest = std::numeric_limits<float>::infinity();
-  for (Index y = center.y() - reach; y <= center.y() + reach; ++y)
-    for (Index x = center.x() - reach; x <= center.x() + reach; ++x)
-      if (image.contains(x, y)) lowest = std::min(lowest, image.lowest[image.at(x, y)]);
-  return lowest;
-}
-
 [[nodiscard]] inline BinaryDescriptor described(const GrayImage& image, const Eigen::Vector2i& center, float angle,
                                                 double radius) {
   const Eigen::Vector2f along = static_cast<float>(radius) * Eigen::Vector2f(std::cos(angle), std::sin(angle));
@@ -185,7 +173,6 @@ struct ComparisonPattern {
     ImageKeypoint keypoint;
     keypoint.position = image.position(detail::vertex(response, corner)).cast<float>();
     keypoint.angle = detail::orientation(smooth, corner, options.radius);
-    keypoint.lowest = detail::lowest_around(image, corner);
     keypoint.descriptor = detail::described(averaged, corner, keypoint.angle, options.radius);
     keypoints.push_back(keypoint);
   }

@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "chainslam/core/binary_descriptor.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -25,7 +24,7 @@ namespace chainslam {
 struct PlaceIndexOptions {
   HammingForestOptions forest{};
   Index max_distance = 70;  ///< bits, of 256, between the descriptors of a match
-  Index vote_distance = 55; ///< bits: more similar ones vote for a place
+  Index vote_distance = 55;  ///< bits: more similar ones vote for a place
   Index shortlist = 12;     ///< places with most similar descriptors, whose keypoints are matched one by one
   Index min_inliers = 6;    ///< matches that agree on one motion
   PlanarConsensusOptions consensus{};
@@ -35,7 +34,6 @@ struct PlaceIndexOptions {
 struct PlaceMatch {
   Index place = 0;
   SE2d T_place_query;  ///< between the frames of the images, seen from above
-  double rise = 0;     ///< metres: z of the query's frame in the place's frame, by the ground of both
   Index inliers = 0;   ///< matches that agree on the motion
 };
 
@@ -48,9 +46,9 @@ class PlaceIndex {
  public:
   /// @throws std::invalid_argument if an option makes no sense.
   explicit PlaceIndex(const PlaceIndexOptions& options = {}) : options_(options), forest_(options.forest) {
-    if (options.max_distance < 0 || options.shortlist < 1 || options.min_inliers < 3)
+    if (options.max_distance < 0 || options.vote_distance < 0 || options.shortlist < 1 || options.min_inliers < 3)
       throw std::invalid_argument(
-          "PlaceIndex: max_distance must not be negative, shortlist at least 1, min_inliers at least 3");
+          "PlaceIndex: max_distance and vote_distance must not be negative, shortlist at least 1, min_inliers at least 3");
   }
 
   /// Adds a place. @returns its number: they are counted from 0.
@@ -90,18 +88,14 @@ class PlaceIndex {
   [[nodiscard]] PlaceMatch compare(std::span<const ImageKeypoint> query, Index place) const {
     const std::span<const ImageKeypoint> there = keypoints(place);
     detail::Table<PlanarMatch> matches;
-    detail::Table<Ranked> rises;
     for (const Pair& pair : mutual(query, there)) {
       const ImageKeypoint& a = query[static_cast<std::size_t>(pair.query)];
       const ImageKeypoint& b = there[static_cast<std::size_t>(pair.place)];
       matches.push_back({a.position.cast<double>(), b.position.cast<double>(),
                          static_cast<double>(b.angle) - static_cast<double>(a.angle)});
-      rises.push_back({static_cast<double>(b.lowest) - static_cast<double>(a.lowest), pair.query});
     }
     const PlanarConsensus consensus = planar_consensus(matches.all(), options_.consensus);
-    PlaceMatch match{.place = place, .T_place_query = consensus.T_target_source, .inliers = consensus.inliers};
-    match.rise = median_rise(matches.all(), rises, consensus.T_target_source);
-    return match;
+    return {.place = place, .T_place_query = consensus.T_target_source, .inliers = consensus.inliers};
   }
 
  private:
@@ -202,18 +196,6 @@ class PlaceIndex {
     for (Index i = 0; i < static_cast<Index>(query.size()); ++i)
       if (const Index j = of_query[i].index; j >= 0 && of_place[j].index == i) pairs.push_back({i, j});
     return pairs;
-  }
-
-  /// Of the inliers whose ground was seen.
-  [[nodiscard]] double median_rise(std::span<const PlanarMatch> matches, const detail::Table<Ranked>& rises,
-                                   const SE2d& T) const {
-    detail::Table<Ranked> agreeing;
-    for (std::size_t k = 0; k < matches.size(); ++k)
-      if ((T * matches[k].source - matches[k].target).norm() <= options_.consensus.max_distance)
-        agreeing.push_back(rises[static_cast<Offset>(k)]);
-    agreeing.keep_if([](const Ranked& one) { return is_finite(one.rank); });
-    sort_ranked(agreeing.all());
-    return agreeing.empty() ? 0.0 : agreeing[agreeing.size() / 2].rank;
   }
 
   PlaceIndexOptions options_;
