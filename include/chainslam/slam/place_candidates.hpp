@@ -181,8 +181,8 @@ inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index
     else since_ += step(keyframes, next_);
     if (since_ < options_.spacing) continue;
     since_ = 0;
-    Place place{.begin = begin_of_submap(keyframes, next_), .end = next_ + 1};
-    place.center = KeyframeId{(place.begin + place.end) / 2};
+    const Index begin = begin_of_submap(keyframes, next_), after = next_ + 1;
+    const Place place{.center = KeyframeId{(begin + after) / 2}, .begin = begin, .end = after};
     places_.push_back(place);
     index_.add(draw(keyframes, place));
   }
