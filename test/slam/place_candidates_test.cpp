@@ -127,12 +127,12 @@ TEST_SUITE("slam/place_candidates") {
       const std::optional<TwoSessions> sessions = courtyard(heading);
       if (!sessions) return;
       PlaceCandidates candidates(for_courtyard());
-      const std::vector<KeyframeId> queries = sessions->queries(2.4);
+      const std::vector<KeyframeId> queries = sessions->queries(2.3);
       const Guessed counts = guessed(*sessions, candidates, queries);
       MESSAGE("heading ", heading, ": of ", queries.size(), " submaps ", counts.right, " right, ", counts.wrong,
               " wrong, heights within ", counts.height, " m");
-      CHECK(queries.size() == 24);
-      CHECK(counts.right >= 18);
+      CHECK(queries.size() >= 23);
+      CHECK(counts.right + 1 >= static_cast<int>(queries.size()));
       CHECK(counts.wrong == 0);
       CHECK(counts.height < 1.0);
     }
@@ -191,18 +191,20 @@ TEST_SUITE("slam/place_candidates") {
     CHECK(places[5].center.value == 59);
   }
 
-  TEST_CASE("the ground's height is that of the lower points around, in the levelled frame of the body") {
-    Keyframe keyframe;
-    CHECK(!detail::ground_height(keyframe));
-    keyframe.T_odom_body = SE3d(SO3d::exp({0, 0.3, 0}), {5, 5, 5});
+  TEST_CASE("the ground's height is that of the lower points around, seen from wherever, in a levelled frame") {
+    std::vector<Keyframe> path(3);
+    CHECK(!detail::ground_height(path, 1));
+    for (Index i = 0; i < 3; ++i) path[static_cast<std::size_t>(i)].T_odom_body = SE3d(SO3d::exp({0, 0.3, 0}), {10.0 * i, 5, 5});
     PointCloud<float> cloud;
-    for (double x = -30; x < 30; x += 0.5) {
-      cloud.positions.push_back(
-          (keyframe.T_odom_body.rotation().inverse() * Eigen::Vector3d(x, 0, -1.5)).cast<float>());
-      cloud.positions.push_back((keyframe.T_odom_body.rotation().inverse() * Eigen::Vector3d(x, 1, 2)).cast<float>());
+    for (double x = -3; x < 3; x += 0.1) {
+      const SE3d T_body_odom = path[2].T_odom_body.inverse();
+      cloud.positions.push_back((T_body_odom * Eigen::Vector3d(10 + x, 5, 3.5)).cast<float>());
+      cloud.positions.push_back((T_body_odom * Eigen::Vector3d(10 + x, 6, 9)).cast<float>());
+      cloud.positions.push_back((T_body_odom * Eigen::Vector3d(10, 11 + x * x, -20)).cast<float>());  // 6 m aside
     }
-    keyframe.cloud = std::make_shared<const PointCloud<float>>(cloud);
-    CHECK(detail::ground_height(keyframe).value() == doctest::Approx(-1.5));
+    path[2].cloud = std::make_shared<const PointCloud<float>>(cloud);
+    CHECK(detail::ground_height(path, 1).value() == doctest::Approx(-1.5));
+    CHECK(!detail::ground_height(std::span(path).first(2), 1));
   }
 
   TEST_CASE("options that make no sense are refused") {

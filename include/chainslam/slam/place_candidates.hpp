@@ -24,6 +24,31 @@
 
 namespace chainslam {
 
+namespace detail {
+
+/// Height of the ground around a keyframe over its body, metres, by the scans of a piece of path; none if hardly any of
+/// it was seen. A scan alone may show none: a scanner that looks ahead sees the ground under it from elsewhere.
+[[nodiscard]] [[gnu::cold]] inline std::optional<double> ground_height(std::span<const Keyframe> keyframes, Index at) {
+  constexpr double reach = 5.0;  // metres
+  constexpr Offset fewest = 20;  // points
+  constexpr double share = 0.1;  // of the points around lie lower than the ground is taken to
+  const Eigen::Vector3d center = keyframes[static_cast<std::size_t>(at)].T_odom_body.translation();
+  Table<Ranked> heights;
+  for (const Keyframe& keyframe : keyframes) {
+    if (!keyframe.cloud) continue;
+    const SE3d T_center_body(keyframe.T_odom_body.rotation(), keyframe.T_odom_body.translation() - center);
+    for (const Eigen::Vector3f& point : keyframe.cloud->positions) {
+      const Eigen::Vector3d p = T_center_body * point.cast<double>().eval();
+      if (is_finite(p) && p.head<2>().norm() < reach) heights.push_back({p.z(), 0});
+    }
+  }
+  if (heights.size() < fewest) return std::nullopt;
+  sort_ranked(heights.all());
+  return heights[static_cast<Offset>(share * static_cast<double>(heights.size()))].rank;
+}
+
+}  // namespace detail
+
 struct PlaceCandidateOptions {
   double submap_length = 60.0;  ///< metres along the path: what is drawn as one place
   double spacing = 15.0;        ///< metres along the path between two places that are remembered
@@ -112,7 +137,11 @@ class PlaceCandidates {
 
   /// The keyframe of a place that is nearest to the query, and the pose between them.
   [[nodiscard]] [[gnu::cold]] static Proposal propose(std::span<const Keyframe> keyframes, const Place& place,
-                                                      KeyframeId query, const SE2d& T_place_query);
+                                                      const Place& query, const SE2d& T_place_query);
+  [[nodiscard]] static std::optional<double> ground(std::span<const Keyframe> keyframes, const Place& place, Index at) {
+    const auto begin = static_cast<std::size_t>(place.begin), end = static_cast<std::size_t>(place.end);
+    return detail::ground_height(keyframes.subspan(begin, end - begin), at - place.begin);
+  }
 
   PlaceCandidateOptions options_;
   PlaceIndex index_;
@@ -122,26 +151,6 @@ class PlaceCandidates {
   detail::Table<Proposal> proposals_;
 };
 static_assert(MergeCandidates<PlaceCandidates>);
-
-namespace detail {
-
-/// Height of the ground around a body, metres in its levelled frame; none if hardly any of it was seen.
-[[nodiscard]] [[gnu::cold]] inline std::optional<double> ground_height(const Keyframe& keyframe) {
-  constexpr double reach = 10.0;   // metres
-  constexpr Offset fewest = 20;    // points
-  constexpr double share = 0.1;    // of the points around lie lower than the ground is taken to
-  if (!keyframe.cloud) return std::nullopt;
-  Table<Ranked> heights;
-  for (const Eigen::Vector3f& point : keyframe.cloud->positions) {
-    const Eigen::Vector3d p = keyframe.T_odom_body.rotation() * point.cast<double>().eval();
-    if (is_finite(p) && p.head<2>().norm() < reach) heights.push_back({p.z(), 0});
-  }
-  if (heights.size() < fewest) return std::nullopt;
-  sort_ranked(heights.all());
-  return heights[static_cast<Offset>(share * static_cast<double>(heights.size()))].rank;
-}
-
-}  // namespace detail
 
 template <class Wanted>
 std::vector<KeyframeId> PlaceCandidates::find(std::span<const Keyframe> keyframes, KeyframeId query,
@@ -153,7 +162,7 @@ std::vector<KeyframeId> PlaceCandidates::find(std::span<const Keyframe> keyframe
   const std::vector<ImageKeypoint> seen = draw(keyframes, here);
   for (const PlaceMatch& match : index_.find(seen, [&](Index place) { return wanted(places_[place]); })) {
     if (to_index(found.size()) >= options_.max_count) break;
-    const Proposal proposal = propose(keyframes, places_[match.place], query, match.T_place_query);
+    const Proposal proposal = propose(keyframes, places_[match.place], here, match.T_place_query);
     const auto is_near = [&](KeyframeId other) {
       return std::abs(other.value - proposal.from.value) < options_.min_separation &&
              session(keyframes, other) == session(keyframes, proposal.from);
@@ -201,8 +210,8 @@ inline std::vector<ImageKeypoint> PlaceCandidates::draw(std::span<const Keyframe
 }
 
 inline PlaceCandidates::Proposal PlaceCandidates::propose(std::span<const Keyframe> keyframes, const Place& place,
-                                                          KeyframeId query, const SE2d& T_place_query) {
-  const Keyframe& here = at(keyframes, query.value);
+                                                          const Place& query, const SE2d& T_place_query) {
+  const Keyframe& here = at(keyframes, query.center.value);
   const SE3d level = T_image_odom(at(keyframes, place.center.value));
   const auto ahead = [&](Index i) { return level * at(keyframes, i).T_odom_body; };
   const Eigen::Vector2d position = T_place_query.translation();  // of the query, at its image's origin
@@ -211,11 +220,12 @@ inline PlaceCandidates::Proposal PlaceCandidates::propose(std::span<const Keyfra
   for (Index i = place.begin; i < place.end; ++i)
     if (const double away = (ahead(i).translation().head<2>() - position).norm(); away < least) least = away, nearest = i;
   const Keyframe& there = at(keyframes, nearest);
-  const std::optional<double> ground_here = detail::ground_height(here), ground_there = detail::ground_height(there);
+  const std::optional<double> ground_here = ground(keyframes, query, query.center.value);
+  const std::optional<double> ground_there = ground(keyframes, place, nearest);
   const double rise = ground_here && ground_there ? *ground_there - *ground_here : 0.0;
   const SE3d T_place_body(SO3d::exp({0, 0, T_place_query.rotation().angle()}) * here.T_odom_body.rotation(),
                           {position.x(), position.y(), ahead(nearest).translation().z() + rise});
-  return {there.id, query, ahead(nearest).inverse() * T_place_body};
+  return {there.id, here.id, ahead(nearest).inverse() * T_place_body};
 }
 
 /// What fixes propose, and places where these have nothing to say.
