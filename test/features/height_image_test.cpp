@@ -24,8 +24,8 @@ float pixel_at(const HeightImage& image, double x, double y) {
 
 TEST_SUITE("features/height_image") {
   TEST_CASE("a pixel is the height that its points span, white from 4 m on") {
-    const std::vector<Eigen::Vector3d> cloud{{0.1, 0.1, -1}, {0.2, 0.3, 1}, {5.1, 2.1, 0}, {5.2, 2.2, 3.99}, {5.3, 2.2, 9},
-                                             {9.9, 9.9, 7}};
+    const std::vector<Eigen::Vector3d> cloud{{0.1, 0.1, -1},   {0.2, 0.3, 1}, {5.1, 2.1, 0},
+                                             {5.2, 2.2, 3.99}, {5.3, 2.2, 9}, {9.9, 9.9, 7}};
     const HeightImage image = height_image(cloud);
     CHECK(image.cell_size == 0.5);
     CHECK(pixel_at(image, 0.25, 0.25) == doctest::Approx(0.5));

@@ -122,7 +122,8 @@ Guessed guessed(const TwoSessions& sessions, PlaceCandidates& candidates, const 
 }  // namespace
 
 TEST_SUITE("slam/place_candidates") {
-  TEST_CASE("a courtyard walked twice: submaps of 10 m find their place, whatever the heading, none finds a wrong one") {
+  TEST_CASE(
+      "a courtyard walked twice: submaps of 10 m find their place, whatever the heading, none finds a wrong one") {
     for (const double heading : {0.0, 0.6, 2.0}) {
       const std::optional<TwoSessions> sessions = courtyard(heading);
       if (!sessions) return;
@@ -157,6 +158,35 @@ TEST_SUITE("slam/place_candidates") {
     }
   }
 
+  TEST_CASE("within a session the start is found again although odometry is 40 m and a radian off by then") {
+    std::optional<TwoSessions> sessions = courtyard(0.0);
+    if (!sessions) return;
+    std::vector<Keyframe> keyframes(sessions->map.keyframes.begin(),
+                                    sessions->map.keyframes.begin() + sessions->map.sessions[0].keyframes);
+    const std::vector<Keyframe> truth = keyframes;
+    const SE3d jump(SO3d::exp({0, 0, 1}), {40, 0, 0});
+    const Index n = to_index(keyframes.size());
+    for (Index i = n / 2; i < n; ++i) {
+      Keyframe& keyframe = keyframes[static_cast<std::size_t>(i)];
+      keyframe.T_odom_body = jump * keyframe.T_odom_body;
+    }
+    PlaceCandidates candidates(for_courtyard());
+    int right = 0, wrong = 0;
+    for (Index query = n - 40; query < n; query += 5) {
+      const auto wanted = [&](const PlaceCandidates::Place& place) { return place.end < query - 100; };
+      for (const KeyframeId from : candidates.find(keyframes, KeyframeId{query}, wanted)) {
+        const SE3d T_from_to = truth[static_cast<std::size_t>(from.value)].T_odom_body.inverse() *
+                               truth[static_cast<std::size_t>(query)].T_odom_body;
+        const SE3d off = T_from_to.inverse() * candidates.guess(from, KeyframeId{query}).value();
+        const bool is_right = off.translation().head<2>().norm() < 1 && degrees(off.rotation().log().norm()) < 5;
+        is_right ? ++right : ++wrong;
+      }
+    }
+    MESSAGE("of 8 scans at the end ", right, " find the start, ", wrong, " something else");
+    CHECK(right >= 4);
+    CHECK(wrong == 0);
+  }
+
   TEST_CASE("keyframes of the query's own frame and of places that are not wanted are not proposed") {
     std::optional<TwoSessions> sessions = courtyard(0.0);
     if (!sessions) return;
@@ -179,7 +209,7 @@ TEST_SUITE("slam/place_candidates") {
         sessions.add(keyframe);
       }
     }
-    PlaceCandidates candidates;  // submaps of 60 m, one every 15 m
+    PlaceCandidates candidates;                                                      // submaps of 60 m, one every 15 m
     CHECK(candidates.find(sessions.map, sessions.map.keyframes.back().id).empty());  // no scans, so nothing to see
     const auto places = candidates.places();
     REQUIRE(places.size() == 10);
@@ -194,7 +224,8 @@ TEST_SUITE("slam/place_candidates") {
   TEST_CASE("the ground's height is that of the lower points around, seen from wherever, in a levelled frame") {
     std::vector<Keyframe> path(3);
     CHECK(!detail::ground_height(path, 1));
-    for (Index i = 0; i < 3; ++i) path[static_cast<std::size_t>(i)].T_odom_body = SE3d(SO3d::exp({0, 0.3, 0}), {10.0 * i, 5, 5});
+    for (Index i = 0; i < 3; ++i)
+      path[static_cast<std::size_t>(i)].T_odom_body = SE3d(SO3d::exp({0, 0.3, 0}), {10.0 * i, 5, 5});
     PointCloud<float> cloud;
     for (double x = -3; x < 3; x += 0.1) {
       const SE3d T_body_odom = path[2].T_odom_body.inverse();

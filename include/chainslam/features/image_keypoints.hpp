@@ -14,8 +14,8 @@
 #include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/features/height_image.hpp"
 #include "chainslam/features/detail/image_filters.hpp"
+#include "chainslam/features/height_image.hpp"
 
 namespace chainslam {
 
@@ -27,13 +27,13 @@ struct ImageKeypoint {
 };
 
 struct ImageKeypointOptions {
-  double smoothing = 1.0;     ///< pixels: deviation of the Gaussian by which corners are sought
-  double window = 1.5;        ///< pixels: deviation of the Gaussian that weights gradients around a corner
-  double min_response = 1e-4; ///< the structure tensor's smaller eigenvalue, of an image from 0 to 1
-  Index separation = 3;       ///< pixels to the next stronger corner, at least
-  Index max_count = 200;      ///< the strongest
-  double radius = 20.0;       ///< pixels, of the disc that a descriptor compares
-  double spread = 1.5;        ///< pixels: deviation of the Gaussian over which a compared value is averaged
+  double smoothing = 1.0;      ///< pixels: deviation of the Gaussian by which corners are sought
+  double window = 1.5;         ///< pixels: deviation of the Gaussian that weights gradients around a corner
+  double min_response = 1e-4;  ///< the structure tensor's smaller eigenvalue, of an image from 0 to 1
+  Index separation = 3;        ///< pixels to the next stronger corner, at least
+  Index max_count = 200;       ///< the strongest
+  double radius = 20.0;        ///< pixels, of the disc that a descriptor compares
+  double spread = 1.5;         ///< pixels: deviation of the Gaussian over which a compared value is averaged
 };
 
 namespace detail {

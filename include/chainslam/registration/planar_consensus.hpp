@@ -59,8 +59,8 @@ struct PlanarSums {
 
 /// Finds the motion that most matches agree on.
 ///
-/// A match with directions is a hypothesis by itself, so all are tried and nothing is left to chance. Each is refined by
-/// least squares over those that agree with it.
+/// A match with directions is a hypothesis by itself, so all are tried and nothing is left to chance. Each is refined
+/// by least squares over those that agree with it.
 /// @returns the identity without inliers if no three matches agree.
 /// @throws std::invalid_argument if an option makes no sense.
 [[nodiscard]] [[gnu::cold]] inline PlanarConsensus planar_consensus(std::span<const PlanarMatch> matches,

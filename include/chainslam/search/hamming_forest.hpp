@@ -17,10 +17,10 @@
 namespace chainslam {
 
 struct HammingForestOptions {
-  Index trees = 6;             ///< more find more of what is near, in proportional time
-  Index leaf_size = 32;        ///< descriptors of a leaf before it is split
-  Index bits_tried = 16;       ///< random bits of which a leaf is split by the most balanced one
-  Index max_leaf_size = 128;   ///< what no bit parts is common, and forgotten beyond so many
+  Index trees = 6;            ///< more find more of what is near, in proportional time
+  Index leaf_size = 32;       ///< descriptors of a leaf before it is split
+  Index bits_tried = 16;      ///< random bits of which a leaf is split by the most balanced one
+  Index max_leaf_size = 128;  ///< what no bit parts is common, and forgotten beyond so many
   std::uint64_t seed = 1;
 };
 

@@ -62,14 +62,15 @@ struct PlaceCandidateOptions {
 /// Keyframes whose surroundings look like the query's, wherever the map has them and without GNSS: each with a guess
 /// of the pose between them.
 ///
-/// The scans along a piece of path are drawn from above, in odometry's frame, whose z points against gravity. A piece is
-/// remembered when the path is through with it; those of all sessions are kept in one index.
+/// The scans along a piece of path are drawn from above, in odometry's frame, whose z points against gravity. A piece
+/// is remembered when the path is through with it; those of all sessions are kept in one index.
 class PlaceCandidates {
  public:
   /// @throws std::invalid_argument if an option makes no sense.
   explicit PlaceCandidates(const PlaceCandidateOptions& options = {}) : options_(options), index_(options.index) {
     if (!(options.submap_length > 0 && options.spacing > 0) || options.max_count < 0)
-      throw std::invalid_argument("PlaceCandidates: submap_length and spacing must be positive, max_count not negative");
+      throw std::invalid_argument(
+          "PlaceCandidates: submap_length and spacing must be positive, max_count not negative");
   }
 
   /// Keyframes of other frames.
@@ -146,8 +147,8 @@ class PlaceCandidates {
   PlaceCandidateOptions options_;
   PlaceIndex index_;
   detail::Table<Place> places_;
-  Index next_ = 0;       ///< keyframe to come
-  double since_ = 0;     ///< metres along the path since the last place was remembered, or the session's start
+  Index next_ = 0;    ///< keyframe to come
+  double since_ = 0;  ///< metres along the path since the last place was remembered, or the session's start
   detail::Table<Proposal> proposals_;
 };
 static_assert(MergeCandidates<PlaceCandidates>);
@@ -186,8 +187,10 @@ inline Index PlaceCandidates::begin_of_submap(std::span<const Keyframe> keyframe
 inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end) {
   for (; next_ < end; ++next_) {
     const bool is_first = next_ == 0 || at(keyframes, next_ - 1).session != at(keyframes, next_).session;
-    if (is_first) since_ = options_.spacing - 0.5 * options_.submap_length;  // the first place is half a submap's
-    else since_ += step(keyframes, next_);
+    if (is_first)
+      since_ = options_.spacing - 0.5 * options_.submap_length;  // the first place is half a submap's
+    else
+      since_ += step(keyframes, next_);
     if (since_ < options_.spacing) continue;
     since_ = 0;
     const Index begin = begin_of_submap(keyframes, next_), after = next_ + 1;
@@ -218,7 +221,8 @@ inline PlaceCandidates::Proposal PlaceCandidates::propose(std::span<const Keyfra
   Index nearest = place.begin;
   double least = std::numeric_limits<double>::infinity();
   for (Index i = place.begin; i < place.end; ++i)
-    if (const double away = (ahead(i).translation().head<2>() - position).norm(); away < least) least = away, nearest = i;
+    if (const double away = (ahead(i).translation().head<2>() - position).norm(); away < least)
+      least = away, nearest = i;
   const Keyframe& there = at(keyframes, nearest);
   const std::optional<double> ground_here = ground(keyframes, query, query.center.value);
   const std::optional<double> ground_there = ground(keyframes, place, nearest);

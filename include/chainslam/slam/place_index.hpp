@@ -23,10 +23,10 @@ namespace chainslam {
 
 struct PlaceIndexOptions {
   HammingForestOptions forest{};
-  Index max_distance = 70;  ///< bits, of 256, between the descriptors of a match
+  Index max_distance = 70;   ///< bits, of 256, between the descriptors of a match
   Index vote_distance = 55;  ///< bits: more similar ones vote for a place
-  Index shortlist = 12;     ///< places with most similar descriptors, whose keypoints are matched one by one
-  Index min_inliers = 6;    ///< matches that agree on one motion
+  Index shortlist = 12;      ///< places with most similar descriptors, whose keypoints are matched one by one
+  Index min_inliers = 6;     ///< matches that agree on one motion
   PlanarConsensusOptions consensus{};
 };
 
@@ -48,7 +48,8 @@ class PlaceIndex {
   explicit PlaceIndex(const PlaceIndexOptions& options = {}) : options_(options), forest_(options.forest) {
     if (options.max_distance < 0 || options.vote_distance < 0 || options.shortlist < 1 || options.min_inliers < 3)
       throw std::invalid_argument(
-          "PlaceIndex: max_distance and vote_distance must not be negative, shortlist at least 1, min_inliers at least 3");
+          "PlaceIndex: max_distance and vote_distance must not be negative, shortlist at least 1, min_inliers at least "
+          "3");
   }
 
   /// Adds a place. @returns its number: they are counted from 0.
@@ -154,7 +155,9 @@ class PlaceIndex {
 
   /// The largest weight of hits of one place that agree with one of them.
   [[nodiscard]] double agreeing_weight(std::span<const ImageKeypoint> query, std::span<const Hit> hits) const {
-    const auto here = [&](const Hit& hit) -> const ImageKeypoint& { return query[static_cast<std::size_t>(hit.query)]; };
+    const auto here = [&](const Hit& hit) -> const ImageKeypoint& {
+      return query[static_cast<std::size_t>(hit.query)];
+    };
     const auto there = [&](const Hit& hit) -> const ImageKeypoint& {
       return keypoints_[static_cast<std::size_t>(hit.id)];
     };
