@@ -26,7 +26,8 @@ namespace chainslam {
 /// A place that passes is a hypothesis, until as many others as asked for agree with it, or the fixes and scans around
 /// it do. Hypotheses of different frames stand side by side; those of a frame that was joined otherwise are given up.
 /// Keyframes of the session's own frame are tried, too, where fixes say that it lies wrong there.
-/// @tparam Candidates    which keyframes to try.
+/// @tparam Candidates    which keyframes to try. If they have `std::optional<SE3d> guess(from, to) const`, as
+///                       PlaceCandidates do, a candidate with a guess is aligned from it.
 /// @tparam Registration  aligns submaps from nothing.
 template <class Candidates = GnssCandidates, class Registration = FeatureRegistration<>>
 class MapMerger {
@@ -83,8 +84,19 @@ class MapMerger {
   [[nodiscard]] [[gnu::cold]] LoopClosure register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to,
                                                            Closer& closer, const E& executor) const;
 
+  /// From the guess that came with a candidate: nothing has to be found that a closure's gate would not see.
+  template <class Closer, Executor E>
+  [[nodiscard]] [[gnu::cold]] LoopClosure align_from(const SlamMap& map, KeyframeId from, KeyframeId to,
+                                                     const SE3d& guess, Closer& closer, const E& executor) const;
+
   [[nodiscard]] [[gnu::cold]] ClosureVerdict judge(const SlamMap& map, const LoopClosure& closure,
                                                    const GlobalAlignResult& result) const;
+
+  /// Whether a closure puts the session's frame where it is already.
+  [[nodiscard]] [[gnu::cold]] bool is_same_frame(const SlamMap& map, const LoopClosure& closure) const {
+    const SE3d T = T_frame_joined(map, closure);
+    return T.translation().norm() < options_.min_translation && T.rotation().log().norm() < options_.min_rotation;
+  }
 
   /// Whom to try, those last that lie in the session's frame although fixes contradict it.
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> candidates(const SlamMap& map, KeyframeId query);
@@ -176,6 +188,9 @@ template <class Candidates, class Registration>
 template <class Closer, Executor E>
 LoopClosure MapMerger<Candidates, Registration>::register_submaps(const SlamMap& map, KeyframeId from, KeyframeId to,
                                                                   Closer& closer, const E& executor) const {
+  if constexpr (requires { candidates_.guess(from, to); })
+    if (const std::optional<SE3d> guess = candidates_.guess(from, to))
+      return align_from(map, from, to, *guess, closer, executor);
   SubmapRange current = submap_range(map.keyframes, to, options_.submap_radius, options_.submap_length);
   current.end = to.value + 1;
   const auto source = assemble_submap(map.keyframes, to, current, options_.voxel_size);
@@ -210,10 +225,19 @@ ClosureVerdict MapMerger<Candidates, Registration>::judge(const SlamMap& map, co
       !(result.fitness_target >= options_.min_fitness && result.putative_ratio >= options_.min_putative &&
         result.fitness_source >= options_.min_source_fitness))
     return ClosureVerdict::low_fitness;
-  const SE3d T = T_frame_joined(map, closure);
-  const bool same_frame =
-      T.translation().norm() < options_.min_translation && T.rotation().log().norm() < options_.min_rotation;
-  return same_frame ? ClosureVerdict::implausible : ClosureVerdict::accepted;
+  return is_same_frame(map, closure) ? ClosureVerdict::implausible : ClosureVerdict::accepted;
+}
+
+template <class Candidates, class Registration>
+template <class Closer, Executor E>
+LoopClosure MapMerger<Candidates, Registration>::align_from(const SlamMap& map, KeyframeId from, KeyframeId to,
+                                                            const SE3d& guess, Closer& closer,
+                                                            const E& executor) const {
+  LoopClosure closure = closer.align(map.keyframes, from, to, guess, executor);
+  closure.kind = ClosureKind::merge;
+  if (closure.verdict == ClosureVerdict::accepted && is_same_frame(map, closure))
+    closure.verdict = ClosureVerdict::implausible;
+  return closure;
 }
 
 template <class Candidates, class Registration>

@@ -1,0 +1,261 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdlib>
+#include <limits>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/cloud/transform.hpp"
+#include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/features/height_image.hpp"
+#include "chainslam/features/image_keypoints.hpp"
+#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/gnss_candidates.hpp"
+#include "chainslam/slam/place_index.hpp"
+
+namespace chainslam {
+
+namespace detail {
+
+/// Height of the ground around a keyframe over its body, metres, by the scans of a piece of path; none if hardly any of
+/// it was seen. A scan alone may show none: a scanner that looks ahead sees the ground under it from elsewhere.
+[[nodiscard]] [[gnu::cold]] inline std::optional<double> ground_height(std::span<const Keyframe> keyframes, Index at) {
+  constexpr double reach = 5.0;  // metres
+  constexpr Offset fewest = 20;  // points
+  constexpr double share = 0.1;  // of the points around lie lower than the ground is taken to
+  const Eigen::Vector3d center = keyframes[static_cast<std::size_t>(at)].T_odom_body.translation();
+  Table<Ranked> heights;
+  for (const Keyframe& keyframe : keyframes) {
+    if (!keyframe.cloud) continue;
+    const SE3d T_center_body(keyframe.T_odom_body.rotation(), keyframe.T_odom_body.translation() - center);
+    for (const Eigen::Vector3f& point : keyframe.cloud->positions) {
+      const Eigen::Vector3d p = T_center_body * point.cast<double>().eval();
+      if (is_finite(p) && p.head<2>().norm() < reach) heights.push_back({p.z(), 0});
+    }
+  }
+  if (heights.size() < fewest) return std::nullopt;
+  sort_ranked(heights.all());
+  return heights[static_cast<Offset>(share * static_cast<double>(heights.size()))].rank;
+}
+
+}  // namespace detail
+
+struct PlaceCandidateOptions {
+  double submap_length = 60.0;  ///< metres along the path: what is drawn as one place
+  double spacing = 15.0;        ///< metres along the path between two places that are remembered
+  Index max_count = 2;          ///< proposals
+  Index min_separation = 10;    ///< keyframes between two proposals of one session
+  HeightImageOptions image{};
+  ImageKeypointOptions keypoints{};
+  PlaceIndexOptions index{};
+};
+
+/// Keyframes whose surroundings look like the query's, wherever the map has them and without GNSS: each with a guess
+/// of the pose between them.
+///
+/// The scans along a piece of path are drawn from above, in odometry's frame, whose z points against gravity. A piece
+/// is remembered when the path is through with it; those of all sessions are kept in one index.
+class PlaceCandidates {
+ public:
+  /// @throws std::invalid_argument if an option makes no sense.
+  explicit PlaceCandidates(const PlaceCandidateOptions& options = {}) : options_(options), index_(options.index) {
+    if (!(options.submap_length > 0 && options.spacing > 0) || options.max_count < 0)
+      throw std::invalid_argument(
+          "PlaceCandidates: submap_length and spacing must be positive, max_count not negative");
+  }
+
+  /// Keyframes of other frames.
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
+    const SessionId here = frame(map, session(map.keyframes, query));
+    return find(map.keyframes, query,
+                [&](const Place& place) { return frame(map, session(map.keyframes, place.center)) != here; });
+  }
+
+  /// Keyframes of places that are wanted.
+  /// @param keyframes  all of the map, which only ever gets more of them.
+  template <class Wanted>
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, KeyframeId query,
+                                                           const Wanted& wanted);
+
+  /// T_from_to of a proposal of the last call of `find`, by what was seen from above; roll and pitch by odometry, and
+  /// the height by the ground below both.
+  [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const {
+    for (const Proposal& proposal : proposals_)
+      if (proposal.from == from && proposal.to == to) return proposal.T_from_to;
+    return std::nullopt;
+  }
+
+  [[nodiscard]] const PlaceIndex& index() const { return index_; }
+
+  /// A piece of path that is remembered, or asked about.
+  struct Place {
+    KeyframeId center;  ///< at whose position the image has its origin
+    Index begin = 0;    ///< keyframes [begin, end)
+    Index end = 0;
+  };
+  [[nodiscard]] std::span<const Place> places() const { return places_.all(); }
+
+ private:
+  struct Proposal {
+    KeyframeId from, to;
+    SE3d T_from_to;
+  };
+
+  [[nodiscard]] static const Keyframe& at(std::span<const Keyframe> keyframes, Index i) {
+    return keyframes[static_cast<std::size_t>(i)];
+  }
+  [[nodiscard]] static SessionId session(std::span<const Keyframe> keyframes, KeyframeId id) {
+    return at(keyframes, id.value).session;
+  }
+  [[nodiscard]] static SessionId frame(const SlamMap& map, SessionId session) {
+    return map.sessions[static_cast<std::size_t>(session.value)].frame;
+  }
+  [[nodiscard]] static double step(std::span<const Keyframe> keyframes, Index to) {
+    return (at(keyframes, to).T_odom_body.translation() - at(keyframes, to - 1).T_odom_body.translation()).norm();
+  }
+  /// From odometry's frame to that of an image: level, with its origin at a keyframe.
+  [[nodiscard]] static SE3d T_image_odom(const Keyframe& center) {
+    return SE3d(SO3d(), -center.T_odom_body.translation());
+  }
+
+  /// Remembers places up to `end`, those that the path is through with.
+  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
+
+  /// The path up to and with `last`, as long as a submap.
+  [[nodiscard]] [[gnu::cold]] Index begin_of_submap(std::span<const Keyframe> keyframes, Index last) const;
+
+  [[nodiscard]] [[gnu::cold]] std::vector<ImageKeypoint> draw(std::span<const Keyframe> keyframes,
+                                                              const Place& place) const;
+
+  /// The keyframe of a place that is nearest to the query, and the pose between them.
+  [[nodiscard]] [[gnu::cold]] static Proposal propose(std::span<const Keyframe> keyframes, const Place& place,
+                                                      const Place& query, const SE2d& T_place_query);
+  [[nodiscard]] static std::optional<double> ground(std::span<const Keyframe> keyframes, const Place& place, Index at) {
+    const auto begin = static_cast<std::size_t>(place.begin), end = static_cast<std::size_t>(place.end);
+    return detail::ground_height(keyframes.subspan(begin, end - begin), at - place.begin);
+  }
+
+  PlaceCandidateOptions options_;
+  PlaceIndex index_;
+  detail::Table<Place> places_;
+  Index next_ = 0;    ///< keyframe to come
+  double since_ = 0;  ///< metres along the path since the last place was remembered, or the session's start
+  detail::Table<Proposal> proposals_;
+};
+static_assert(MergeCandidates<PlaceCandidates>);
+
+template <class Wanted>
+std::vector<KeyframeId> PlaceCandidates::find(std::span<const Keyframe> keyframes, KeyframeId query,
+                                              const Wanted& wanted) {
+  remember(keyframes, query.value + 1);
+  proposals_.clear();
+  std::vector<KeyframeId> found;
+  const Place here{.center = query, .begin = begin_of_submap(keyframes, query.value), .end = query.value + 1};
+  const std::vector<ImageKeypoint> seen = draw(keyframes, here);
+  for (const PlaceMatch& match : index_.find(seen, [&](Index place) { return wanted(places_[place]); })) {
+    if (to_index(found.size()) >= options_.max_count) break;
+    const Proposal proposal = propose(keyframes, places_[match.place], here, match.T_place_query);
+    const auto is_near = [&](KeyframeId other) {
+      return std::abs(other.value - proposal.from.value) < options_.min_separation &&
+             session(keyframes, other) == session(keyframes, proposal.from);
+    };
+    if (std::any_of(found.begin(), found.end(), is_near)) continue;
+    found.push_back(proposal.from);
+    proposals_.push_back(proposal);
+  }
+  return found;
+}
+
+inline Index PlaceCandidates::begin_of_submap(std::span<const Keyframe> keyframes, Index last) const {
+  Index begin = last;
+  double length = 0;
+  while (begin > 0 && at(keyframes, begin - 1).session == at(keyframes, last).session &&
+         (length += step(keyframes, begin)) <= options_.submap_length)
+    --begin;
+  return begin;
+}
+
+inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end) {
+  for (; next_ < end; ++next_) {
+    const bool is_first = next_ == 0 || at(keyframes, next_ - 1).session != at(keyframes, next_).session;
+    if (is_first)
+      since_ = options_.spacing - 0.5 * options_.submap_length;  // the first place is half a submap's
+    else
+      since_ += step(keyframes, next_);
+    if (since_ < options_.spacing) continue;
+    since_ = 0;
+    const Index begin = begin_of_submap(keyframes, next_), after = next_ + 1;
+    const Place place{.center = KeyframeId{(begin + after) / 2}, .begin = begin, .end = after};
+    places_.push_back(place);
+    index_.add(draw(keyframes, place));
+  }
+}
+
+inline std::vector<ImageKeypoint> PlaceCandidates::draw(std::span<const Keyframe> keyframes, const Place& place) const {
+  PointCloud<float> seen;
+  const SE3d level = T_image_odom(at(keyframes, place.center.value));
+  for (Index i = place.begin; i < place.end; ++i) {
+    const Keyframe& keyframe = at(keyframes, i);
+    if (!keyframe.cloud) continue;
+    const PointCloud<float> moved = transformed(keyframe.cloud->positions, level * keyframe.T_odom_body);
+    seen.positions.insert(seen.positions.end(), moved.positions.begin(), moved.positions.end());
+  }
+  return image_keypoints(height_image(seen, options_.image), options_.keypoints);
+}
+
+inline PlaceCandidates::Proposal PlaceCandidates::propose(std::span<const Keyframe> keyframes, const Place& place,
+                                                          const Place& query, const SE2d& T_place_query) {
+  const Keyframe& here = at(keyframes, query.center.value);
+  const SE3d level = T_image_odom(at(keyframes, place.center.value));
+  const auto ahead = [&](Index i) { return level * at(keyframes, i).T_odom_body; };
+  const Eigen::Vector2d position = T_place_query.translation();  // of the query, at its image's origin
+  Index nearest = place.begin;
+  double least = std::numeric_limits<double>::infinity();
+  for (Index i = place.begin; i < place.end; ++i)
+    if (const double away = (ahead(i).translation().head<2>() - position).norm(); away < least)
+      least = away, nearest = i;
+  const Keyframe& there = at(keyframes, nearest);
+  const std::optional<double> ground_here = ground(keyframes, query, query.center.value);
+  const std::optional<double> ground_there = ground(keyframes, place, nearest);
+  const double rise = ground_here && ground_there ? *ground_there - *ground_here : 0.0;
+  const SE3d T_place_body(SO3d::exp({0, 0, T_place_query.rotation().angle()}) * here.T_odom_body.rotation(),
+                          {position.x(), position.y(), ahead(nearest).translation().z() + rise});
+  return {there.id, here.id, ahead(nearest).inverse() * T_place_body};
+}
+
+/// What fixes propose, and places where these have nothing to say.
+template <MergeCandidates Fixes = GnssCandidates, MergeCandidates Places = PlaceCandidates>
+class FixesElsePlaces {
+ public:
+  explicit FixesElsePlaces(Fixes fixes = Fixes{}, Places places = Places{})
+      : fixes_(std::move(fixes)), places_(std::move(places)) {}
+
+  [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
+    std::vector<KeyframeId> found = fixes_.find(map, query);
+    by_place_ = found.empty();
+    return by_place_ ? places_.find(map, query) : found;
+  }
+  [[nodiscard]] std::vector<KeyframeId> misplaced(const SlamMap& map, KeyframeId query) {
+    return fixes_.misplaced(map, query);
+  }
+  [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const {
+    return by_place_ ? places_.guess(from, to) : std::nullopt;
+  }
+
+ private:
+  Fixes fixes_;
+  Places places_;
+  bool by_place_ = false;
+};
+static_assert(MergeCandidates<FixesElsePlaces<>>);
+
+}  // namespace chainslam

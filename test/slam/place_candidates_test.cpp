@@ -1,0 +1,248 @@
+#include "chainslam/slam/place_candidates.hpp"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/pcd.hpp"
+#include "chainslam/slam/loop_closer.hpp"
+#include "chainslam/slam/map_merger.hpp"
+#include "slam/street.hpp"
+#include "support/property.hpp"
+#include "support/real_data.hpp"
+#include "support/real_matrix.hpp"
+
+namespace chainslam {
+namespace {
+
+static_assert(MergeCandidates<PlaceCandidates>);
+
+/// Two sessions in a map, each in a frame of its own, with the true motion from the second one's odometry to the
+/// first's.
+struct TwoSessions {
+  SlamMap map;
+  SE3d T_first_second;
+
+  void add_session() {
+    const SessionId id{to_index(map.sessions.size())};
+    map.sessions.push_back({id, {}, to_index(map.keyframes.size()), 0, id, {}, {}});
+  }
+  void add(Keyframe keyframe) {
+    keyframe.id = KeyframeId{to_index(map.keyframes.size())};
+    keyframe.session = map.sessions.back().id;
+    ++map.sessions.back().keyframes;
+    map.keyframes.push_back(std::move(keyframe));
+  }
+  [[nodiscard]] std::vector<KeyframeId> queries(double every) const {
+    std::vector<KeyframeId> ids;
+    double travelled = 0;
+    for (Index i = map.sessions[1].first_keyframe + 1; i < to_index(map.keyframes.size()); ++i) {
+      const auto pose = [&](Index k) { return map.keyframes[static_cast<std::size_t>(k)].T_odom_body.translation(); };
+      travelled += (pose(i) - pose(i - 1)).norm();
+      if (travelled < every) continue;
+      travelled = 0;
+      ids.push_back(KeyframeId{i});
+    }
+    return ids;
+  }
+  [[nodiscard]] SE3d truth(KeyframeId from, KeyframeId to) const {
+    const auto pose = [&](KeyframeId id) { return map.keyframes[static_cast<std::size_t>(id.value)].T_odom_body; };
+    return pose(from).inverse() * T_first_second * pose(to);
+  }
+};
+
+/// The courtyard that was walked twice. The second walk's odometry starts `heading` turned about the vertical.
+std::optional<TwoSessions> courtyard(double heading) {
+  const auto root = test::real_data("hku_square_two_sessions");
+  if (!root) return std::nullopt;
+  TwoSessions sessions;
+  const SE3d turn(SO3d::exp({0, 0, heading}), Eigen::Vector3d::Zero());
+  sessions.T_first_second = test::read_matrix(*root / "T_session1_session2.txt") * turn.inverse();
+  for (const std::string name : {"session1", "session2"}) {
+    const std::filesystem::path folder = *root / name;
+    const std::vector<SE3d> poses = read_kitti_poses(folder / "odom_poses.txt").poses;
+    std::ifstream times(folder / "times.txt");
+    sessions.add_session();
+    for (std::size_t i = 0; i < poses.size(); ++i) {
+      const std::string number = std::to_string(i);
+      Keyframe keyframe;
+      double time = 0;
+      times >> time;
+      keyframe.time = Timestamp::from_seconds(time);
+      keyframe.T_odom_body = keyframe.T_map_body = name == "session1" ? poses[i] : turn * poses[i];
+      keyframe.cloud = std::make_shared<const PointCloud<float>>(
+          read_pcd(folder / "Scans" / (std::string(6 - number.size(), '0') + number + ".pcd")));
+      sessions.add(std::move(keyframe));
+    }
+  }
+  return sessions;
+}
+
+/// For submaps of 10 m in a courtyard: finer than outdoors.
+PlaceCandidateOptions for_courtyard() {
+  PlaceCandidateOptions options;
+  options.submap_length = 10;
+  options.spacing = 2;
+  options.max_count = 1;
+  options.image = {.cell_size = 0.25, .max_range = 50};
+  options.index.consensus.max_distance = 0.75;
+  return options;
+}
+
+double degrees(double radians) { return radians * 180 / std::numbers::pi; }
+
+/// How many guesses are right, within 1 m along the ground and 5 degrees, and how many are not.
+struct Guessed {
+  int right = 0, wrong = 0;
+  double height = 0;  ///< metres, the largest error of right ones
+};
+
+Guessed guessed(const TwoSessions& sessions, PlaceCandidates& candidates, const std::vector<KeyframeId>& queries) {
+  Guessed counts;
+  for (const KeyframeId query : queries)
+    for (const KeyframeId from : candidates.find(sessions.map, query)) {
+      const std::optional<SE3d> guess = candidates.guess(from, query);
+      REQUIRE(guess);
+      const SE3d off = sessions.truth(from, query).inverse() * *guess;
+      const bool right = off.translation().head<2>().norm() < 1 && degrees(off.rotation().log().norm()) < 5;
+      right ? ++counts.right : ++counts.wrong;
+      if (right) counts.height = std::max(counts.height, std::abs(off.translation().z()));
+    }
+  return counts;
+}
+
+}  // namespace
+
+TEST_SUITE("slam/place_candidates") {
+  TEST_CASE(
+      "a courtyard walked twice: submaps of 10 m find their place, whatever the heading, none finds a wrong one") {
+    for (const double heading : {0.0, 0.6, 2.0}) {
+      const std::optional<TwoSessions> sessions = courtyard(heading);
+      if (!sessions) return;
+      PlaceCandidates candidates(for_courtyard());
+      const std::vector<KeyframeId> queries = sessions->queries(2.3);
+      const Guessed counts = guessed(*sessions, candidates, queries);
+      MESSAGE("heading ", heading, ": of ", queries.size(), " submaps ", counts.right, " right, ", counts.wrong,
+              " wrong, heights within ", counts.height, " m");
+      CHECK(queries.size() >= 23);
+      CHECK(counts.right + 1 >= static_cast<int>(queries.size()));
+      CHECK(counts.wrong == 0);
+      CHECK(counts.height < 1.0);
+    }
+  }
+
+  TEST_CASE("a courtyard walked twice is merged without a fix, from guesses that closures' gate accepts") {
+    std::optional<TwoSessions> sessions = courtyard(2.0);
+    if (!sessions) return;
+    SlamMap& map = sessions->map;
+    MapMerger<FixesElsePlaces<>> merger({}, FixesElsePlaces<>(GnssCandidates(), PlaceCandidates(for_courtyard())));
+    LoopCloser<> closer;
+    std::vector<LoopClosure> accepted;
+    for (Index i = map.sessions[1].first_keyframe; i < to_index(map.keyframes.size()) && accepted.empty(); ++i)
+      for (const LoopClosure& closure : merger.attempt(map, KeyframeId{i}, closer))
+        if (closure.verdict == ClosureVerdict::accepted) accepted.push_back(closure);
+    REQUIRE(accepted.size() >= 2);  // that agree
+    for (const LoopClosure& closure : accepted) {
+      const SE3d off = sessions->truth(closure.from, closure.to).inverse() * closure.T_from_to;
+      CHECK(off.translation().norm() < 0.5);
+      CHECK(degrees(off.rotation().log().norm()) < 2);
+      CHECK(closure.kind == ClosureKind::merge);
+    }
+  }
+
+  TEST_CASE("within a session the start is found again although odometry is 40 m and a radian off by then") {
+    std::optional<TwoSessions> sessions = courtyard(0.0);
+    if (!sessions) return;
+    std::vector<Keyframe> keyframes(sessions->map.keyframes.begin(),
+                                    sessions->map.keyframes.begin() + sessions->map.sessions[0].keyframes);
+    const std::vector<Keyframe> truth = keyframes;
+    const SE3d jump(SO3d::exp({0, 0, 1}), {40, 0, 0});
+    const Index n = to_index(keyframes.size());
+    for (Index i = n / 2; i < n; ++i) {
+      Keyframe& keyframe = keyframes[static_cast<std::size_t>(i)];
+      keyframe.T_odom_body = jump * keyframe.T_odom_body;
+    }
+    PlaceCandidates candidates(for_courtyard());
+    int right = 0, wrong = 0;
+    for (Index query = n - 40; query < n; query += 5) {
+      const auto wanted = [&](const PlaceCandidates::Place& place) { return place.end < query - 100; };
+      for (const KeyframeId from : candidates.find(keyframes, KeyframeId{query}, wanted)) {
+        const SE3d T_from_to = truth[static_cast<std::size_t>(from.value)].T_odom_body.inverse() *
+                               truth[static_cast<std::size_t>(query)].T_odom_body;
+        const SE3d off = T_from_to.inverse() * candidates.guess(from, KeyframeId{query}).value();
+        const bool is_right = off.translation().head<2>().norm() < 1 && degrees(off.rotation().log().norm()) < 5;
+        is_right ? ++right : ++wrong;
+      }
+    }
+    MESSAGE("of 8 scans at the end ", right, " find the start, ", wrong, " something else");
+    CHECK(right >= 4);
+    CHECK(wrong == 0);
+  }
+
+  TEST_CASE("keyframes of the query's own frame and of places that are not wanted are not proposed") {
+    std::optional<TwoSessions> sessions = courtyard(0.0);
+    if (!sessions) return;
+    PlaceCandidates candidates(for_courtyard());
+    const KeyframeId last = sessions->map.keyframes.back().id;
+    REQUIRE(!candidates.find(sessions->map, last).empty());
+    CHECK(!candidates.guess(last, last));
+    CHECK(candidates.find(sessions->map.keyframes, last, [](const PlaceCandidates::Place&) { return false; }).empty());
+    sessions->map.sessions[1].frame = sessions->map.sessions[0].frame;
+    CHECK(candidates.find(sessions->map, last).empty());
+  }
+
+  TEST_CASE("places are remembered once the path is half a submap long, and then with every spacing") {
+    TwoSessions sessions;
+    for (int session = 0; session < 2; ++session) {
+      sessions.add_session();
+      for (Index i = 0; i <= 50; ++i) {
+        Keyframe keyframe;
+        keyframe.T_odom_body = SE3d(SO3d(), {2.0 * i, 0, 0});
+        sessions.add(keyframe);
+      }
+    }
+    PlaceCandidates candidates;                                                      // submaps of 60 m, one every 15 m
+    CHECK(candidates.find(sessions.map, sessions.map.keyframes.back().id).empty());  // no scans, so nothing to see
+    const auto places = candidates.places();
+    REQUIRE(places.size() == 10);
+    CHECK(places[0].begin == 0);
+    CHECK(places[0].end == 16);  // 30 m
+    CHECK(places[1].end == 24);  // 46 m: the first keyframe 15 m on
+    CHECK(places[4].end - places[4].begin == 31);
+    CHECK(places[5].begin == 51);
+    CHECK(places[5].center.value == 59);
+  }
+
+  TEST_CASE("the ground's height is that of the lower points around, seen from wherever, in a levelled frame") {
+    std::vector<Keyframe> path(3);
+    CHECK(!detail::ground_height(path, 1));
+    for (Index i = 0; i < 3; ++i)
+      path[static_cast<std::size_t>(i)].T_odom_body = SE3d(SO3d::exp({0, 0.3, 0}), {10.0 * i, 5, 5});
+    PointCloud<float> cloud;
+    for (double x = -3; x < 3; x += 0.1) {
+      const SE3d T_body_odom = path[2].T_odom_body.inverse();
+      cloud.positions.push_back((T_body_odom * Eigen::Vector3d(10 + x, 5, 3.5)).cast<float>());
+      cloud.positions.push_back((T_body_odom * Eigen::Vector3d(10 + x, 6, 9)).cast<float>());
+      cloud.positions.push_back((T_body_odom * Eigen::Vector3d(10, 11 + x * x, -20)).cast<float>());  // 6 m aside
+    }
+    path[2].cloud = std::make_shared<const PointCloud<float>>(cloud);
+    CHECK(detail::ground_height(path, 1).value() == doctest::Approx(-1.5));
+    CHECK(!detail::ground_height(std::span(path).first(2), 1));
+  }
+
+  TEST_CASE("options that make no sense are refused") {
+    CHECK_THROWS_AS(PlaceCandidates({.submap_length = 0}), std::invalid_argument);
+    CHECK_THROWS_AS(PlaceCandidates({.spacing = 0}), std::invalid_argument);
+    CHECK_THROWS_AS(PlaceCandidates({.index = {.min_inliers = 2}}), std::invalid_argument);
+  }
+}
+
+}  // namespace chainslam
