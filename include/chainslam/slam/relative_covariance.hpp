@@ -30,7 +30,8 @@ template <class Smoother>
   auto step = std::partition_point(map.odometry.begin(), map.odometry.end(),
                                    [&](const OdometryMeasurement& one) { return one.to.value <= known; });
   for (; step != map.odometry.end() && step->to <= to; ++step) {
-    const Matrix6d information = product(transposed(step->sqrt_information), step->sqrt_information);
+    const Matrix6d whitening = step->sqrt_information;
+    const Matrix6d information = product(transposed(whitening), whitening);
     const Matrix6d root = solved_right(identity<Matrix6d>(), cholesky(information));
     sum = sum_of(sum, detail::carried(times_transposed(root, root), pose(to.value).inverse() * pose(step->to.value)));
   }
