@@ -89,7 +89,6 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "search-again": ("closures.search_again",),
     "candidates": (
         "closures.radius",
-        "closures.wider",
         "closures.start_",
         "closures.max_candidates",
         "closures.heading_weight",

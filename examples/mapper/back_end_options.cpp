@@ -56,12 +56,6 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
   ClosureGate& gate = parts.closures.gate;
   configuration.add("closures.radius", candidates.radius,
                     {.unit = "m", .min = 0, .max = 1000, .help = "Search radius for loop candidates. 0: no closures."});
-  configuration.add("closures.wider", candidates.wider,
-                    {.unit = "m",
-                     .min = 0,
-                     .max = 1000,
-                     .help = "Extends the search radius by two standard deviations of the relative position in the "
-                             "graph, up to this distance."});
   configuration.add("closures.start_spacing", parts.closures.starts.spacing,
                     {.unit = "m",
                      .min = 0.1,

@@ -42,7 +42,6 @@ constexpr PresetValue preset_values[] = {
 
     // Direct closures.
     alike("closures.radius", "15", "paper III-B: a radius; code: 15 m"),
-    alike("closures.wider", "0", "paper III-B: a radius; code: 15 m"),
     alike("closures.start_distance", "0", "paper III-B: aligned from the pose in the graph"),
     {"closures.min_interval",
      {"30", "30"},

@@ -66,7 +66,6 @@ keyframes.distance                   3 10 3 10
 keyframes.angle                      11.4592
 keyframes.voxel_size                 0
 closures.radius                      15
-closures.wider                       0
 closures.start_distance              0
 closures.min_interval                30 30 30 60
 closures.max_candidates              1

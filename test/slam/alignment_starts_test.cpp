@@ -108,7 +108,8 @@ TEST_SUITE("slam/alignment_starts") {
     const Eigen::Vector3d error(0, 8, 0);  // along x, the street looks the same
     Astray told(error), untold(error);
     const Eigen::Vector3d in_scan = told.truth.rotation().inverse() * error.normalized();
-    told.index.set_covariance([&](KeyframeId, KeyframeId) { return known_to(4, in_scan); });
+    const auto along_error = [&](KeyframeId, KeyframeId) { return known_to(4, in_scan); };
+    told.index.set_covariance(along_error);
     LoopCloserOptions once = test::small_submaps;
     once.starts.max_distance = 0;
     LoopCloser<> at_once(once), known(test::small_submaps), unknown(test::small_submaps);

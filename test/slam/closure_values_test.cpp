@@ -37,12 +37,9 @@ struct Places {
   }
 
   /// What the newest keyframe may have seen.
-  /// @param deviation  metres and radians, of all relative poses.
-  [[nodiscard]] std::vector<Index> proposed(double deviation = 0) const {
+  [[nodiscard]] std::vector<Index> proposed() const {
     PositionIndex index;
     index.rebuild(keyframes);
-    index.set_covariance(
-        [=](KeyframeId, KeyframeId) { return Matrix6d(deviation * deviation * Matrix6d::Identity()); });
     std::vector<Index> ids;
     for (const KeyframeId id : ProximityCandidates{}.find(keyframes, index, keyframes.back().id))
       ids.push_back(id.value);
@@ -94,25 +91,6 @@ TEST_SUITE("slam: what is tried by default") {
     turned.add(3, {4.5, 0, 0});
     turned.add(9, {0, 0, 0});
     CHECK(turned.proposed() == Ids{2, 3, 1});
-  }
-
-  TEST_CASE("candidates lie up to 15 m farther if none is near and the graph may be off by half of that") {
-    Places places;
-    places.add(0, {25, 0, 0});
-    places.add(9, {0, 0, 0});
-    CHECK(places.proposed().empty());
-    CHECK(places.proposed(4).empty());
-    CHECK(places.proposed(6) == Ids{0});
-    Places far;
-    far.add(0, {31, 0, 0});
-    far.add(1, {20, 0, 0});
-    far.add(2, {14, 0, 0});
-    far.add(9, {0, 0, 0});
-    CHECK(far.proposed(100) == Ids{2});
-    Places farther;
-    farther.add(0, {31, 0, 0});
-    farther.add(9, {0, 0, 0});
-    CHECK(farther.proposed(100).empty());
   }
 
   TEST_CASE("candidates of one session are ten keyframes apart, and no more than three") {

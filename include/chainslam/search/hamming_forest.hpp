@@ -79,7 +79,7 @@ class HammingForest {
   }
 
  private:
-  /// The first word is kept beside the number: most others are told apart by it, without a look into memory far away.
+  /// The first word is kept beside the number: most others differ in it, which needs no look into memory far away.
   struct Entry {
     std::uint64_t first_word = 0;
     Index id = 0;

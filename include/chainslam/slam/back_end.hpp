@@ -55,8 +55,7 @@ class BackEnd {
         chainer_(std::move(chainer)),
         merger_(std::move(merger)),
         graph_(options.graph, std::move(outliers)) {
-    positions_.set_covariance(
-        [this](KeyframeId from, KeyframeId to) { return relative_covariance(smoother(), map(), from, to); });
+    positions_.set_covariance(covariance_);
   }
 
   /// Adds a map that was saved before: its sessions count as earlier ones. If it is the first, its keyframes keep their
@@ -194,6 +193,7 @@ class BackEnd {
   [[no_unique_address]] Chainer chainer_;
   [[no_unique_address]] Merger merger_;
   MapGraph<Outliers> graph_;
+  RelativeCovariance<MapGraph<Outliers>> covariance_{graph_};
   ClosureGraph closure_graph_;
   PositionIndex positions_;
   GnssInterpolator gnss_;

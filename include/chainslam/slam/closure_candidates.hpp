@@ -24,14 +24,12 @@ concept ClosureCandidates = requires(const C& candidates, std::span<const Keyfra
   { candidates.eligible(keyframe, keyframe) } -> std::same_as<bool>;
 };
 
-/// Keyframes that the graph puts near the query, of other sessions or of long enough ago (section 5 of the paper), or
-/// that may be near by what it knows of their relative position.
+/// Keyframes that the graph puts near the query, of other sessions or of long enough ago (section 5 of the paper).
 ///
 /// Near ones that look the same way come first, since a scanner with a narrow view sees little in common with one that
 /// looks elsewhere. Of keyframes whose submaps are largely the same, only the best is proposed.
 struct ProximityCandidates {
-  double radius = 15.0;                 ///< metres (r_lc of the paper); 0: nothing is proposed
-  double wider = 15.0;                  ///< metres beyond, if the graph may be off by so much; 0: the paper
+  double radius = 15.0;                 ///< metres (r_lc of the paper)
   Duration min_interval = seconds(30);  ///< between query and candidate of the same session
   double heading_weight = 3.0;          ///< metres that a radian of difference in attitude counts for
   Index min_separation = 10;            ///< keyframes between two proposals of one session
@@ -48,15 +46,9 @@ struct ProximityCandidates {
                                                            const PositionIndex& index, KeyframeId query) const {
     const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];
     std::vector<PositionIndex::Found> near;
-    if (!(radius > 0)) return {};
-    Index asked = 0;
-    for (const PositionIndex::Found& found : index.within(here.T_map_body.translation(), radius + wider)) {
+    for (const PositionIndex::Found& found : index.within(here.T_map_body.translation(), radius)) {
       const Keyframe& there = keyframes[static_cast<std::size_t>(found.id.value)];
       if (!eligible(there, here)) continue;
-      if (found.distance > radius) {  // the covariance costs something: one keyframe that is not near is enough
-        const double deviation = AlignmentStarts::deviation(index.covariance(found.id, query));
-        if (!near.empty() || asked++ >= max_count || found.distance > radius + 2 * deviation) break;
-      }
       const SE3d between = there.T_map_body.inverse() * here.T_map_body;
       near.push_back({found.id, found.distance + heading_weight * between.rotation().log().norm()});
     }

@@ -3,9 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <concepts>
-#include <functional>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include "chainslam/core/ranked.hpp"
@@ -42,13 +40,19 @@ class PositionIndex {
     positions_.push_back(position);
   }
 
-  /// How well the graph knows where one keyframe is from another: the covariance of T_from_to, tangent [translation;
-  /// rotation], metres and radians.
-  using Covariance = std::function<Matrix6d(KeyframeId from, KeyframeId to)>;
-  void set_covariance(Covariance covariance) { covariance_ = std::move(covariance); }
+  /// Lets somebody say how well the graph knows where one keyframe is from another.
+  /// @param covariance  `Matrix6d covariance(KeyframeId from, KeyframeId to)` of T_from_to, tangent [translation;
+  /// rotation], metres and radians; must outlive this.
+  template <class Covariance>
+  void set_covariance(const Covariance& covariance) {
+    covariance_ = &covariance;
+    call_ = [](const void* callable, KeyframeId from, KeyframeId to) -> Matrix6d {
+      return (*static_cast<const Covariance*>(callable))(from, to);
+    };
+  }
   /// Zero if nobody says.
   [[nodiscard]] Matrix6d covariance(KeyframeId from, KeyframeId to) const {
-    return covariance_ ? covariance_(from, to) : zeros<Matrix6d>();
+    return covariance_ != nullptr ? call_(covariance_, from, to) : zeros<Matrix6d>();
   }
 
   /// A keyframe and its distance from the query, metres.
@@ -82,7 +86,8 @@ class PositionIndex {
  private:
   detail::Table<KeyframeId> ids_;  // ascending
   detail::Table<Eigen::Vector3d> positions_;
-  Covariance covariance_;
+  const void* covariance_ = nullptr;  ///< who says, and how to ask
+  Matrix6d (*call_)(const void* callable, KeyframeId from, KeyframeId to) = nullptr;
 };
 
 }  // namespace chainslam

@@ -38,4 +38,15 @@ template <class Smoother>
   return sum;
 }
 
+/// The same of a graph with `smoother()` and `map()`, such as `MapGraph`.
+template <class Graph>
+struct RelativeCovariance {
+  const Graph& graph;  ///< must outlive this
+
+  /// See `relative_covariance`.
+  [[nodiscard]] Matrix6d operator()(KeyframeId from, KeyframeId to) const {
+    return relative_covariance(graph.smoother(), graph.map(), from, to);
+  }
+};
+
 }  // namespace chainslam
