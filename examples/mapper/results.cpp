@@ -152,15 +152,16 @@ void take_errors(RunOutcome& outcome) {
 
 /// All scans of the sessions that lie in one frame.
 void write_map(const FileTarget& target, const SlamMap& map, SessionId frame, double voxel_size) {
-  // Folded now and then, so that memory holds the map and not all scans at once.
-  constexpr std::size_t fold_at = 8'000'000;
+  // Folded now and then, so that memory holds the map and not all scans at once: whenever half as much has come as is
+  // there. A voxel keeps its first point, so that this changes nothing.
+  constexpr std::size_t least_fold = 1'000'000;
   PointCloud<float> points;
   std::size_t folded = 0;
   for (const Keyframe& keyframe : map.keyframes) {
     if (!keyframe.cloud || map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame != frame) continue;
     const PointCloud<float> placed = transformed(keyframe.cloud->positions, keyframe.T_map_body);
     points.positions.insert(points.positions.end(), placed.positions.begin(), placed.positions.end());
-    if (points.size() > fold_at + 2 * folded) {
+    if (points.size() > folded + std::max(least_fold, folded / 2)) {
       points = voxel_downsample(points, voxel_size, VoxelMode::first);
       folded = points.size();
     }
