@@ -1,5 +1,8 @@
 #include <benchmark/benchmark.h>
 
+#include <cmath>
+#include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/random.hpp"
@@ -30,11 +33,11 @@ std::vector<Eigen::Vector3d> neighbourhood(Rng rng) {
   return cloud;
 }
 
-/// What is seen of a place when one comes again: each keypoint half a metre off, some bits changed.
-std::vector<ImageKeypoint> disturbed(std::vector<ImageKeypoint> keypoints, Rng& rng) {
+/// Keypoints that lie `distance` metres off along each axis, with bits drawn anew.
+std::vector<ImageKeypoint> disturbed(std::vector<ImageKeypoint> keypoints, double distance, int bits, Rng& rng) {
   for (ImageKeypoint& keypoint : keypoints) {
-    keypoint.position += Eigen::Vector2d(rng.normal(0, 0.5), rng.normal(0, 0.5)).cast<float>();
-    for (int k = 0; k < 25; ++k) {
+    keypoint.position += Eigen::Vector2d(rng.normal(0, distance), rng.normal(0, distance)).cast<float>();
+    for (int k = 0; k < bits; ++k) {
       const Index bit = rng.uniform_index(256);
       keypoint.descriptor[static_cast<std::size_t>(bit / 64)] ^= std::uint64_t{1} << (bit % 64);
     }
@@ -45,16 +48,21 @@ std::vector<ImageKeypoint> disturbed(std::vector<ImageKeypoint> keypoints, Rng& 
 /// Time of one query, and the share of queries whose place comes first.
 void query(benchmark::State& state) {
   constexpr Index asked = 50;
+  constexpr std::uint64_t drawn = 100;  // the others are like them, but their keypoints lie elsewhere
   const Rng rng(1);
+  std::vector<std::vector<ImageKeypoint>> kinds;
+  for (std::uint64_t kind = 0; kind < drawn; ++kind)
+    kinds.push_back(image_keypoints(height_image(neighbourhood(rng.fork(kind)))));
   PlaceIndex index;
   std::vector<std::vector<ImageKeypoint>> queries;
   std::size_t keypoints = 0;
   for (Index place = 0; place < static_cast<Index>(state.range(0)); ++place) {
-    const auto seen = image_keypoints(height_image(neighbourhood(rng.fork(static_cast<std::uint64_t>(place)))));
+    Rng other = rng.fork(drawn + static_cast<std::uint64_t>(place));
+    const auto seen = disturbed(kinds[static_cast<std::size_t>(place) % drawn], 30, 60, other);
     keypoints += seen.size();
     index.add(seen);
     Rng again = rng.fork(1'000'000 + static_cast<std::uint64_t>(place));
-    if (place < asked) queries.push_back(disturbed(seen, again));
+    if (place < asked) queries.push_back(disturbed(seen, 0.5, 25, again));
   }
   Index right = 0;
   for (auto _ : state) {

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "slam/scripted.hpp"
@@ -89,6 +90,15 @@ struct Outcome {
   }
 };
 
+/// The places of a script, each with its pose as a guess.
+struct GuessedPlaces : ScriptedPlaces {
+  [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const {
+    for (const Place& place : script->places)
+      if (place.candidate == from.value && place.query == to.value) return place.T_candidate_query;
+    return std::nullopt;
+  }
+};
+
 using Verdicts = std::vector<ClosureVerdict>;
 constexpr MergeOptions merge_as_in_paper{.min_travel = 0, .confirmations = 1};
 constexpr MergeOptions unrefined{.min_travel = 0, .measurement = MergeMeasurement::submaps};
@@ -114,6 +124,25 @@ TEST_SUITE("slam/map_merger") {
     CHECK(sessions.T_world_frame[1].local(T_world_map).norm() < 1e-9);
     CHECK_FALSE(closure.sqrt_information.isZero(0));
     CHECK(merger.withdraw().empty());
+  }
+
+  TEST_CASE("a candidate that comes with a guess is aligned from it, and registration without a guess is not asked") {
+    Sessions sessions(2);
+    sessions.place(45, 6, far_off);
+    sessions.place(52, 13);
+    sessions.place(46, 39);  // 66 m away: the closer refuses it
+    MapMerger<GuessedPlaces, ScriptedRegistration> merger({.min_travel = 0}, GuessedPlaces{{sessions.script}},
+                                                          ScriptedRegistration{sessions.script});
+    std::vector<std::vector<LoopClosure>> tried;
+    for (Index i = 0; i < each; ++i)
+      tried.push_back(merger.attempt(sessions.map, KeyframeId{each + i}, sessions.closer));
+    const Outcome outcome(tried);
+    CHECK(outcome.verdicts ==
+          Verdicts{ClosureVerdict::too_few_inliers, ClosureVerdict::accepted, ClosureVerdict::accepted});
+    CHECK(outcome.joined_at == 12);
+    CHECK(sessions.script->registered == 0);
+    REQUIRE(!sessions.closer.asked->empty());
+    CHECK(sessions.closer.asked->front().guess == sessions.script->places.front().T_candidate_query);
   }
 
   TEST_CASE("the registration's own pose can be the measurement: the paper's alignment factor, lambda e I") {

@@ -60,7 +60,7 @@ struct TwoSessions {
 };
 
 /// The courtyard that was walked twice. The second walk's odometry starts `heading` turned about the vertical.
-std::optional<TwoSessions> courtyard(double heading) {
+std::optional<TwoSessions> two_walks(double heading) {
   const auto root = test::real_data("hku_square_two_sessions");
   if (!root) return std::nullopt;
   TwoSessions sessions;
@@ -97,7 +97,7 @@ PlaceCandidateOptions for_courtyard() {
   return options;
 }
 
-double degrees(double radians) { return radians * 180 / std::numbers::pi; }
+double in_degrees(double radians) { return radians * 180 / std::numbers::pi; }
 
 /// How many guesses are right, within 1 m along the ground and 5 degrees, and how many are not.
 struct Guessed {
@@ -112,7 +112,7 @@ Guessed guessed(const TwoSessions& sessions, PlaceCandidates& candidates, const 
       const std::optional<SE3d> guess = candidates.guess(from, query);
       REQUIRE(guess);
       const SE3d off = sessions.truth(from, query).inverse() * *guess;
-      const bool right = off.translation().head<2>().norm() < 1 && degrees(off.rotation().log().norm()) < 5;
+      const bool right = off.translation().head<2>().norm() < 1 && in_degrees(off.rotation().log().norm()) < 5;
       right ? ++counts.right : ++counts.wrong;
       if (right) counts.height = std::max(counts.height, std::abs(off.translation().z()));
     }
@@ -125,7 +125,7 @@ TEST_SUITE("slam/place_candidates") {
   TEST_CASE(
       "a courtyard walked twice: submaps of 10 m find their place, whatever the heading, none finds a wrong one") {
     for (const double heading : {0.0, 0.6, 2.0}) {
-      const std::optional<TwoSessions> sessions = courtyard(heading);
+      const std::optional<TwoSessions> sessions = two_walks(heading);
       if (!sessions) return;
       PlaceCandidates candidates(for_courtyard());
       const std::vector<KeyframeId> queries = sessions->queries(2.3);
@@ -140,7 +140,7 @@ TEST_SUITE("slam/place_candidates") {
   }
 
   TEST_CASE("a courtyard walked twice is merged without a fix, from guesses that closures' gate accepts") {
-    std::optional<TwoSessions> sessions = courtyard(2.0);
+    std::optional<TwoSessions> sessions = two_walks(2.0);
     if (!sessions) return;
     SlamMap& map = sessions->map;
     MapMerger<FixesElsePlaces<>> merger({}, FixesElsePlaces<>(GnssCandidates(), PlaceCandidates(for_courtyard())));
@@ -153,13 +153,13 @@ TEST_SUITE("slam/place_candidates") {
     for (const LoopClosure& closure : accepted) {
       const SE3d off = sessions->truth(closure.from, closure.to).inverse() * closure.T_from_to;
       CHECK(off.translation().norm() < 0.5);
-      CHECK(degrees(off.rotation().log().norm()) < 2);
+      CHECK(in_degrees(off.rotation().log().norm()) < 2);
       CHECK(closure.kind == ClosureKind::merge);
     }
   }
 
   TEST_CASE("within a session the start is found again although odometry is 40 m and a radian off by then") {
-    std::optional<TwoSessions> sessions = courtyard(0.0);
+    std::optional<TwoSessions> sessions = two_walks(0.0);
     if (!sessions) return;
     std::vector<Keyframe> keyframes(sessions->map.keyframes.begin(),
                                     sessions->map.keyframes.begin() + sessions->map.sessions[0].keyframes);
@@ -178,7 +178,7 @@ TEST_SUITE("slam/place_candidates") {
         const SE3d T_from_to = truth[static_cast<std::size_t>(from.value)].T_odom_body.inverse() *
                                truth[static_cast<std::size_t>(query)].T_odom_body;
         const SE3d off = T_from_to.inverse() * candidates.guess(from, KeyframeId{query}).value();
-        const bool is_right = off.translation().head<2>().norm() < 1 && degrees(off.rotation().log().norm()) < 5;
+        const bool is_right = off.translation().head<2>().norm() < 1 && in_degrees(off.rotation().log().norm()) < 5;
         is_right ? ++right : ++wrong;
       }
     }
@@ -188,7 +188,7 @@ TEST_SUITE("slam/place_candidates") {
   }
 
   TEST_CASE("keyframes of the query's own frame and of places that are not wanted are not proposed") {
-    std::optional<TwoSessions> sessions = courtyard(0.0);
+    std::optional<TwoSessions> sessions = two_walks(0.0);
     if (!sessions) return;
     PlaceCandidates candidates(for_courtyard());
     const KeyframeId last = sessions->map.keyframes.back().id;
