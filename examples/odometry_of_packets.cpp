@@ -21,7 +21,8 @@ std::vector<Packet> read_packets(std::span<char*> files) {
     packets.push_back(sample);
   }
   for (const char* file : files.subspan(1)) {
-    LidarScan scan{.cloud = read_cloud(file)};
+    LidarScan scan;
+    scan.cloud = read_cloud(file);
     scan.time = scan.end = Timestamp::from_seconds(std::stod(std::filesystem::path(file).stem().string()));
     for (const float offset : scan.cloud.time_offsets) scan.end = std::max(scan.end, scan.time + seconds(offset));
     packets.push_back(scan);

@@ -134,7 +134,7 @@ all_modules() {
 }
 
 # What is put together of parts that have modules of their own; test/README.md has the reason for each.
-assembled="architecture experiments factor_graph lamm lie odometry program registration simulator slam"
+assembled="architecture examples experiments factor_graph lamm lie odometry program registration simulator slam"
 
 # assembled_of MODULE..., parts_of MODULE...: those that are put together of others, and those that are not, a line each.
 assembled_of() {

@@ -15,7 +15,7 @@ inline std::vector<Keyframe> hall_drive(double y, double yaw_drift, std::uint64_
   SE3d T_odom_body, last;
   for (int i = 0; i < 44; ++i) {
     const SE3d T_hall_body = i < 22 ? generated::upright(i - 10.5, y, 0) : generated::upright(32.5 - i, y + 0.5, 3.1);
-    const SE3d drift(SO3d::exp({0, 0, yaw_drift}), {0.01, 0, 0});
+    const SE3d drift(SO3d::exp({0, 0, yaw_drift}), {0.005, 0, 0});
     if (i > 0) T_odom_body = T_odom_body * last.inverse() * T_hall_body * drift;
     last = T_hall_body;
     const Eigen::Vector3d p = T_hall_body.translation();  // on the equator: x is up, y is east, z is north

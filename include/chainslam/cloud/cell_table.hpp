@@ -14,11 +14,11 @@ namespace chainslam {
 
 /// A cell of a cubic grid whose cell (0, 0, 0) has its lower corner at the origin.
 struct Cell {
-  std::int32_t x = 0;
-  std::int32_t y = 0;
-  std::int32_t z = 0;
+  std::int32_t x = 0;  ///< index along x
+  std::int32_t y = 0;  ///< index along y
+  std::int32_t z = 0;  ///< index along z
 
-  friend constexpr bool operator==(const Cell&, const Cell&) = default;
+  friend constexpr bool operator==(const Cell&, const Cell&) = default;  ///< whether all members are equal
 };
 
 namespace detail {
@@ -53,7 +53,7 @@ class CellTable {
  public:
   CellTable() : slots_(min_slots) {}
 
-  [[nodiscard]] Index size() const { return size_; }
+  [[nodiscard]] Index size() const { return size_; }  ///< number of cells
   /// Bytes held.
   [[nodiscard]] std::size_t memory() const { return static_cast<std::size_t>(slots_.capacity()) * sizeof(Slot); }
 
@@ -103,6 +103,7 @@ class CellTable {
     --size_;
   }
 
+  /// Erases everything.
   void clear() {
     slots_.assign(min_slots, Slot{});
     shift_ = min_shift;

@@ -19,14 +19,14 @@ enum class PlaneStatus {
 
 /// The plane {p : normal . p + offset = 0} through a set of points, and how well it describes them.
 struct PlaneFit {
-  PlaneStatus status = PlaneStatus::too_few_points;
+  PlaneStatus status = PlaneStatus::too_few_points;       ///< whether there is a plane, and if not, why
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();      ///< unit length, sign not defined
   double offset = 0;                                      ///< metres
   Eigen::Vector3d centroid = Eigen::Vector3d::Zero();     ///< metres
   Eigen::Vector3d eigenvalues = Eigen::Vector3d::Zero();  ///< of the covariance, ascending, m^2
   Eigen::Vector3d tangent = Eigen::Vector3d::UnitX();     ///< unit, direction of the largest eigenvalue
 
-  [[nodiscard]] bool good() const { return status == PlaneStatus::good; }
+  [[nodiscard]] bool good() const { return status == PlaneStatus::good; }  ///< whether there is a plane
   /// Signed distance of a point, metres.
   [[nodiscard]] double distance(const Eigen::Vector3d& p) const { return normal.dot(difference_of(p, centroid)); }
   /// (l1 - l0) / l2 in [0, 1]: 1 for a round disc, 0 for a line or a ball (Weinmann et al. 2015).

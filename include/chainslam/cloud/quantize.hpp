@@ -25,6 +25,7 @@ struct PositionGrid {
 
   double step = 0.01;  ///< metres
 
+  /// The coordinate that a number stands for, metres.
   [[nodiscard]] float coordinate(std::int16_t number) const { return static_cast<float>(number * step); }
 
   /// The nearest number; nothing if it is beyond `most` or `value` is not finite.

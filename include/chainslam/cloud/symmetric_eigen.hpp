@@ -14,8 +14,8 @@ namespace chainslam {
 
 /// Eigenvalues, ascending, and unit eigenvectors (columns, right-handed) of a symmetric 3x3 matrix.
 struct SymmetricEigen3 {
-  Eigen::Vector3d values;
-  Eigen::Matrix3d vectors;
+  Eigen::Vector3d values;   ///< eigenvalues, ascending
+  Eigen::Matrix3d vectors;  ///< columns: the unit eigenvectors that go with them
 };
 
 namespace detail {

@@ -21,7 +21,7 @@ namespace chainslam {
 template <class T>
 struct CloudTraits;
 
-/// A contiguous, sized range of `Value`. Asked of its iterator: the header <ranges> takes as long to read as a tenth of
+/// A contiguous, sized range of `Value`. Asked of its iterator: the header `ranges` takes as long to read as a tenth of
 /// Eigen.
 template <class Range, class Value>
 concept SequenceOf = requires(const Range& range) {
@@ -35,15 +35,17 @@ concept SequenceOf = requires(const Range& range) {
 template <class Range>
   requires SequenceOf<Range, Eigen::Vector3f> || SequenceOf<Range, Eigen::Vector3d>
 struct CloudTraits<Range> {
-  static std::size_t size(const Range& range) { return std::ranges::size(range); }
-  static const auto& position(const Range& range, std::size_t i) { return std::ranges::data(range)[i]; }
+  static std::size_t size(const Range& range) { return std::ranges::size(range); }  ///< number of points
+  static const auto& position(const Range& range, std::size_t i) { return std::ranges::data(range)[i]; }  ///< point i
 };
 
 /// A 3 x n matrix is a cloud of its columns.
 template <class Scalar, int Columns, int Options>
 struct CloudTraits<Eigen::Matrix<Scalar, 3, Columns, Options>> {
-  using Matrix = Eigen::Matrix<Scalar, 3, Columns, Options>;
+  using Matrix = Eigen::Matrix<Scalar, 3, Columns, Options>;  ///< the cloud
+  /// Number of columns.
   static std::size_t size(const Matrix& matrix) { return static_cast<std::size_t>(matrix.cols()); }
+  /// Column i.
   static Eigen::Matrix<Scalar, 3, 1> position(const Matrix& matrix, std::size_t i) {
     return matrix.col(static_cast<Eigen::Index>(i));
   }

@@ -43,8 +43,8 @@ struct DownsampledCloud {
 /// distance from the origin nor neighbouring clouds change which points share a voxel. Means are sums of whole numbers,
 /// 2^-31 of the edge each, about the voxel's centre: the order of its points does not change a mean by a bit.
 struct VoxelGrid {
-  double size = 0.5;  ///< edge, metres
-  VoxelMode mode = VoxelMode::mean;
+  double size = 0.5;                 ///< edge, metres
+  VoxelMode mode = VoxelMode::mean;  ///< what a voxel's points become
 
   /// @param cloud  n points in any frame; its normals, times and intensities are carried along.
   /// @throws std::invalid_argument if `size` is not positive and finite.

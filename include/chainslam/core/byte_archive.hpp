@@ -15,8 +15,9 @@ namespace chainslam {
 /// Appends numbers, least significant byte first.
 class ByteSink {
  public:
-  explicit ByteSink(std::size_t expected = 0) { bytes_.reserve(expected); }
+  explicit ByteSink(std::size_t expected = 0) { bytes_.reserve(expected); }  ///< reserves memory for so many bytes
 
+  /// Appends a number, least significant byte first.
   template <class T>
   void put(const T& value) {
     auto bytes = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
@@ -34,7 +35,7 @@ class ByteSink {
     put(static_cast<std::uint64_t>(list.size()));
     for (const auto& value : list) put(value);
   }
-  [[nodiscard]] std::vector<std::byte>& bytes() { return bytes_; }
+  [[nodiscard]] std::vector<std::byte>& bytes() { return bytes_; }  ///< all that was appended
 
  private:
   void append(const void* data, std::size_t count) {
@@ -49,8 +50,10 @@ class ByteSink {
 /// Takes numbers off bytes whose length has been checked.
 class ByteSource {
  public:
+  /// Reads these bytes, which must outlive it.
   explicit ByteSource(std::span<const std::byte> bytes) : bytes_(bytes) {}
 
+  /// The next number. The caller checks that there are as many bytes.
   template <class T>
   [[nodiscard]] T take() {
     std::array<std::byte, sizeof(T)> bytes;
@@ -59,6 +62,7 @@ class ByteSource {
     bytes_ = bytes_.subspan(sizeof(T));
     return std::bit_cast<T>(bytes);
   }
+  /// The next object, as it lies in memory.
   template <class T>
   [[nodiscard]] T take_raw() {
     T value;
@@ -72,7 +76,7 @@ class ByteSource {
     list.resize(static_cast<decltype(list.size())>(take<std::uint64_t>()));
     for (auto& value : list) value = take<std::remove_cvref_t<decltype(value)>>();
   }
-  [[nodiscard]] bool empty() const { return bytes_.empty(); }
+  [[nodiscard]] bool empty() const { return bytes_.empty(); }  ///< whether there is nothing in it
 
  private:
   std::span<const std::byte> bytes_;

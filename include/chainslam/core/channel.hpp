@@ -61,6 +61,7 @@ class Channel {
     item_or_closed_.notify_all();
   }
 
+  /// Whether `close` was called.
   [[nodiscard]] bool closed() const {
     const std::scoped_lock lock(mutex_);
     return closed_;
@@ -72,7 +73,7 @@ class Channel {
     return items_.size();
   }
 
-  [[nodiscard]] std::size_t capacity() const { return capacity_; }
+  [[nodiscard]] std::size_t capacity() const { return capacity_; }  ///< largest number of items that wait
 
  private:
   bool add(T&& item) {

@@ -13,8 +13,10 @@ namespace chainslam {
 /// `what()` is three lines: path and place; what was found; what to do. What is not fit to be printed is escaped there.
 class IoError : public std::runtime_error {
  public:
+  /// Whether something was read or written.
   enum class Kind { input, output };
 
+  /// What the message is made of.
   struct Report {
     std::string path;    ///< file or directory as the caller named it
     std::string place;   ///< "line 12, field qx" or "byte 4096"; empty if the whole file is meant
@@ -22,10 +24,11 @@ class IoError : public std::runtime_error {
     std::string remedy;  ///< what the user can do
   };
 
+  /// Made by `throw_input_error` and `throw_output_error`.
   IoError(Kind kind, Report report) : std::runtime_error(format(report)), kind_(kind), report_(std::move(report)) {}
 
-  [[nodiscard]] Kind kind() const { return kind_; }
-  [[nodiscard]] const Report& report() const { return report_; }
+  [[nodiscard]] Kind kind() const { return kind_; }               ///< whether something was read or written
+  [[nodiscard]] const Report& report() const { return report_; }  ///< file, place, finding and remedy, one by one
 
  private:
   static std::string format(const Report& report) {

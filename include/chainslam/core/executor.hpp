@@ -36,6 +36,7 @@ inline void require_grain(Index grain) {
 
 /// Runs the chunks one after the other on the calling thread.
 struct Serial {
+  /// Calls body(begin, end) for all chunks of at most `grain` indices, in order.
   template <std::invocable<Index, Index> Body>
   void for_chunks(Index count, Index grain, Body&& body) const {
     detail::require_grain(grain);

@@ -12,8 +12,8 @@ namespace chainslam {
 /// Eigenvalues, ascending, and orthonormal eigenvectors (columns) of a symmetric matrix.
 template <class Scalar, int N>
 struct JacobiEigen {
-  Eigen::Matrix<Scalar, N, 1> values;
-  Eigen::Matrix<Scalar, N, N> vectors;
+  Eigen::Matrix<Scalar, N, 1> values;   ///< eigenvalues, ascending
+  Eigen::Matrix<Scalar, N, N> vectors;  ///< columns: the unit eigenvectors that go with them
 };
 
 /// Eigenvalues and eigenvectors of a small symmetric matrix by cyclic Jacobi rotations (Golub and Van Loan 2013,

@@ -14,6 +14,7 @@ namespace chainslam {
 template <class Key, class Value>
 class LruCache {
  public:
+  /// Keeps values of so many bytes together, at most.
   explicit LruCache(std::size_t max_bytes) : max_bytes_(max_bytes) {}
 
   /// The value of `key`, which counts as used now; null if there is none. It stays where it is until it is erased.
@@ -32,6 +33,7 @@ class LruCache {
     return entries_.front().value;
   }
 
+  /// Drops the value of a key, if it has one.
   void erase(const Key& key) {
     const auto known = position(key);
     if (known != entries_.end()) erase(known);
@@ -45,8 +47,8 @@ class LruCache {
     return found == entries_.end() ? nullptr : &found->value;
   }
 
-  [[nodiscard]] std::size_t bytes() const { return bytes_; }  ///< of all values kept, as they were stated
-  [[nodiscard]] std::size_t size() const { return entries_.size(); }
+  [[nodiscard]] std::size_t bytes() const { return bytes_; }          ///< of all values kept, as they were stated
+  [[nodiscard]] std::size_t size() const { return entries_.size(); }  ///< number of values
 
  private:
   struct Entry {

@@ -10,8 +10,8 @@ namespace chainslam {
 /// How far a stage has come.
 struct StageProgress {
   std::string_view stage;  ///< "odometry", "closures", ...
-  Index done = 0;
-  Index total = 0;  ///< 0 if unknown
+  Index done = 0;          ///< items done
+  Index total = 0;         ///< 0 if unknown
 };
 
 /// Callbacks on the progress of a long computation; the library itself prints nothing.
@@ -26,8 +26,8 @@ concept Observer = requires(O& observer, const StageProgress& progress, std::str
 
 /// No-op callbacks, at no cost.
 struct NullObserver {
-  void progress(const StageProgress& /*progress*/) const {}
-  void warning(std::string_view /*text*/) const {}
+  void progress(const StageProgress& /*progress*/) const {}  ///< does nothing
+  void warning(std::string_view /*text*/) const {}           ///< does nothing
 };
 static_assert(Observer<NullObserver>);
 

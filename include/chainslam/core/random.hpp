@@ -18,6 +18,7 @@ namespace chainslam {
 /// A generator is small: pass it by reference where draws follow one another, `fork` it where work is split.
 class Rng {
  public:
+  /// Draws depend on the seed alone.
   explicit constexpr Rng(std::uint64_t seed = 0) : seed_(seed) {
     std::uint64_t counter = seed;
     for (std::uint64_t& word : state_) word = mix(counter += golden_gamma);

@@ -9,9 +9,10 @@ namespace chainslam {
 
 /// A thing by its number, and what it is sorted by.
 struct Ranked {
-  double rank = 0;
-  Index index = 0;
+  double rank = 0;  ///< what it is sorted by
+  Index index = 0;  ///< what it stands for
 
+  /// By rank, then by index.
   [[nodiscard]] bool operator<(const Ranked& other) const {
     return rank != other.rank ? rank < other.rank : index < other.index;
   }

@@ -26,7 +26,9 @@ concept RobustCost = RobustKernel<Kernel> && requires(const Kernel& kernel, doub
 
 /// Plain least squares.
 struct Trivial {
+  /// Weight of a squared residual, 0 to 1 at most.
   [[nodiscard]] double weight(double /*squared_residual*/) const { return 1.0; }
+  /// Cost of a squared residual; its derivative is the weight.
   [[nodiscard]] double cost(double squared_residual) const { return squared_residual; }
 };
 
@@ -34,9 +36,11 @@ struct Trivial {
 struct Huber {
   double width = 1.0;  ///< in the residual's unit
 
+  /// Weight of a squared residual, 0 to 1 at most.
   [[nodiscard]] double weight(double squared_residual) const {
     return squared_residual <= width * width ? 1.0 : width / std::sqrt(squared_residual);
   }
+  /// Cost of a squared residual; its derivative is the weight.
   [[nodiscard]] double cost(double squared_residual) const {
     return squared_residual <= width * width ? squared_residual : width * (2.0 * std::sqrt(squared_residual) - width);
   }
@@ -46,9 +50,11 @@ struct Huber {
 struct Cauchy {
   double width = 1.0;  ///< in the residual's unit; the weight there is 1/2
 
+  /// Weight of a squared residual, 0 to 1 at most.
   [[nodiscard]] double weight(double squared_residual) const {
     return 1.0 / (1.0 + squared_residual / (width * width));
   }
+  /// Cost of a squared residual; its derivative is the weight.
   [[nodiscard]] double cost(double squared_residual) const {
     return width * width * std::log1p(squared_residual / (width * width));
   }
@@ -58,10 +64,12 @@ struct Cauchy {
 struct GemanMcClure {
   double width = 1.0;  ///< in the residual's unit; the weight there is 1/4
 
+  /// Weight of a squared residual, 0 to 1 at most.
   [[nodiscard]] double weight(double squared_residual) const {
     const double share = 1.0 / (1.0 + squared_residual / (width * width));
     return share * share;
   }
+  /// Cost of a squared residual; its derivative is the weight.
   [[nodiscard]] double cost(double squared_residual) const {
     return squared_residual / (1.0 + squared_residual / (width * width));
   }
@@ -71,10 +79,12 @@ struct GemanMcClure {
 struct Tukey {
   double width = 1.0;  ///< in the residual's unit
 
+  /// Weight of a squared residual, 0 to 1 at most.
   [[nodiscard]] double weight(double squared_residual) const {
     const double rest = 1.0 - squared_residual / (width * width);
     return rest > 0.0 ? rest * rest : 0.0;
   }
+  /// Cost of a squared residual; its derivative is the weight.
   [[nodiscard]] double cost(double squared_residual) const {
     const double rest = 1.0 - squared_residual / (width * width);
     return width * width / 3.0 * (rest > 0.0 ? 1.0 - rest * rest * rest : 1.0);
@@ -85,7 +95,9 @@ struct Tukey {
 struct Truncated {
   double width = 1.0;  ///< in the residual's unit
 
+  /// Weight of a squared residual, 0 to 1 at most.
   [[nodiscard]] double weight(double squared_residual) const { return squared_residual <= width * width ? 1.0 : 0.0; }
+  /// Cost of a squared residual; its derivative is the weight.
   [[nodiscard]] double cost(double squared_residual) const {
     return squared_residual <= width * width ? squared_residual : width * width;
   }
@@ -96,12 +108,14 @@ struct Truncated {
 struct DynamicCovarianceScaling {
   double width = 1.0;  ///< in the residual's unit
 
+  /// Weight of a squared residual, 0 to 1 at most.
   [[nodiscard]] double weight(double squared_residual) const {
     const double phi = width * width;
     if (squared_residual <= phi) return 1.0;
     const double scale = 2.0 / (1.0 + squared_residual / phi);
     return scale * scale;
   }
+  /// Cost of a squared residual; its derivative is the weight.
   [[nodiscard]] double cost(double squared_residual) const {
     const double phi = width * width;
     return squared_residual <= phi ? squared_residual : 3.0 * phi - 4.0 * phi / (1.0 + squared_residual / phi);
@@ -115,11 +129,13 @@ struct Barron {
   double width = 1.0;  ///< in the residual's unit
   double shape = 1.0;  ///< <= 2
 
+  /// Weight of a squared residual, 0 to 1 at most.
   [[nodiscard]] double weight(double squared_residual) const {
     const double s = squared_residual / (width * width);
     if (shape == 2.0) return 1.0;
     return std::pow(s / (2.0 - shape) + 1.0, 0.5 * shape - 1.0);
   }
+  /// Cost of a squared residual; its derivative is the weight.
   [[nodiscard]] double cost(double squared_residual) const {
     const double s = squared_residual / (width * width);
     if (shape == 2.0) return squared_residual;

@@ -15,7 +15,7 @@ template <class T>
 class Snapshot {
  public:
   Snapshot() = default;
-  explicit Snapshot(std::shared_ptr<const T> state) : state_(std::move(state)) {}
+  explicit Snapshot(std::shared_ptr<const T> state) : state_(std::move(state)) {}  ///< starts with this state
 
   /// The latest state, or null if none has been stored.
   [[nodiscard]] std::shared_ptr<const T> load() const {

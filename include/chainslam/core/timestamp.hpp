@@ -21,21 +21,28 @@ using Duration = std::chrono::nanoseconds;
 class Timestamp {
  public:
   constexpr Timestamp() = default;
-  constexpr explicit Timestamp(Duration since_epoch) : since_epoch_(since_epoch) {}
+  constexpr explicit Timestamp(Duration since_epoch) : since_epoch_(since_epoch) {}  ///< a time so long after the epoch
 
+  /// From nanoseconds since the epoch.
   [[nodiscard]] static constexpr Timestamp from_nanoseconds(std::int64_t value) { return Timestamp(Duration(value)); }
+  /// From microseconds since the epoch.
   [[nodiscard]] static constexpr Timestamp from_microseconds(std::int64_t value) {
     return Timestamp(std::chrono::microseconds(value));
   }
   /// For files that state seconds as a decimal number that was already rounded to a double.
   [[nodiscard]] static Timestamp from_seconds(double value) { return Timestamp(chainslam::seconds(value)); }
 
+  /// Nanoseconds since the epoch.
   [[nodiscard]] constexpr std::int64_t nanoseconds() const { return since_epoch_.count(); }
+  /// Seconds since the epoch, rounded to a double: for display.
   [[nodiscard]] constexpr double to_seconds() const { return chainslam::to_seconds(since_epoch_); }
 
-  friend constexpr auto operator<=>(const Timestamp&, const Timestamp&) = default;
+  friend constexpr auto operator<=>(const Timestamp&, const Timestamp&) = default;  ///< orders by value
+  /// The time from b to a.
   friend constexpr Duration operator-(Timestamp a, Timestamp b) { return a.since_epoch_ - b.since_epoch_; }
+  /// The time d after t.
   friend constexpr Timestamp operator+(Timestamp t, Duration d) { return Timestamp(t.since_epoch_ + d); }
+  /// The time d before t.
   friend constexpr Timestamp operator-(Timestamp t, Duration d) { return Timestamp(t.since_epoch_ - d); }
 
  private:

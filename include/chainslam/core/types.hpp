@@ -43,10 +43,10 @@ using SqrtInformation = Eigen::Matrix<double, Dof, Dof, Eigen::DontAlign>;
 /// An index that knows what it counts, so that a session's number is never taken for a keyframe's.
 template <class Tag>
 struct Id {
-  Index value = -1;
+  Index value = -1;  ///< position in the list that it numbers; -1: none
 
-  [[nodiscard]] constexpr bool valid() const { return value >= 0; }
-  friend constexpr auto operator<=>(Id, Id) = default;
+  [[nodiscard]] constexpr bool valid() const { return value >= 0; }  ///< whether it stands for anything
+  friend constexpr auto operator<=>(Id, Id) = default;               ///< orders by value
 };
 
 /// Keyframes are numbered through all sessions of a map, in the order in which they were added, from 0.

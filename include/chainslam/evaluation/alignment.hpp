@@ -24,8 +24,9 @@ enum class Alignment {
   sim3     ///< with the scale that fits best
 };
 
+/// How an estimate is aligned to its reference.
 struct AlignmentOptions {
-  Alignment align = Alignment::se3;
+  Alignment align = Alignment::se3;  ///< which transforms are allowed
   /// Poses are first laid flat: z is dropped and only the rotation about z is kept, as evo's `--project_to_plane xy`.
   bool project_xy = false;
 };
@@ -40,9 +41,9 @@ enum class EvaluationStatus {
 
 /// Sessions in the reference's frame, all under one alignment.
 struct AlignedSessions {
-  EvaluationStatus status = EvaluationStatus::no_poses;
-  Sim3d S_reference_estimate;                 ///< p_reference = S p_estimate
-  std::vector<MatchedTrajectories> sessions;  ///< projected and aligned
+  EvaluationStatus status = EvaluationStatus::no_poses;  ///< whether they could be aligned
+  Sim3d S_reference_estimate;                            ///< p_reference = S p_estimate
+  std::vector<MatchedTrajectories> sessions;             ///< projected and aligned
 };
 
 /// The pose laid flat: z is 0, and of the rotation R = Rz(yaw) Ry(pitch) Rx(roll) only the yaw is kept.

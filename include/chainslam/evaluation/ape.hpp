@@ -11,12 +11,12 @@ namespace chainslam {
 
 /// Absolute pose errors of all sessions, one after the other; empty and zero unless `status` is `evaluated`.
 struct AbsolutePoseErrors {
-  EvaluationStatus status = EvaluationStatus::no_poses;
-  Sim3d S_reference_estimate;              ///< the alignment that was applied
-  std::vector<double> translation_errors;  ///< metres
-  std::vector<double> rotation_errors;     ///< radians
-  ErrorStatistics translation;             ///< metres
-  ErrorStatistics rotation;                ///< radians
+  EvaluationStatus status = EvaluationStatus::no_poses;  ///< whether there are errors
+  Sim3d S_reference_estimate;                            ///< the alignment that was applied
+  std::vector<double> translation_errors;                ///< metres
+  std::vector<double> rotation_errors;                   ///< radians
+  ErrorStatistics translation;                           ///< metres
+  ErrorStatistics rotation;                              ///< radians
 };
 
 /// Absolute pose errors of sessions that were aligned before: of E = reference^-1 * estimate the length of the

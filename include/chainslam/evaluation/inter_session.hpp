@@ -24,11 +24,11 @@ struct CoLocationOptions {
 
 /// A pose and its partner in an earlier session.
 struct CoLocatedPair {
-  Index earlier_session = 0;
-  Index earlier_pose = 0;  ///< j
-  Index later_session = 0;
-  Index later_pose = 0;  ///< i
-  friend bool operator==(const CoLocatedPair&, const CoLocatedPair&) = default;
+  Index earlier_session = 0;                                                     ///< position of the earlier session
+  Index earlier_pose = 0;                                                        ///< j
+  Index later_session = 0;                                                       ///< position of the later session
+  Index later_pose = 0;                                                          ///< i
+  friend bool operator==(const CoLocatedPair&, const CoLocatedPair&) = default;  ///< whether all members are equal
 };
 
 namespace detail {

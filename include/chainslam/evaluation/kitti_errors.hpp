@@ -18,6 +18,7 @@ namespace chainslam {
 /// Lengths of the segments over which KITTI takes relative errors, metres.
 inline constexpr std::array<double, 8> kitti_lengths = {100, 200, 300, 400, 500, 600, 700, 800};
 
+/// Which segments are evaluated.
 struct KittiOptions {
   /// Poses from the start of a segment to the next start. KITTI's 10 are a second of its 10 Hz; for another rate take
   /// as many poses as come in a second. It decides how densely segments overlap, not what the error of one is.
@@ -26,11 +27,12 @@ struct KittiOptions {
 
 /// The error over one segment of the path, relative to its length.
 struct KittiSegment {
-  Index session = 0;
-  Index first = 0, last = 0;  ///< poses of the session
-  double length = 0;          ///< metres; one of `kitti_lengths`
-  double translation = 0;     ///< metres per metre
-  double rotation = 0;        ///< radians per metre
+  Index session = 0;       ///< position of the session
+  Index first = 0;         ///< pose of the session
+  Index last = 0;          ///< pose of the session
+  double length = 0;       ///< metres; one of `kitti_lengths`
+  double translation = 0;  ///< metres per metre
+  double rotation = 0;     ///< radians per metre
 };
 
 /// Means over the segments of one length.
@@ -43,10 +45,10 @@ struct KittiLengthErrors {
 
 /// Relative errors as the KITTI odometry benchmark ranks by them; without segments unless `status` is `evaluated`.
 struct KittiErrors {
-  EvaluationStatus status = EvaluationStatus::no_poses;
-  std::vector<KittiSegment> segments{};  ///< session by session, start by start, length by length
-  double translation = 0;                ///< mean over all segments, metres per metre
-  double rotation = 0;                   ///< the same, radians per metre
+  EvaluationStatus status = EvaluationStatus::no_poses;  ///< whether there are errors
+  std::vector<KittiSegment> segments{};                  ///< session by session, start by start, length by length
+  double translation = 0;                                ///< mean over all segments, metres per metre
+  double rotation = 0;                                   ///< the same, radians per metre
   std::array<KittiLengthErrors, kitti_lengths.size()> lengths{};  ///< of each of `kitti_lengths`
 };
 

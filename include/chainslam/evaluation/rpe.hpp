@@ -20,20 +20,21 @@ enum class PairChoice {
   all           ///< one pair from each pose that has a partner
 };
 
+/// Over which pairs relative errors are taken.
 struct RpeOptions {
-  double delta = 1.0;  ///< metres along the estimated path, or a whole number of frames
-  DeltaUnit unit = DeltaUnit::frames;
-  PairChoice pairs = PairChoice::consecutive;
-  double tolerance = 0.1;  ///< of delta, by which all pairs in metres may miss it; evo's default
+  double delta = 1.0;                          ///< metres along the estimated path, or a whole number of frames
+  DeltaUnit unit = DeltaUnit::frames;          ///< of `delta`
+  PairChoice pairs = PairChoice::consecutive;  ///< how pairs follow one another
+  double tolerance = 0.1;                      ///< of delta, by which all pairs in metres may miss it; evo's default
 };
 
 /// Relative pose errors of all sessions, one after the other; empty and zero if there is no pair.
 struct RelativePoseErrors {
-  EvaluationStatus status = EvaluationStatus::no_poses;
-  std::vector<double> translation_errors;  ///< metres
-  std::vector<double> rotation_errors;     ///< radians
-  ErrorStatistics translation;             ///< metres
-  ErrorStatistics rotation;                ///< radians
+  EvaluationStatus status = EvaluationStatus::no_poses;  ///< whether there are errors
+  std::vector<double> translation_errors;                ///< metres
+  std::vector<double> rotation_errors;                   ///< radians
+  ErrorStatistics translation;                           ///< metres
+  ErrorStatistics rotation;                              ///< radians
 };
 
 using PosePair = std::pair<Index, Index>;

@@ -12,14 +12,14 @@ namespace chainslam {
 
 /// What evo states of a list of errors, in the errors' unit (`sse` in its square).
 struct ErrorStatistics {
-  Index count = 0;
-  double rmse = 0;
-  double mean = 0;
+  Index count = 0;    ///< how many errors
+  double rmse = 0;    ///< root of the mean square
+  double mean = 0;    ///< arithmetic mean
   double median = 0;  ///< mean of the two middle ones of an even number
   double std = 0;     ///< of the population, as numpy's default
-  double min = 0;
-  double max = 0;
-  double sse = 0;  ///< sum of squares
+  double min = 0;     ///< smallest
+  double max = 0;     ///< largest
+  double sse = 0;     ///< sum of squares
 };
 
 /// Statistics of errors that are finite; nothing if there are none.

@@ -19,22 +19,25 @@ namespace chainslam {
 /// A session is carried over by its anchor alone: its own variables and what is between them stay as they are.
 template <LieGroup Group, RobustCost Kernel = Trivial>
 struct AnchoredBetweenFactor {
-  using Value = Group;
-  static constexpr std::size_t arity = 4;
-  static constexpr int rows = Group::dof;
-  using Residual = Eigen::Matrix<double, rows, 1>;
-  using Linearized = LinearizedFactor<rows, Group::dof, arity>;
+  using Value = Group;                                           ///< type of the variables
+  static constexpr std::size_t arity = 4;                        ///< number of variables
+  static constexpr int rows = Group::dof;                        ///< rows of the residual
+  using Residual = Eigen::Matrix<double, rows, 1>;               ///< whitened residual
+  using Linearized = LinearizedFactor<rows, Group::dof, arity>;  ///< what `linearize` returns
 
   Key anchor_from = 0;  ///< T_map_session of `from`
-  Key from = 0;
-  Key anchor_to = 0;  ///< T_map_session of `to`; another one
-  Key to = 0;
-  Group measurement;  ///< T_from_to
+  Key from = 0;         ///< the variable at the start
+  Key anchor_to = 0;    ///< T_map_session of `to`; another one
+  Key to = 0;           ///< the variable at the end
+  Group measurement;    ///< T_from_to
+  /// R of the whitened residual R r.
   SqrtInformation<Group::dof> sqrt_information = identity<SqrtInformation<Group::dof>>();
-  [[no_unique_address]] Kernel kernel{};
+  [[no_unique_address]] Kernel kernel{};  ///< robust kernel of the squared whitened residual
 
+  /// Keys of the variables, in the order of the Jacobians.
   [[nodiscard]] std::array<Key, arity> keys() const { return {anchor_from, from, anchor_to, to}; }
 
+  /// The whitened residual; see `Factor`.
   [[nodiscard]] Residual residual(const Values<Group>& values) const {
     return sqrt_information * (measurement.inverse() * relative(values)).log();
   }

@@ -24,7 +24,7 @@ namespace chainslam {
 
 /// Full steps to the minimum of the linearized cost: the fastest near the optimum.
 struct GaussNewton {
-  Index max_iterations = 20;
+  Index max_iterations = 20;  ///< linear systems solved, at most
   /// Converged when a step is predicted to lower the cost by less than this share of it,
   double relative_tolerance = 1e-9;
   /// or by less than this.
@@ -35,9 +35,9 @@ struct GaussNewton {
 /// Madsen, Nielsen and Tingleff 2004, section 3.3): the cost never rises, and a step that is refused costs no
 /// factorization. Lengths are scaled by the diagonal of J^T J.
 struct Dogleg {
-  Index max_iterations = 100;
-  double relative_tolerance = 1e-9;  ///< as in `GaussNewton`
-  double absolute_tolerance = 1e-9;
+  Index max_iterations = 100;                                       ///< linear systems solved, at most
+  double relative_tolerance = 1e-9;                                 ///< as in `GaussNewton`
+  double absolute_tolerance = 1e-9;                                 ///< as in `GaussNewton`
   double initial_radius = std::numeric_limits<double>::infinity();  ///< the first step tried is then a full one
 };
 

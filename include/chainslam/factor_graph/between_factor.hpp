@@ -42,25 +42,29 @@ template <LieGroup Group>
 /// J_from = -Jr^-1(r) Ad(x_to^-1 x_from) (Sola et al. 2018, eq. 79 and 82).
 template <LieGroup Group, RobustCost Kernel = Trivial>
 struct BetweenFactor {
-  using Value = Group;
-  static constexpr std::size_t arity = 2;
-  static constexpr int rows = Group::dof;
-  static constexpr bool left_invariant = true;  ///< a motion of both variables from the left changes nothing
-  using Residual = Eigen::Matrix<double, rows, 1>;
-  using Linearized = LinearizedFactor<rows, Group::dof, arity>;
+  using Value = Group;                              ///< type of the variables
+  static constexpr std::size_t arity = 2;           ///< number of variables
+  static constexpr int rows = Group::dof;           ///< rows of the residual
+  static constexpr bool left_invariant = true;      ///< a motion of both variables from the left changes nothing
+  using Residual = Eigen::Matrix<double, rows, 1>;  ///< whitened residual
+  using Linearized = LinearizedFactor<rows, Group::dof, arity>;  ///< what `linearize` returns
 
-  Key from = 0;
-  Key to = 0;
+  Key from = 0;       ///< the variable at the start
+  Key to = 0;         ///< the variable at the end
   Group measurement;  ///< T_from_to
+  /// R of the whitened residual R r.
   SqrtInformation<Group::dof> sqrt_information = identity<SqrtInformation<Group::dof>>();
-  [[no_unique_address]] Kernel kernel{};
+  [[no_unique_address]] Kernel kernel{};  ///< robust kernel of the squared whitened residual
 
+  /// Keys of the variables, in the order of the Jacobians.
   [[nodiscard]] std::array<Key, arity> keys() const { return {from, to}; }
 
+  /// The whitened residual; see `Factor`.
   [[nodiscard]] Residual residual(const Values<Group>& values) const {
     return detail::between_residual(measurement, sqrt_information, values[from], values[to]);
   }
 
+  /// The whitened residual and its Jacobians; see `Factor`.
   [[nodiscard]] Linearized linearize(const Values<Group>& values) const {
     return detail::linearized_between(measurement, sqrt_information, values[from], values[to]);
   }

@@ -25,7 +25,7 @@ struct Certificate {
   double cost = 0.0;         ///< of the graph's values
   double lower_bound = 0.0;  ///< no values whatsoever cost less, up to rounding
 
-  [[nodiscard]] double gap() const { return cost - lower_bound; }
+  [[nodiscard]] double gap() const { return cost - lower_bound; }  ///< how far the cost may be above the global optimum
 };
 
 namespace detail {

@@ -20,8 +20,8 @@ using PerVariable = std::conditional_t<Arity == std::dynamic_extent, std::vector
 /// A factor's whitened residual and its derivatives with respect to right perturbations of its variables.
 template <int Rows, int Dof, std::size_t Arity>
 struct LinearizedFactor {
-  Eigen::Matrix<double, Rows, 1> residual;
-  PerVariable<Eigen::Matrix<double, Rows, Dof>, Arity> jacobians;
+  Eigen::Matrix<double, Rows, 1> residual;                         ///< whitened
+  PerVariable<Eigen::Matrix<double, Rows, Dof>, Arity> jacobians;  ///< one for each variable, `Rows` x `Dof`
 };
 
 /// A term of the cost: the squared length of a residual that depends on `arity` variables of type `Value`.

@@ -17,9 +17,10 @@ namespace chainslam {
 
 /// Plain least squares, less a constant.
 struct LessConstant {
-  double constant = 0.0;
+  double constant = 0.0;  ///< what is taken off the cost
 
-  [[nodiscard]] double weight(double /*squared_residual*/) const { return 1.0; }
+  [[nodiscard]] double weight(double /*squared_residual*/) const { return 1.0; }  ///< always 1
+  /// The squared residual less the constant.
   [[nodiscard]] double cost(double squared_residual) const { return squared_residual - constant; }
 };
 
@@ -41,15 +42,16 @@ struct Constrained {
       !RobustFactor<F> || requires(const F& f) { requires std::is_same_v<decltype(f.kernel), Trivial>; },
       "Constrained: a constraint has no robust kernel");
 
-  using Value = typename F::Value;
-  static constexpr std::size_t arity = F::arity;
-  static constexpr int rows = F::rows;
+  using Value = typename F::Value;                ///< type of the variables
+  static constexpr std::size_t arity = F::arity;  ///< number of variables
+  static constexpr int rows = F::rows;            ///< rows of the residual
+  /// As that of the factor: a motion of all variables from the left changes nothing.
   static constexpr bool left_invariant = [] {
     if constexpr (requires { F::left_invariant; }) return static_cast<bool>(F::left_invariant);
     return false;
   }();
-  using Residual = Eigen::Matrix<double, rows, 1>;
-  using Linearized = LinearizedFactor<rows, Value::dof, arity>;
+  using Residual = Eigen::Matrix<double, rows, 1>;               ///< whitened residual
+  using Linearized = LinearizedFactor<rows, Value::dof, arity>;  ///< what `linearize` returns
 
   F factor;                          ///< its hard rows divided by `softness`
   Residual hard = Residual::Zero();  ///< 1 where a row must be zero, else 0
@@ -57,8 +59,10 @@ struct Constrained {
   Residual multipliers = Residual::Zero();  ///< where the springs' rest is, divided by `softness`
   LessConstant kernel{};                    ///< takes off what the multipliers alone cost
 
-  [[nodiscard]] auto keys() const { return factor.keys(); }
+  [[nodiscard]] auto keys() const { return factor.keys(); }  ///< keys of the variables, in the order of the Jacobians
+  /// The whitened residual; see `Factor`.
   [[nodiscard]] Residual residual(const Values<Value>& values) const { return factor.residual(values) + multipliers; }
+  /// The whitened residual and its Jacobians; see `Factor`.
   [[nodiscard]] Linearized linearize(const Values<Value>& values) const {
     Linearized result = factor.linearize(values);
     result.residual += multipliers;
@@ -73,6 +77,7 @@ struct Constrained {
   void tighten(const Values<Value>& values) {
     set_multipliers(multipliers + factor.residual(values).cwiseProduct(hard));
   }
+  /// Replaces the multipliers, one for each row.
   void set_multipliers(const Residual& next) {
     multipliers = next;
     kernel.constant = next.squaredNorm();

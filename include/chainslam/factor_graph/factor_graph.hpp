@@ -28,8 +28,8 @@ class FactorGraph {
   static_assert((Factor<Extra> && ...), "FactorGraph: a factor needs keys(), residual(values) and linearize(values)");
 
  public:
-  using Value = Group;
-  using Noise = NoiseModel<Group::dof>;
+  using Value = Group;                   ///< type of the variables
+  using Noise = NoiseModel<Group::dof>;  ///< noise of a factor with a row for each degree of freedom
 
   /// @returns the new variable's key: 0, 1, ...
   Key add_value(const Group& initial) {
@@ -67,6 +67,7 @@ class FactorGraph {
     require_known(key);
     fixed_[static_cast<std::size_t>(key)] = fixed ? 1 : 0;
   }
+  /// Whether a variable is kept where it is.
   [[nodiscard]] bool is_fixed(Key key) const { return fixed_[static_cast<std::size_t>(key)] != 0; }
 
   /// Replaces one variable's value.
@@ -81,15 +82,17 @@ class FactorGraph {
     values_ = std::move(values);
   }
 
-  [[nodiscard]] const Values<Group>& values() const { return values_; }
-  [[nodiscard]] const Group& operator[](Key key) const { return values_[key]; }
+  [[nodiscard]] const Values<Group>& values() const { return values_; }          ///< all values
+  [[nodiscard]] const Group& operator[](Key key) const { return values_[key]; }  ///< the value of a variable
 
   /// All factors of one type.
   template <Factor F>
   [[nodiscard]] std::span<const F> factors() const {
     return std::get<std::vector<F>>(factors_);
   }
+  /// All `PriorFactor`s without a kernel.
   [[nodiscard]] std::span<const PriorFactor<Group>> priors() const { return factors<PriorFactor<Group>>(); }
+  /// All `BetweenFactor`s without a kernel.
   [[nodiscard]] std::span<const BetweenFactor<Group>> betweens() const { return factors<BetweenFactor<Group>>(); }
 
   /// Removes the factors of one type for which `remove(factor)` holds; the others keep their order.
@@ -119,6 +122,7 @@ class FactorGraph {
     });
   }
 
+  /// Number of factors.
   [[nodiscard]] Index factor_count() const {
     std::size_t count = 0;
     for_each_pool([&](const auto& pool) { count += pool.size(); });
@@ -138,7 +142,7 @@ class FactorGraph {
     });
     return sum;
   }
-  [[nodiscard]] double cost() const { return cost(values_); }
+  [[nodiscard]] double cost() const { return cost(values_); }  ///< the same of the graph's own values
 
  private:
   void require_known(Key key) const {

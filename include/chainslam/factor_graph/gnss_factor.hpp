@@ -17,20 +17,22 @@ namespace chainslam {
 /// It says nothing of the rotation about the antenna: other factors have to.
 template <RobustCost Kernel = Trivial>
 struct GnssFactor {
-  using Value = SE3d;
-  static constexpr std::size_t arity = 1;
-  static constexpr int rows = 3;
-  using Residual = Eigen::Vector3d;
-  using Linearized = LinearizedFactor<rows, SE3d::dof, arity>;
+  using Value = SE3d;                                           ///< type of the variables
+  static constexpr std::size_t arity = 1;                       ///< number of variables
+  static constexpr int rows = 3;                                ///< rows of the residual
+  using Residual = Eigen::Vector3d;                             ///< whitened residual
+  using Linearized = LinearizedFactor<rows, SE3d::dof, arity>;  ///< what `linearize` returns
 
-  Key key = 0;
-  Eigen::Vector3d position = Eigen::Vector3d::Zero();   ///< p_map_antenna, metres
-  Eigen::Vector3d lever_arm = Eigen::Vector3d::Zero();  ///< p_body_antenna, metres
-  SqrtInformation<3> sqrt_information = identity<SqrtInformation<3>>();
-  [[no_unique_address]] Kernel kernel{};
+  Key key = 0;                                                           ///< the variable
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();                    ///< p_map_antenna, metres
+  Eigen::Vector3d lever_arm = Eigen::Vector3d::Zero();                   ///< p_body_antenna, metres
+  SqrtInformation<3> sqrt_information = identity<SqrtInformation<3>>();  ///< R of the whitened residual R r
+  [[no_unique_address]] Kernel kernel{};  ///< robust kernel of the squared whitened residual
 
+  /// Keys of the variables, in the order of the Jacobians.
   [[nodiscard]] std::array<Key, arity> keys() const { return {key}; }
 
+  /// The whitened residual; see `Factor`.
   [[nodiscard]] Residual residual(const Values<SE3d>& values) const {
     return sqrt_information * (values[key] * lever_arm - position);
   }

@@ -21,11 +21,12 @@ namespace chainslam {
 struct GraduatedNonConvexity {
   /// Squared whitened residual beyond which a factor is an outlier. 0: what one good factor in a hundred exceeds.
   double threshold = 0.0;
-  double growth = 1.4;  ///< of the control parameter, a step
-  Index max_steps = 100;
-  LevenbergMarquardt optimizer{.max_iterations = 20, .relative_tolerance = 1e-6};
+  double growth = 1.4;                                                             ///< of the control parameter, a step
+  Index max_steps = 100;                                                           ///< steps of convexity, at most
+  LevenbergMarquardt optimizer{.max_iterations = 20, .relative_tolerance = 1e-6};  ///< of each step
 };
 
+/// What graduated non-convexity found.
 struct GncReport {
   OptimizeReport last;          ///< of the last optimization: costs are of what was kept
   Index steps = 0;              ///< optimizations

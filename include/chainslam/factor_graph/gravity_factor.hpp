@@ -17,20 +17,22 @@ namespace chainslam {
 /// on its head. Nothing is said of position and heading.
 template <RobustCost Kernel = Trivial>
 struct GravityFactor {
-  using Value = SE3d;
-  static constexpr std::size_t arity = 1;
-  static constexpr int rows = 3;
-  using Residual = Eigen::Vector3d;
-  using Linearized = LinearizedFactor<rows, SE3d::dof, arity>;
+  using Value = SE3d;                                           ///< type of the variables
+  static constexpr std::size_t arity = 1;                       ///< number of variables
+  static constexpr int rows = 3;                                ///< rows of the residual
+  using Residual = Eigen::Vector3d;                             ///< whitened residual
+  using Linearized = LinearizedFactor<rows, SE3d::dof, arity>;  ///< what `linearize` returns
 
-  Key key = 0;
+  Key key = 0;           ///< the variable
   S2<double> up_body{};  ///< as measured: along the mean specific force of a body at rest, which points up
   double sigma = 1.0;    ///< radians
-  S2<double> up_map{};
-  [[no_unique_address]] Kernel kernel{};
+  S2<double> up_map{};   ///< up in the map's frame
+  [[no_unique_address]] Kernel kernel{};  ///< robust kernel of the squared whitened residual
 
+  /// Keys of the variables, in the order of the Jacobians.
   [[nodiscard]] std::array<Key, arity> keys() const { return {key}; }
 
+  /// The whitened residual; see `Factor`.
   [[nodiscard]] Residual residual(const Values<SE3d>& values) const {
     return (seen(values) - up_body.direction()) / sigma;
   }

@@ -37,9 +37,9 @@ namespace chainslam {
 template <class Smoother>
 class IncrementalGnc {
  public:
-  using Group = typename Smoother::Value;
-  using Suspect = BetweenFactor<Group>;
-  static constexpr Index none = -1;  ///< no suspect, no key
+  using Group = typename Smoother::Value;  ///< type of the variables
+  using Suspect = BetweenFactor<Group>;    ///< the factor that is judged
+  static constexpr Index none = -1;        ///< no suspect, no key
 
   /// @param smoother  stays the caller's, and outlives this.
   explicit IncrementalGnc(Smoother& smoother, const IncrementalGncOptions& options = {})

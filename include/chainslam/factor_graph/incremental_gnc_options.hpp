@@ -41,6 +41,7 @@ struct Suspicion {
   Index previous = -1;
 };
 
+/// What an update did.
 struct IncrementalGncReport {
   UpdateReport last;    ///< of the last update
   Index steps = 0;      ///< updates

@@ -16,25 +16,28 @@ namespace chainslam {
 /// offset + sum of sqrt_information_k log(point_k^-1 x_k). Marginalization leaves such factors.
 template <LieGroup Group>
 struct LinearPrior {
-  using Value = Group;
-  static constexpr std::size_t arity = std::dynamic_extent;
-  static constexpr int rows = Eigen::Dynamic;
-  static constexpr bool holds_in_place = true;
-  using Linearized = LinearizedFactor<rows, Group::dof, arity>;
+  using Value = Group;                                       ///< type of the variables
+  static constexpr std::size_t arity = std::dynamic_extent;  ///< number of variables
+  static constexpr int rows = Eigen::Dynamic;                ///< rows of the residual
+  static constexpr bool holds_in_place = true;               ///< whether its neighbours need nothing else to hold them
+  using Linearized = LinearizedFactor<rows, Group::dof, arity>;  ///< what `linearize` returns
 
-  std::vector<Key> variables;
+  std::vector<Key> variables;        ///< keys of its variables, in the order of the rows
   std::vector<Group> points;         ///< of each variable
   Eigen::MatrixXd sqrt_information;  ///< `Group::dof` columns for each variable
-  Eigen::VectorXd offset;
+  Eigen::VectorXd offset;            ///< of the variables' tangents at the minimum
 
+  /// Keys of the variables, in the order of the Jacobians.
   [[nodiscard]] const std::vector<Key>& keys() const { return variables; }
 
+  /// The whitened residual; see `Factor`.
   [[nodiscard]] Eigen::VectorXd residual(const Values<Group>& values) const {
     Eigen::VectorXd result = offset;
     for (std::size_t k = 0; k < variables.size(); ++k) add_step(k, points[k].local(values[variables[k]]), result);
     return result;
   }
 
+  /// The whitened residual and its Jacobians; see `Factor`.
   [[nodiscard]] Linearized linearize(const Values<Group>& values) const {
     Linearized result{offset, {}};
     for (std::size_t k = 0; k < variables.size(); ++k) {

@@ -28,8 +28,8 @@ template <int Dof, int Columns>
 template <int Dof>
 class NoiseModel {
  public:
-  using Matrix = Eigen::Matrix<double, Dof, Dof>;
-  using Vector = Eigen::Matrix<double, Dof, 1>;
+  using Matrix = Eigen::Matrix<double, Dof, Dof>;  ///< covariance or information, `Dof` x `Dof`
+  using Vector = Eigen::Matrix<double, Dof, 1>;    ///< one number for each row
 
   /// @param covariance  symmetric, positive definite.
   [[nodiscard]] static NoiseModel from_covariance(const Matrix& covariance) {
@@ -75,8 +75,9 @@ class NoiseModel {
     return from_sigmas(sigmas);
   }
 
+  /// R, upper triangular or as given.
   [[nodiscard]] const SqrtInformation<Dof>& sqrt_information() const { return sqrt_information_; }
-  [[nodiscard]] Matrix information() const { return sqrt_information_.transpose() * sqrt_information_; }
+  [[nodiscard]] Matrix information() const { return sqrt_information_.transpose() * sqrt_information_; }  ///< R^T R
 
  private:
   NoiseModel(const Matrix& root, const char* origin) {

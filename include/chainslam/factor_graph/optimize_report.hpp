@@ -20,12 +20,12 @@ enum class OptimizeStatus {
 
 /// What `optimise` did. Costs are sums of squared whitened residuals (chi^2), through the kernels.
 struct OptimizeReport {
-  OptimizeStatus status = OptimizeStatus::converged;
-  Index iterations = 0;  ///< linear systems solved
-  double initial_cost = 0.0;
-  double final_cost = 0.0;  ///< of the graph's values as they are left
-  double violation = 0.0;   ///< how far the worst row of `Constrained` factors is from zero there, in its own units
-  std::vector<Key> variables;
+  OptimizeStatus status = OptimizeStatus::converged;  ///< how it ended
+  Index iterations = 0;                               ///< linear systems solved
+  double initial_cost = 0.0;                          ///< of the values as they were
+  double final_cost = 0.0;                            ///< of the graph's values as they are left
+  double violation = 0.0;      ///< how far the worst row of `Constrained` factors is from zero there, in its own units
+  std::vector<Key> variables;  ///< keys that a failure concerns
   /// Where something is unconstrained or singular: what is free to move, and how; `describe` says it in words.
   std::vector<FreePart> free;
 
@@ -41,11 +41,11 @@ struct OptimizeReport {
 /// The damping is `lambda` times the diagonal of J^T J (Marquardt 1963), driven by the gain ratio (Nielsen 1999;
 /// Madsen, Nielsen and Tingleff 2004, section 3.2).
 struct LevenbergMarquardt {
-  Index max_iterations = 100;
+  Index max_iterations = 100;        ///< linear systems solved, at most
   double relative_tolerance = 1e-9;  ///< as in `GaussNewton`
-  double absolute_tolerance = 1e-9;
-  double initial_lambda = 1e-6;
-  double max_lambda = 1e12;  ///< beyond it, the optimization has stalled
+  double absolute_tolerance = 1e-9;  ///< as in `GaussNewton`
+  double initial_lambda = 1e-6;      ///< damping of the first step
+  double max_lambda = 1e12;          ///< beyond it, the optimization has stalled
 };
 
 }  // namespace chainslam

@@ -36,6 +36,7 @@ class SharedEstimates {
     revision_ = revision;
   }
 
+  /// Number of estimates.
   [[nodiscard]] Index size() const {
     const std::scoped_lock lock(mutex_);
     return values_.size();

@@ -49,16 +49,16 @@ enum class UpdateStatus {
 
 /// What an update of `IncrementalSmoother` did.
 struct UpdateReport {
-  UpdateStatus status = UpdateStatus::updated;
-  std::vector<Key> variables;
+  UpdateStatus status = UpdateStatus::updated;  ///< how it ended
+  std::vector<Key> variables;                   ///< keys that a failure concerns
   std::vector<FreePart> free;  ///< what is free to move, if that made it fail; `describe` says it in words
   double squared_error = 0.0;  ///< chi^2 of the estimate, as the linearized factors see it
   double gap = 0.0;            ///< how much of it may be left to gain: by the linear system and by what waits
   Index relinearized = 0;      ///< factors
   Index waiting = 0;           ///< variables whose factors the next update will linearize again
-  FactorizationWork work;
+  FactorizationWork work;      ///< of the factorization
 
-  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
+  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }  ///< whether the estimate was updated
 };
 
 /// `converge` ends in the local optimum of the estimate it starts from.
@@ -75,7 +75,7 @@ struct ConvergeOptions {
   static_assert(std::is_same_v<Restart, ChordalRestart> || std::is_same_v<Restart, NoRestart>,
                 "chainslam: ConvergeOptions takes ChordalRestart or NoRestart");
 
-  Index max_iterations = 50;
+  Index max_iterations = 50;  ///< linear systems solved, at most
   /// Done when a full step is predicted to gain less than this share of the squared error,
   double relative_tolerance = 1e-9;
   /// or less than this.
@@ -89,19 +89,20 @@ enum class ConvergeMethod {
   chordal_restart,      ///< damped steps from the chordal relaxation, which ended lower
 };
 
+/// What `converge` did.
 struct ConvergeReport {
-  UpdateStatus status = UpdateStatus::updated;
-  std::vector<Key> variables;  ///< as in `UpdateReport`
-  std::vector<FreePart> free;
-  ConvergeMethod method = ConvergeMethod::gauss_newton;
-  bool converged = false;  ///< else the iterations did not suffice
-  Index iterations = 0;    ///< linear systems solved
-  double initial_cost = 0.0;
-  double final_cost = 0.0;  ///< chi^2 through the kernels
-  double gap = 0.0;         ///< what the last step was predicted to gain, which bounds what is left to the optimum
-  double violation = 0.0;   ///< how far the worst row of `Constrained` factors is from zero, in its own units
+  UpdateStatus status = UpdateStatus::updated;           ///< how it ended
+  std::vector<Key> variables;                            ///< as in `UpdateReport`
+  std::vector<FreePart> free;                            ///< as in `UpdateReport`
+  ConvergeMethod method = ConvergeMethod::gauss_newton;  ///< what led there
+  bool converged = false;                                ///< else the iterations did not suffice
+  Index iterations = 0;                                  ///< linear systems solved
+  double initial_cost = 0.0;                             ///< before
+  double final_cost = 0.0;                               ///< chi^2 through the kernels
+  double gap = 0.0;        ///< what the last step was predicted to gain, which bounds what is left to the optimum
+  double violation = 0.0;  ///< how far the worst row of `Constrained` factors is from zero, in its own units
 
-  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }
+  [[nodiscard]] bool ok() const { return status == UpdateStatus::updated; }  ///< whether the estimate was updated
 };
 
 /// What a factor would do if it were added.

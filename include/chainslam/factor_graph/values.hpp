@@ -26,27 +26,31 @@ class Values {
     return key;
   }
 
+  /// Removes the variable that was added last.
   void drop_last() {
     assert(!values_.empty());
     values_.pop_back();
   }
 
+  /// The value of a variable.
   [[nodiscard]] const Group& operator[](Key key) const {
     assert(contains(key));
     return values_[static_cast<std::size_t>(key)];
   }
+  /// The value of a variable.
   [[nodiscard]] Group& operator[](Key key) {
     assert(contains(key));
     return values_[static_cast<std::size_t>(key)];
   }
 
-  [[nodiscard]] bool contains(Key key) const { return key >= 0 && key < size(); }
-  [[nodiscard]] Index size() const { return static_cast<Index>(values_.size()); }
+  [[nodiscard]] bool contains(Key key) const { return key >= 0 && key < size(); }  ///< whether there is such a variable
+  [[nodiscard]] Index size() const { return static_cast<Index>(values_.size()); }  ///< number of variables
+  /// The first value; values come in the order of their keys.
   [[nodiscard]] auto begin() const { return values_.begin(); }
-  [[nodiscard]] auto end() const { return values_.end(); }
-  [[nodiscard]] std::span<const Group> all() const { return values_; }
+  [[nodiscard]] auto end() const { return values_.end(); }              ///< behind the last value
+  [[nodiscard]] std::span<const Group> all() const { return values_; }  ///< all values, in the order of their keys
 
-  friend bool operator==(const Values&, const Values&) = default;
+  friend bool operator==(const Values&, const Values&) = default;  ///< whether all members are equal
 
  private:
   std::vector<Group> values_;

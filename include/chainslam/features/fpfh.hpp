@@ -30,9 +30,9 @@ enum class FpfhBlend {
 /// Which neighbours a point is described by: the `max_neighbors` nearest, the point itself counted, of those within
 /// `radius`. About five voxels wide sees corners and edges, two or three see only planes.
 struct FpfhOptions {
-  double radius = 5.0;        ///< metres
-  Index max_neighbors = 100;  ///< 0: all; else at least 2
-  FpfhBlend blend = FpfhBlend::half_own;
+  double radius = 5.0;                    ///< metres
+  Index max_neighbors = 100;              ///< 0: all; else at least 2
+  FpfhBlend blend = FpfhBlend::half_own;  ///< how histograms are put together
 };
 
 /// One column a point: three histograms of 11 bins, each of which sums to 100, or all zeros for a point that has none.

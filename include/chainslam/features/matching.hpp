@@ -18,8 +18,8 @@ namespace chainslam {
 
 /// Two points that look alike: an index in the source, an index in the target.
 struct FeatureMatch {
-  Index source = -1;
-  Index target = -1;
+  Index source = -1;  ///< index of the source point
+  Index target = -1;  ///< index of the target point
   /// How much nearer the match is than the next best, of the source's point or the target's, whichever is the more
   /// doubtful: the quotient of the distances, in [0, 1], small for a match that stands out; 1 where it was not asked
   /// for.
@@ -31,6 +31,7 @@ struct FeatureMatch {
   }
 };
 
+/// Which features are matched.
 struct MatchOptions {
   bool mutual = true;       ///< keep a pair only if each is the other's nearest
   double max_ratio = 1;     ///< keep a pair only if its `ratio` is not larger (Lowe 2004)

@@ -49,7 +49,8 @@ class Neighborhoods {
 
   /// Points.
   [[nodiscard]] Index size() const { return size_; }
-  [[nodiscard]] double radius() const { return radius_; }
+  [[nodiscard]] double radius() const { return radius_; }  ///< metres within which neighbours were sought
+  /// The neighbours of point i.
   [[nodiscard]] std::span<const Neighbor<Scalar>> operator[](Index i) const {
     const Block& block = blocks_[static_cast<std::size_t>(i / block_size)];
     const Index place = i % block_size;

@@ -27,8 +27,8 @@ namespace chainslam {
 /// at the same time on several threads, `normal` among them.
 class OrientedOnDemand {
  public:
-  using Search = KdTree<float>;
-  using Scalar = float;
+  using Search = KdTree<float>;  ///< the search over the points
+  using Scalar = float;          ///< number type
 
   /// @param cloud      n points, metres; normals that it has are not looked at.
   /// @param options    `covariances` are not given.
@@ -44,11 +44,12 @@ class OrientedOnDemand {
     estimated_ = std::make_unique<std::once_flag[]>(static_cast<std::size_t>(groups));
   }
 
-  [[nodiscard]] const Search& search() const { return search_; }
+  [[nodiscard]] const Search& search() const { return search_; }  ///< the search over the points
   /// Points that can be found: those of the cloud that are finite.
   [[nodiscard]] std::size_t size() const { return search_.size(); }
-  [[nodiscard]] static constexpr bool has_normals() { return true; }
+  [[nodiscard]] static constexpr bool has_normals() { return true; }  ///< whether there is a normal for each point
 
+  /// Position of point i, metres.
   [[nodiscard]] const Eigen::Vector3f& position(Index i) const { return cloud_.positions[static_cast<std::size_t>(i)]; }
   /// Of a point that can be found.
   [[nodiscard]] const Eigen::Vector3f& normal(Index i) const {
@@ -58,10 +59,12 @@ class OrientedOnDemand {
     return cloud_.normals[static_cast<std::size_t>(i)];
   }
 
+  /// As `NearestNeighborSearch` has it.
   Index knn(const Eigen::Vector3f& query, std::span<Neighbor<float>> out,
             float max_distance = std::numeric_limits<float>::infinity()) const {
     return search_.knn(query, out, max_distance);
   }
+  /// As `NearestNeighborSearch` has it.
   void within(const Eigen::Vector3f& query, float radius, std::vector<Neighbor<float>>& out) const {
     search_.within(query, radius, out);
   }

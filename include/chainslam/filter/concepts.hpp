@@ -13,10 +13,10 @@ namespace chainslam {
 /// tangent spaces at the old and the new state.
 template <Manifold State>
 struct Transition {
-  using Matrix = Eigen::Matrix<typename State::Scalar, State::dof, State::dof>;
-  State state;
-  Matrix F;
-  Matrix Q;
+  using Matrix = Eigen::Matrix<typename State::Scalar, State::dof, State::dof>;  ///< `dof` x `dof`
+  State state;                                                                   ///< afterwards
+  Matrix F;  ///< jacobian of the error's propagation
+  Matrix Q;  ///< covariance of the process noise
 };
 
 /// What measurements say of a state x, to second order: with residuals r(x) of covariance R and H = dr / dx,
@@ -26,13 +26,13 @@ struct Transition {
 /// no part in `information` and `gradient`.
 template <Manifold State>
 struct Linearization {
-  using Tangent = typename State::Tangent;
-  using Matrix = Eigen::Matrix<typename State::Scalar, State::dof, State::dof>;
-  Matrix information = zeros<Matrix>();      ///< H^T R^-1 H
-  Tangent gradient = zeros<Tangent>();       ///< -H^T R^-1 r
-  typename State::Scalar squared_error = 0;  ///< r^T R^-1 r
-  Index residuals = 0;                       ///< 0: the measurement says nothing
-  bool settled = true;                       ///< these residuals are final: a small step now ends the iteration
+  using Tangent = typename State::Tangent;                                       ///< tangent of the state
+  using Matrix = Eigen::Matrix<typename State::Scalar, State::dof, State::dof>;  ///< `dof` x `dof`
+  Matrix information = zeros<Matrix>();                                          ///< H^T R^-1 H
+  Tangent gradient = zeros<Tangent>();                                           ///< -H^T R^-1 r
+  typename State::Scalar squared_error = 0;                                      ///< r^T R^-1 r
+  Index residuals = 0;                                                           ///< 0: the measurement says nothing
+  bool settled = true;  ///< these residuals are final: a small step now ends the iteration
 };
 
 /// Moves a state through time. `Input` is what drives it for `dt` seconds, such as an IMU measurement.

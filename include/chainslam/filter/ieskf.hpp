@@ -15,7 +15,7 @@ namespace chainslam {
 
 /// Convergence criteria of an iterated update.
 struct IterationRule {
-  Index max_iterations = 5;
+  Index max_iterations = 5;      ///< passes, at most
   double step_tolerance = 1e-3;  ///< of every coordinate of the step (FAST-LIO2's code: 0.001)
 };
 
@@ -29,16 +29,17 @@ enum class FilterStatus {
 /// What an update did.
 template <Manifold State>
 struct FilterReport {
-  FilterStatus status = FilterStatus::no_information;
-  Index iterations = 0;
-  Index residuals = 0;  ///< of the last pass
+  FilterStatus status = FilterStatus::no_information;  ///< how it ended
+  Index iterations = 0;                                ///< passes made
+  Index residuals = 0;                                 ///< of the last pass
   /// Normalized innovation squared, r^T (H P H^T + R)^-1 r at the prediction: `nis_residuals` on average if prior and
   /// measurement are as good as they say (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
   double nis = 0;
-  Index nis_residuals = 0;
-  double prior_error = 0;  ///< what the correction costs by the prior: d^T P^-1 d
+  Index nis_residuals = 0;  ///< residuals of the first pass
+  double prior_error = 0;   ///< what the correction costs by the prior: d^T P^-1 d
   typename State::Tangent correction = zeros<typename State::Tangent>();  ///< from the prediction to the estimate
 
+  /// Whether state and covariance were updated.
   [[nodiscard]] bool accepted() const {
     return status == FilterStatus::converged || status == FilterStatus::iteration_limit;
   }
@@ -59,17 +60,20 @@ class Ieskf {
                 "Ieskf: Process needs `Transition<State> predict(const State&, const Input&, double dt) const`");
 
  public:
-  using Tangent = typename State::Tangent;
+  using Tangent = typename State::Tangent;  ///< tangent of the state
+  /// Covariance in the tangent space, `dof` x `dof`.
   using Matrix = Eigen::Matrix<typename State::Scalar, State::dof, State::dof>;
-  using Input = typename Process::Input;
+  using Input = typename Process::Input;  ///< what drives the process
 
   Ieskf() = default;
+  /// Starts at `state`, with `covariance` in its tangent space.
   Ieskf(const State& state, const Matrix& covariance, Process model = {})
       : process(std::move(model)), state_(state), covariance_(covariance) {}
 
-  Process process{};
+  Process process{};  ///< the process model with its settings
 
-  [[nodiscard]] const State& state() const { return state_; }
+  [[nodiscard]] const State& state() const { return state_; }  ///< the estimate
+  /// Covariance of the estimate in its tangent space, `dof` x `dof`.
   [[nodiscard]] const Matrix& covariance() const { return covariance_; }
 
   /// Sets the state and its covariance, which must be symmetric and semi-definite.

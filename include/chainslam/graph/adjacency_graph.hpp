@@ -19,14 +19,14 @@ namespace chainslam {
 
 /// An edge about which nothing is known but its ends; takes no memory.
 struct NoLabel {
-  friend bool operator==(NoLabel, NoLabel) = default;
+  friend bool operator==(NoLabel, NoLabel) = default;  ///< whether all members are equal
 };
 
 /// One direction of an edge, as seen from the node that it leaves.
 template <class Edge = NoLabel>
 struct Arc {
-  Index node = -1;  ///< where it leads
-  [[no_unique_address]] Edge edge{};
+  Index node = -1;                    ///< where it leads
+  [[no_unique_address]] Edge edge{};  ///< what the arc carries
 };
 
 /// An undirected multigraph that grows: nodes 0 .. n-1, edges with a label, both directions of each stored.
@@ -44,12 +44,12 @@ class AdjacencyGraph {
                 "list of your own in place of the thing itself");
 
  public:
-  using Arc = chainslam::Arc<Edge>;
+  using Arc = chainslam::Arc<Edge>;  ///< an arc and the node that it leads to
 
-  explicit AdjacencyGraph(Index nodes = 0) { resize(nodes); }
+  explicit AdjacencyGraph(Index nodes = 0) { resize(nodes); }  ///< a graph of so many nodes without edges
 
-  [[nodiscard]] Index node_count() const { return static_cast<Index>(nodes_.size()); }
-  [[nodiscard]] Index edge_count() const { return edges_; }
+  [[nodiscard]] Index node_count() const { return static_cast<Index>(nodes_.size()); }  ///< number of nodes
+  [[nodiscard]] Index edge_count() const { return edges_; }                             ///< number of edges
   /// Bytes held, free capacity included.
   [[nodiscard]] std::size_t memory() const {
     return static_cast<std::size_t>(nodes_.capacity()) * sizeof(Node) +
@@ -90,6 +90,7 @@ class AdjacencyGraph {
     ++edges_;
   }
 
+  /// Whether there is such a node.
   [[nodiscard]] bool contains(Index node) const { return node >= 0 && node < node_count(); }
 
   /// The arcs that leave a node, in the order in which they were added; valid until the next change.
@@ -98,6 +99,7 @@ class AdjacencyGraph {
     return {arcs_.data() + of.begin, of.degree};
   }
 
+  /// Number of arcs at a node.
   [[nodiscard]] Index degree(Index node) const { return static_cast<Index>(at(node).degree); }
 
   /// Whether an edge joins the two; looks through the arcs of the one that has fewer.
@@ -110,6 +112,7 @@ class AdjacencyGraph {
 
   /// Prefetches a node's place in the table, or its arcs.
   [[gnu::always_inline]] void prefetch_node(Index node) const { __builtin_prefetch(nodes_.data() + node); }
+  /// Asks the processor to fetch a node's arcs.
   [[gnu::always_inline]] void prefetch_arcs(Index node) const { __builtin_prefetch(arcs_.data() + at(node).begin); }
 
  private:

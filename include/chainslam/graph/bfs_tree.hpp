@@ -17,16 +17,19 @@ namespace chainslam {
 template <class Edge>
 class BfsTree {
  public:
+  /// A node of the tree and how it was reached.
   struct Step {
-    Index node = -1;
+    Index node = -1;    ///< the node
     Index parent = -1;  ///< position in `steps()`; -1 at the start
     Edge edge{};        ///< from the parent; none at the start
   };
 
+  /// Called by the search: a node was reached.
   void discover(Index node) {
     if (steps_.empty()) steps_.push_back({node, -1, {}});
   }
-  void examine(Index /*node*/) { ++examined_; }
+  void examine(Index /*node*/) { ++examined_; }  ///< called by the search: a node is looked at
+  /// Called by the search: an arc leads to a new node.
   void tree_edge(Index /*from*/, const Arc<Edge>& arc) { steps_.push_back({arc.node, examined_ - 1, arc.edge}); }
 
   /// In the order of discovery, the start first.

@@ -32,10 +32,11 @@ enum class BfsEnd {
   node_limit,   ///< a further node was met when max_nodes had been reached
 };
 
+/// What a search did.
 struct BfsResult {
-  Index nodes = 0;  ///< reached, the start included
-  Index depth = 0;  ///< edges from the start to the last of them
-  BfsEnd end = BfsEnd::exhausted;
+  Index nodes = 0;                 ///< reached, the start included
+  Index depth = 0;                 ///< edges from the start to the last of them
+  BfsEnd end = BfsEnd::exhausted;  ///< why it ended
 };
 
 /// Buffers of searches, to be used again: a search then costs its component and not the graph. One for each thread.
@@ -49,6 +50,7 @@ class BfsWorkspace {
 
   /// How many that are, and the i-th of them.
   [[nodiscard]] Index count() const { return reached_; }
+  /// The node that was reached as number i.
   [[nodiscard]] Index operator[](Index i) const { return queue_[static_cast<std::size_t>(i)]; }
 
   /// Bytes held.
@@ -74,6 +76,7 @@ class BfsWorkspace {
     return true;
   }
 
+  /// Whether the last search has reached a node.
   [[nodiscard]] bool has_reached(Index node) const {
     return node < capacity_ && (marks_[word_of(node)] & bit_of(node)) != 0;
   }

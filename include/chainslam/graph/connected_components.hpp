@@ -30,7 +30,7 @@ class ConnectedComponents {
       for (const auto& arc : graph.neighbors(node)) connect(node, arc.node);
   }
 
-  [[nodiscard]] Index node_count() const { return static_cast<Index>(parent_.size()); }
+  [[nodiscard]] Index node_count() const { return static_cast<Index>(parent_.size()); }  ///< number of nodes
   /// How many components there are.
   [[nodiscard]] Index count() const { return count_; }
 
@@ -73,6 +73,7 @@ class ConnectedComponents {
     while (parent(node) >= 0) node = parent(node);
     return node;
   }
+  /// Whether two nodes are in one component.
   [[nodiscard]] bool same(Index a, Index b) const { return component_of(a) == component_of(b); }
   /// How many nodes the component of a node has, itself included.
   [[nodiscard]] Index size_of(Index node) const { return -parent(component_of(node)); }
@@ -115,26 +116,32 @@ class ConnectedComponents {
 /// The ring of a component's nodes, gone round once.
 class ConnectedComponents::Members {
  public:
+  /// Goes through the nodes of a component.
   class Iterator {
    public:
-    using value_type = Index;
-    using difference_type = std::ptrdiff_t;
+    using value_type = Index;                ///< a node
+    using difference_type = std::ptrdiff_t;  ///< distance of iterators
 
     Iterator() = default;
+    /// At a node of the circular list `next`.
     Iterator(const Index* next, Index node) : next_(next), node_(node), first_(node) {}
 
-    Index operator*() const { return node_; }
+    Index operator*() const { return node_; }  ///< the node
+    /// Goes to the next node.
     Iterator& operator++() {
       node_ = next_[node_];
       if (node_ == first_) node_ = -1;
       return *this;
     }
+    /// Goes to the next node.
     Iterator operator++(int) {
       const Iterator before = *this;
       ++*this;
       return before;
     }
+    /// Whether all members are equal.
     friend bool operator==(const Iterator& a, const Iterator& b) { return a.node_ == b.node_; }
+    /// Whether all members are equal.
     friend bool operator==(const Iterator& a, std::default_sentinel_t) { return a.node_ == -1; }
 
    private:
@@ -143,10 +150,11 @@ class ConnectedComponents::Members {
     Index first_ = -1;
   };
 
+  /// The component of a node in the circular list `next`.
   Members(const Index* next, Index node) : begin_(next, node) {}
 
-  [[nodiscard]] Iterator begin() const { return begin_; }
-  [[nodiscard]] std::default_sentinel_t end() const { return {}; }
+  [[nodiscard]] Iterator begin() const { return begin_; }           ///< the first node
+  [[nodiscard]] std::default_sentinel_t end() const { return {}; }  ///< behind the last node
 
  private:
   Iterator begin_;

@@ -14,13 +14,14 @@ namespace chainslam {
 
 /// The indices first .. end - 1.
 struct IndexRange {
-  Index first = 0;
-  Index end = 0;
+  Index first = 0;  ///< the first index
+  Index end = 0;    ///< behind the last index
 
-  [[nodiscard]] constexpr Index size() const { return end - first; }
-  [[nodiscard]] constexpr bool empty() const { return end == first; }
+  [[nodiscard]] constexpr Index size() const { return end - first; }   ///< number of indices
+  [[nodiscard]] constexpr bool empty() const { return end == first; }  ///< whether there is nothing in it
+  /// Whether the index is in it.
   [[nodiscard]] constexpr bool contains(Index index) const { return first <= index && index < end; }
-  friend constexpr bool operator==(IndexRange, IndexRange) = default;
+  friend constexpr bool operator==(IndexRange, IndexRange) = default;  ///< whether all members are equal
 };
 
 /// Ascending ranges that do not overlap, such as the keyframes of one session after another; the last one may grow.
@@ -46,9 +47,10 @@ class IndexRanges {
     ranges_.back().end = end;
   }
 
-  [[nodiscard]] Index size() const { return static_cast<Index>(ranges_.size()); }
+  [[nodiscard]] Index size() const { return static_cast<Index>(ranges_.size()); }  ///< number of ranges
+  /// A range by its number.
   [[nodiscard]] IndexRange operator[](Index number) const { return ranges_[static_cast<std::size_t>(number)]; }
-  [[nodiscard]] std::span<const IndexRange> all() const { return ranges_; }
+  [[nodiscard]] std::span<const IndexRange> all() const { return ranges_; }  ///< all ranges
 
   /// The number of the range that contains the index; O(log ranges).
   [[nodiscard]] std::optional<Index> range_of(Index index) const {

@@ -30,12 +30,13 @@ enum class Existing {
 
 /// Where a file is to be written. Any path is a target whose old file is replaced.
 struct FileTarget {
+  /// A file of this name.
   template <std::convertible_to<std::filesystem::path> Path>
   FileTarget(const Path& target, Existing of_old = Existing::replace)  // NOLINT: paths are targets
       : path(target), existing(of_old) {}
 
-  std::filesystem::path path;
-  Existing existing;
+  std::filesystem::path path;  ///< its name
+  Existing existing;           ///< what becomes of a file that has the name
 };
 
 /// A file that appears whole or not at all.
@@ -86,6 +87,7 @@ class BasicAtomicFile {
     if (buffer_.size() + bytes.size() > buffer_size) flush();
     buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
   }
+  /// Appends text. @throws IoError if the disk fails.
   void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
 
   /// Bytes written so far.

@@ -23,9 +23,11 @@ concept Codec = std::copyable<C> && requires(const C& codec, std::span<const std
 
 /// Keeps bytes as they are.
 struct RawCodec {
-  static constexpr std::uint32_t id = 0;
+  static constexpr std::uint32_t id = 0;  ///< 0 in a chunk's header
 
+  /// A copy.
   [[nodiscard]] std::vector<std::byte> compress(std::span<const std::byte> in) const { return {in.begin(), in.end()}; }
+  /// Copies; false unless the sizes agree.
   [[nodiscard]] bool decompress(std::span<const std::byte> in, std::span<std::byte> out) const {
     if (in.size() != out.size()) return false;
     std::copy(in.begin(), in.end(), out.begin());

@@ -54,21 +54,27 @@ concept JournalFileSystem = FileSystem<System> && requires(System& system, int f
 
 /// The machine's own files.
 struct RealFileSystem {
+  /// Makes a new file; its descriptor, or -1 with errno.
   int create(const std::filesystem::path& path) {
     const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     return file >= 0 ? file : -errno;
   }
+  /// Writes some of the bytes; how many, or -1 with errno.
   std::ptrdiff_t write(int file, const std::byte* data, std::size_t size) {
     const ssize_t written = ::write(file, data, size);
     return written >= 0 ? written : -errno;
   }
-  int sync(int file) { return ::fsync(file) == 0 ? 0 : errno; }
+  int sync(int file) { return ::fsync(file) == 0 ? 0 : errno; }  ///< makes the disk keep a file; 0 or errno
+  /// Makes the disk keep a file's data; 0 or errno.
   int sync_data(int file) { return ::fdatasync(file) == 0 ? 0 : errno; }
+  /// Locks a file against other processes; 0 or errno.
   int lock(int file) { return ::flock(file, LOCK_EX | LOCK_NB) == 0 ? 0 : errno; }
-  int close(int file) { return ::close(file) == 0 ? 0 : errno; }
+  int close(int file) { return ::close(file) == 0 ? 0 : errno; }  ///< closes a file; 0 or errno
+  /// Renames, in place of what has the name; 0 or errno.
   int rename(const std::filesystem::path& from, const std::filesystem::path& to) {
     return ::rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
   }
+  /// Renames unless the name is taken; 0 or errno.
   int rename_new(const std::filesystem::path& from, const std::filesystem::path& to) {
 #ifdef RENAME_NOREPLACE
     if (::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE) == 0) return 0;
@@ -78,9 +84,11 @@ struct RealFileSystem {
     if (::lstat(to.c_str(), &information) == 0) return EEXIST;
     return rename(from, to);
   }
+  /// Gives a file a second name; 0 or errno.
   int link(const std::filesystem::path& from, const std::filesystem::path& to) {
     return ::link(from.c_str(), to.c_str()) == 0 ? 0 : errno;
   }
+  /// Makes the disk keep a folder's names; 0 or errno.
   int sync_directory(const std::filesystem::path& directory) {
     const int file = ::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (file < 0) return errno;
@@ -89,6 +97,7 @@ struct RealFileSystem {
     // Some network file systems cannot sync a directory and say so: the rename is then as safe as they make it.
     return error == EINVAL || error == ENOTSUP ? 0 : error;
   }
+  /// Removes a name; 0 or errno.
   int remove(const std::filesystem::path& path) { return ::unlink(path.c_str()) == 0 ? 0 : errno; }
 };
 static_assert(FileSystem<RealFileSystem> && JournalFileSystem<RealFileSystem>);

@@ -22,8 +22,8 @@ namespace chainslam {
 /// A variable of a pose graph and its value in the file, T_map_id.
 template <class Pose>
 struct G2oVertex {
-  std::int64_t id = 0;
-  Pose pose;
+  std::int64_t id = 0;  ///< as the file numbers it
+  Pose pose;            ///< T_map_id
 };
 
 /// A measured T_from_to.
@@ -33,24 +33,25 @@ struct G2oVertex {
 /// rotation vector.
 template <class Pose>
 struct G2oEdge {
-  using Information = Eigen::Matrix<double, Pose::dof, Pose::dof>;
+  using Information = Eigen::Matrix<double, Pose::dof, Pose::dof>;  ///< `dof` x `dof`
 
-  std::int64_t from = 0;
-  std::int64_t to = 0;
-  Pose measurement;
-  Information information = Information::Identity();
+  std::int64_t from = 0;                              ///< id of the first vertex
+  std::int64_t to = 0;                                ///< id of the second vertex
+  Pose measurement;                                   ///< T_from_to
+  Information information = Information::Identity();  ///< as the file states it
 };
 
+/// Vertices and edges of one kind of pose.
 template <class Pose>
 struct G2oRecords {
-  std::vector<G2oVertex<Pose>> vertices;
-  std::vector<G2oEdge<Pose>> edges;
+  std::vector<G2oVertex<Pose>> vertices;  ///< in the order of the file
+  std::vector<G2oEdge<Pose>> edges;       ///< in the order of the file
 };
 
 /// A g2o file's records, in the order of the file. Edges may speak of vertices that the file does not give.
 struct G2oFile {
-  G2oRecords<SE2d> planar;
-  G2oRecords<SE3d> spatial;
+  G2oRecords<SE2d> planar;               ///< VERTEX_SE2 and EDGE_SE2
+  G2oRecords<SE3d> spatial;              ///< VERTEX_SE3:QUAT and EDGE_SE3:QUAT
   std::vector<std::int64_t> fixed;       ///< ids of vertices that shall not move
   std::map<std::string, Index> unknown;  ///< kinds of line that were skipped, and how many
 };

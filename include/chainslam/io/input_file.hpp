@@ -40,6 +40,7 @@ class InputFile {
       if (S_ISREG(information.st_mode)) size_ = static_cast<std::uint64_t>(information.st_size);
     }
   }
+  /// Takes over the other's file.
   InputFile(InputFile&& other) noexcept
       : path_(std::move(other.path_)),
         buffer_(std::move(other.buffer_)),
@@ -54,9 +55,9 @@ class InputFile {
   InputFile& operator=(InputFile&&) = delete;
   ~InputFile() { close(); }
 
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-  [[nodiscard]] std::uint64_t offset() const { return offset_; }  ///< bytes read
-  [[nodiscard]] std::int64_t line() const { return line_; }       ///< number of the line read last, from 1
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }  ///< its name
+  [[nodiscard]] std::uint64_t offset() const { return offset_; }             ///< bytes read
+  [[nodiscard]] std::int64_t line() const { return line_; }                  ///< number of the line read last, from 1
   /// Whether the line read last had its line end. A file's last line without one may have been cut short.
   [[nodiscard]] bool line_ended() const { return line_ended_; }
   /// Bytes in the whole file; nothing for pipes.
@@ -146,9 +147,12 @@ class InputFile {
     return text;
   }
 
+  /// Where reading stands, as "byte N".
   [[nodiscard]] std::string place_of_byte() const { return "byte " + std::to_string(offset_); }
+  /// Where reading stands, as "line N".
   [[nodiscard]] std::string place_of_line() const { return "line " + std::to_string(line_); }
 
+  /// Throws an `IoError` about this file.
   [[noreturn]] void fail(std::string place, std::string found, std::string remedy) const {
     throw_input_error(path_.string(), std::move(place), std::move(found), std::move(remedy));
   }

@@ -17,9 +17,9 @@ namespace chainslam {
 
 /// A map file that a back end was given before all else, named by the run and identified by its content.
 struct LoadedReference {
-  std::string path;
-  std::uint64_t content = 0;  ///< as `content_of`
-  friend bool operator==(const LoadedReference&, const LoadedReference&) = default;
+  std::string path;                                                                  ///< name of the map file
+  std::uint64_t content = 0;                                                         ///< as `content_of`
+  friend bool operator==(const LoadedReference&, const LoadedReference&) = default;  ///< whether all members are equal
 };
 
 /// Identifies a map file: a hash of all its chunks' headers, each of which has its payload's hash.
@@ -70,7 +70,8 @@ class InputJournal {
   /// Ends the journal and deletes its file: for when the map is finished, or nothing came of it.
   void remove() { writer_.file().remove(); }
 
-  [[nodiscard]] Index keyframes() const { return counts_.keyframes; }
+  [[nodiscard]] Index keyframes() const { return counts_.keyframes; }  ///< keyframes written so far
+  /// Where the file grows until it is finished.
   [[nodiscard]] const std::filesystem::path& path() const { return writer_.file().partial(); }
 
  private:
@@ -174,12 +175,12 @@ class InputJournal {
 
 /// What an `InputJournal` holds.
 struct JournaledInput {
-  std::vector<MapInput> inputs;  ///< in the order in which they were written
-  std::string parameters;
-  std::vector<LoadedReference> loaded;
-  Index keyframes = 0;
-  std::uint64_t ignored_bytes = 0;    ///< at the end, after the last commit that could be used
-  std::vector<std::string> problems;  ///< what was damaged and where, a sentence each
+  std::vector<MapInput> inputs;         ///< in the order in which they were written
+  std::string parameters;               ///< text of the configuration that made it
+  std::vector<LoadedReference> loaded;  ///< maps that were loaded before
+  Index keyframes = 0;                  ///< keyframes in it
+  std::uint64_t ignored_bytes = 0;      ///< at the end, after the last commit that could be used
+  std::vector<std::string> problems;    ///< what was damaged and where, a sentence each
 };
 
 namespace detail {

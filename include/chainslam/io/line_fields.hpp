@@ -22,7 +22,7 @@ class LineFields {
         separator_(separator),
         left_(!rest_.empty()) {}
 
-  [[nodiscard]] bool more() const { return left_; }
+  [[nodiscard]] bool more() const { return left_; }  ///< whether the line has another field
 
   /// The next field's text. @throws IoError if the line has no more.
   std::string_view text(const char* name) {
@@ -42,6 +42,7 @@ class LineFields {
     return *value;
   }
 
+  /// A finite number. @throws IoError if the field is none.
   double number(const char* name) {
     const std::string_view field = text(name);
     const auto value = detail::parse_double(field);
@@ -49,6 +50,7 @@ class LineFields {
     return *value;
   }
 
+  /// A whole number. @throws IoError if the field is none.
   std::int64_t integer(const char* name) {
     const std::string_view field = text(name);
     const auto value = detail::parse_integer(field);
@@ -56,6 +58,7 @@ class LineFields {
     return *value;
   }
 
+  /// A time in decimal seconds, without loss. @throws IoError if the field is none.
   Timestamp time_in_seconds(const char* name) {
     const std::string_view field = text(name);
     const auto value = detail::parse_seconds(field);
@@ -71,6 +74,7 @@ class LineFields {
     fail("after the last", detail::shown(detail::trimmed(rest_)), std::move(remedy));
   }
 
+  /// Throws an `IoError` about a field of this line.
   [[noreturn]] void fail(const char* name, std::string found, std::string remedy) const {
     file_->fail(file_->place_of_line() + ", field " + name, std::move(found), std::move(remedy));
   }

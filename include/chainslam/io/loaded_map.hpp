@@ -12,13 +12,13 @@ namespace chainslam {
 
 /// A chunk of a kind that this version does not know, kept as it was so that a rewritten map still has it.
 struct UnknownChunk {
-  std::uint16_t type = 0;
-  std::uint16_t version = 1;
-  std::uint32_t codec = 0;
-  std::uint32_t count = 0;
-  std::uint64_t raw_bytes = 0;
-  std::vector<std::byte> stored;
-  friend bool operator==(const UnknownChunk&, const UnknownChunk&) = default;
+  std::uint16_t type = 0;                                                      ///< kind of chunk
+  std::uint16_t version = 1;                                                   ///< version of its layout
+  std::uint32_t codec = 0;                                                     ///< how it is compressed
+  std::uint32_t count = 0;                                                     ///< records in it
+  std::uint64_t raw_bytes = 0;                                                 ///< bytes, unpacked
+  std::vector<std::byte> stored;                                               ///< as it lies in the file
+  friend bool operator==(const UnknownChunk&, const UnknownChunk&) = default;  ///< whether all members are equal
 };
 
 /// How a map file is to be read.
@@ -32,19 +32,19 @@ struct MapLoadOptions {
 
 /// One kind of chunk in a map file.
 struct MapFileShare {
-  std::string kind;
-  Index chunks = 0;
-  std::uint64_t records = 0;
+  std::string kind;             ///< name of the kind
+  Index chunks = 0;             ///< chunks of this kind
+  std::uint64_t records = 0;    ///< records in them
   std::uint64_t bytes = 0;      ///< in the file, with headers and padding
   std::uint64_t raw_bytes = 0;  ///< unpacked
 };
 
 /// What reading a map file found out about the file.
 struct MapFileReport {
-  bool complete = false;  ///< finished, and every checksum right
-  std::uint16_t format_major = 0;
-  std::uint16_t format_minor = 0;
-  std::uint64_t file_bytes = 0;
+  bool complete = false;               ///< finished, and every checksum right
+  std::uint16_t format_major = 0;      ///< version of the format
+  std::uint16_t format_minor = 0;      ///< version of the format
+  std::uint64_t file_bytes = 0;        ///< size of the file
   std::uint64_t ignored_bytes = 0;     ///< at the end, after the last commit that could be used
   Index commits = 0;                   ///< used
   Index keyframes_lost = 0;            ///< after the last commit that could be used, by the chunks' headers
@@ -58,11 +58,11 @@ struct MapFileReport {
 
 /// A map and what its file says besides.
 struct LoadedMap {
-  SlamMap map;
+  SlamMap map;                        ///< what was mapped
   std::string parameters;             ///< the text of the configuration that made it
   std::uint64_t id = 0;               ///< of the file, from its content
   std::vector<UnknownChunk> unknown;  ///< for `save_map`
-  MapFileReport report;
+  MapFileReport report;               ///< what reading found out
 };
 
 }  // namespace chainslam

@@ -17,6 +17,7 @@
 
 namespace chainslam {
 
+/// What a map file holds besides the map, and what becomes of one that has the name.
 struct MapArchiveOptions {
   bool overwrite = false;               ///< what has the name is then kept as NAME~1
   std::string parameters{};             ///< text of the configuration that made the map

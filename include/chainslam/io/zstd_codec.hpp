@@ -14,10 +14,11 @@ namespace chainslam {
 
 /// Zstandard (RFC 8878), one frame that states its size.
 struct ZstdCodec {
-  static constexpr std::uint32_t id = 1;
+  static constexpr std::uint32_t id = 1;  ///< 1 in a chunk's header
 
   int level = 1;  ///< 1 is fastest; higher levels gain a tenth at most on scans
 
+  /// As a Zstandard frame.
   [[nodiscard]] std::vector<std::byte> compress(std::span<const std::byte> in) const {
     std::vector<std::byte> out(ZSTD_compressBound(in.size()));
     const std::size_t size = ZSTD_compress(out.data(), out.size(), in.data(), in.size(), level);

@@ -16,11 +16,11 @@ namespace chainslam {
 template <class Scalar_>
 class S2 {
  public:
-  using Scalar = Scalar_;
-  static constexpr int dof = 2;
-  using Tangent = Eigen::Matrix<Scalar, 2, 1>;
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
-  using Basis = Eigen::Matrix<Scalar, 3, 2>;
+  using Scalar = Scalar_;                       ///< float, double or an autodiff number
+  static constexpr int dof = 2;                 ///< dimension of the tangent space
+  using Tangent = Eigen::Matrix<Scalar, 2, 1>;  ///< element of the tangent space
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;  ///< 3-vector
+  using Basis = Eigen::Matrix<Scalar, 3, 2>;    ///< 3 x 2
 
   S2() : direction_(Vector3::UnitZ()) {}
 
@@ -89,11 +89,13 @@ class S2 {
     return from_vector(R * direction.direction_);
   }
 
+  /// The same with another number type.
   template <class Other>
   [[nodiscard]] S2<Other> cast() const {
     return S2<Other>::from_vector(direction_.template cast<Other>());
   }
 
+  /// Whether all members are equal.
   friend bool operator==(const S2& a, const S2& b) { return a.direction_ == b.direction_; }
 
  private:

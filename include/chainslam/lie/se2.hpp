@@ -11,24 +11,26 @@ namespace chainslam {
 template <class Scalar_>
 class SE2 {
  public:
-  using Scalar = Scalar_;
-  static constexpr int dof = 3;
-  using Tangent = Eigen::Matrix<Scalar, 3, 1>;
-  using Jacobian = Eigen::Matrix<Scalar, 3, 3>;
-  using Vector2 = Eigen::Matrix<Scalar, 2, 1>;
-  using Matrix2 = Eigen::Matrix<Scalar, 2, 2>;
-  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;
+  using Scalar = Scalar_;                        ///< float, double or an autodiff number
+  static constexpr int dof = 3;                  ///< dimension of the tangent space
+  using Tangent = Eigen::Matrix<Scalar, 3, 1>;   ///< element of the tangent space
+  using Jacobian = Eigen::Matrix<Scalar, 3, 3>;  ///< derivative of one tangent by another
+  using Vector2 = Eigen::Matrix<Scalar, 2, 1>;   ///< 2-vector
+  using Matrix2 = Eigen::Matrix<Scalar, 2, 2>;   ///< 2 x 2 matrix
+  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;   ///< 3 x 3 matrix
 
   SE2() : translation_(Vector2::Zero()) {}
+  /// From its parts.
   SE2(const SO2<Scalar>& rotation, const Vector2& translation) : rotation_(rotation), translation_(translation) {}
 
-  [[nodiscard]] static SE2 identity() { return SE2(); }
+  [[nodiscard]] static SE2 identity() { return SE2(); }  ///< the neutral element
 
   /// From the homogeneous matrix [R t; 0 1]; the last row is not looked at.
   [[nodiscard]] static SE2 from_matrix(const Matrix3& T) {
     return SE2(SO2<Scalar>::from_matrix(T.template topLeftCorner<2, 2>()), T.template topRightCorner<2, 1>());
   }
 
+  /// The group element of a tangent; see the class for the order of its coordinates.
   [[nodiscard]] static SE2 exp(const Tangent& xi) {
     return SE2(SO2<Scalar>::from_angle(xi[2]), average_rotation(xi[2]) * xi.template head<2>());
   }
@@ -41,16 +43,19 @@ class SE2 {
     return xi;
   }
 
+  /// X * x.inverse() is the identity.
   [[nodiscard]] SE2 inverse() const {
     const SO2<Scalar> inverse_rotation = rotation_.inverse();
     return SE2(inverse_rotation, -(inverse_rotation * Vector2(translation_)));
   }
 
+  /// Composition: first `other`, then this.
   [[nodiscard]] SE2 operator*(const SE2& other) const {
     return SE2(rotation_ * other.rotation_, *this * Vector2(other.translation_));
   }
-  SE2& operator*=(const SE2& other) { return *this = *this * other; }
+  SE2& operator*=(const SE2& other) { return *this = *this * other; }  ///< *this = *this * other
 
+  /// The transformed point.
   [[nodiscard]] Vector2 operator*(const Vector2& p) const { return rotation_ * p + translation_; }
 
   /// *this * exp(xi)
@@ -58,9 +63,10 @@ class SE2 {
   /// log(inverse() * other): retract(local(other)) is `other`.
   [[nodiscard]] Tangent local(const SE2& other) const { return (inverse() * other).log(); }
 
-  [[nodiscard]] const SO2<Scalar>& rotation() const { return rotation_; }
-  [[nodiscard]] Vector2 translation() const { return translation_; }
+  [[nodiscard]] const SO2<Scalar>& rotation() const { return rotation_; }  ///< the rotational part
+  [[nodiscard]] Vector2 translation() const { return translation_; }       ///< the translational part
 
+  /// As a matrix.
   [[nodiscard]] Matrix3 matrix() const {
     Matrix3 T = Matrix3::Identity();
     T.template topLeftCorner<2, 2>() = rotation_.matrix();
@@ -90,11 +96,13 @@ class SE2 {
   /// Brings the rotation back to unit length.
   void normalize() { rotation_.normalize(); }
 
+  /// The same with another number type.
   template <class Other>
   [[nodiscard]] SE2<Other> cast() const {
     return SE2<Other>(rotation_.template cast<Other>(), translation().template cast<Other>());
   }
 
+  /// Whether all members are equal.
   friend bool operator==(const SE2& a, const SE2& b) {
     return a.rotation_ == b.rotation_ && a.translation_ == b.translation_;
   }

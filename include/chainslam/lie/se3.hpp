@@ -13,24 +13,26 @@ namespace chainslam {
 template <class Scalar_>
 class SE3 {
  public:
-  using Scalar = Scalar_;
-  static constexpr int dof = 6;
-  using Tangent = Eigen::Matrix<Scalar, 6, 1>;
-  using Jacobian = Eigen::Matrix<Scalar, 6, 6>;
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
-  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;
-  using Matrix4 = Eigen::Matrix<Scalar, 4, 4>;
+  using Scalar = Scalar_;                        ///< float, double or an autodiff number
+  static constexpr int dof = 6;                  ///< dimension of the tangent space
+  using Tangent = Eigen::Matrix<Scalar, 6, 1>;   ///< element of the tangent space
+  using Jacobian = Eigen::Matrix<Scalar, 6, 6>;  ///< derivative of one tangent by another
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;   ///< 3-vector
+  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;   ///< 3 x 3 matrix
+  using Matrix4 = Eigen::Matrix<Scalar, 4, 4>;   ///< 4 x 4 matrix
 
   SE3() : translation_(zeros<Vector3>()) {}
+  /// From its parts.
   SE3(const SO3<Scalar>& rotation, const Vector3& translation) : rotation_(rotation), translation_(translation) {}
 
-  [[nodiscard]] static SE3 identity() { return SE3(); }
+  [[nodiscard]] static SE3 identity() { return SE3(); }  ///< the neutral element
 
   /// From the homogeneous matrix [R t; 0 1]; R as in `SO3::from_matrix`, the last row is not looked at.
   [[nodiscard]] static SE3 from_matrix(const Matrix4& T) {
     return SE3(SO3<Scalar>::from_matrix(block_of<3, 3>(T, 0, 0)), block_of<3, 1>(T, 0, 3));
   }
 
+  /// The group element of a tangent; see the class for the order of its coordinates.
   [[nodiscard]] static SE3 exp(const Tangent& xi) {
     const Vector3 v = linear(xi), w = angular(xi);
     const auto coefficients = detail::jacobian_coefficients<Scalar>(w.squaredNorm());
@@ -48,17 +50,20 @@ class SE3 {
     return xi;
   }
 
+  /// X * x.inverse() is the identity.
   [[nodiscard]] SE3 inverse() const {
     const SO3<Scalar> inverse_rotation = rotation_.inverse();
     const Vector3 back = inverse_rotation * translation_;
     return SE3(inverse_rotation, negative(back));
   }
 
+  /// Composition: first `other`, then this.
   [[nodiscard]] SE3 operator*(const SE3& other) const {
     return SE3(rotation_ * other.rotation_, sum_of(rotation_ * other.translation_, translation_));
   }
-  SE3& operator*=(const SE3& other) { return *this = *this * other; }
+  SE3& operator*=(const SE3& other) { return *this = *this * other; }  ///< *this = *this * other
 
+  /// The transformed point.
   [[nodiscard]] Vector3 operator*(const Vector3& p) const {
     const Vector3 turned = rotation_ * p;  // one by one in registers: a sum of vectors would wait for it in memory
     return Vector3(turned[0] + translation_[0], turned[1] + translation_[1], turned[2] + translation_[2]);
@@ -69,9 +74,10 @@ class SE3 {
   /// log(inverse() * other): retract(local(other)) is `other`.
   [[nodiscard]] Tangent local(const SE3& other) const { return (inverse() * other).log(); }
 
-  [[nodiscard]] const SO3<Scalar>& rotation() const { return rotation_; }
-  [[nodiscard]] const Vector3& translation() const { return translation_; }
+  [[nodiscard]] const SO3<Scalar>& rotation() const { return rotation_; }    ///< the rotational part
+  [[nodiscard]] const Vector3& translation() const { return translation_; }  ///< the translational part
 
+  /// As a matrix.
   [[nodiscard]] Matrix4 matrix() const {
     Matrix4 T = chainslam::identity<Matrix4>();
     set_block(T, 0, 0, rotation_.matrix());
@@ -104,11 +110,13 @@ class SE3 {
   /// Brings the rotation back to unit length.
   void normalize() { rotation_.normalize(); }
 
+  /// The same with another number type.
   template <class Other>
   [[nodiscard]] SE3<Other> cast() const {
     return SE3<Other>(rotation_.template cast<Other>(), translation_.template cast<Other>());
   }
 
+  /// Whether all members are equal.
   friend bool operator==(const SE3& a, const SE3& b) {
     return a.rotation_ == b.rotation_ && a.translation_ == b.translation_;
   }

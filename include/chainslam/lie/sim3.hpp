@@ -11,22 +11,24 @@ namespace chainslam {
 template <class Scalar_>
 class Sim3 {
  public:
-  using Scalar = Scalar_;
-  static constexpr int dof = 7;
-  using Tangent = Eigen::Matrix<Scalar, 7, 1>;
-  using Jacobian = Eigen::Matrix<Scalar, 7, 7>;
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
-  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;
-  using Matrix4 = Eigen::Matrix<Scalar, 4, 4>;
+  using Scalar = Scalar_;                        ///< float, double or an autodiff number
+  static constexpr int dof = 7;                  ///< dimension of the tangent space
+  using Tangent = Eigen::Matrix<Scalar, 7, 1>;   ///< element of the tangent space
+  using Jacobian = Eigen::Matrix<Scalar, 7, 7>;  ///< derivative of one tangent by another
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;   ///< 3-vector
+  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;   ///< 3 x 3 matrix
+  using Matrix4 = Eigen::Matrix<Scalar, 4, 4>;   ///< 4 x 4 matrix
 
   Sim3() : translation_(Vector3::Zero()), scale_(detail::constant<Scalar>(1)) {}
   /// @param scale  positive.
   Sim3(const SO3<Scalar>& rotation, const Vector3& translation, const Scalar& scale)
       : rotation_(rotation), translation_(translation), scale_(scale) {}
+  /// With scale 1.
   explicit Sim3(const SE3<Scalar>& T) : Sim3(T.rotation(), T.translation(), detail::constant<Scalar>(1)) {}
 
-  [[nodiscard]] static Sim3 identity() { return Sim3(); }
+  [[nodiscard]] static Sim3 identity() { return Sim3(); }  ///< the neutral element
 
+  /// The group element of a tangent; see the class for the order of its coordinates.
   [[nodiscard]] static Sim3 exp(const Tangent& xi) {
     using std::exp;
     const Vector3 w = xi.template segment<3>(3);
@@ -49,17 +51,20 @@ class Sim3 {
     return xi;
   }
 
+  /// X * x.inverse() is the identity.
   [[nodiscard]] Sim3 inverse() const {
     const SO3<Scalar> inverse_rotation = rotation_.inverse();
     const Scalar inverse_scale = detail::constant<Scalar>(1) / scale_;
     return Sim3(inverse_rotation, -inverse_scale * (inverse_rotation * translation_), inverse_scale);
   }
 
+  /// Composition: first `other`, then this.
   [[nodiscard]] Sim3 operator*(const Sim3& other) const {
     return Sim3(rotation_ * other.rotation_, *this * other.translation_, scale_ * other.scale_);
   }
-  Sim3& operator*=(const Sim3& other) { return *this = *this * other; }
+  Sim3& operator*=(const Sim3& other) { return *this = *this * other; }  ///< *this = *this * other
 
+  /// The transformed point.
   [[nodiscard]] Vector3 operator*(const Vector3& p) const { return scale_ * (rotation_ * p) + translation_; }
 
   /// *this * exp(xi)
@@ -67,9 +72,9 @@ class Sim3 {
   /// log(inverse() * other): retract(local(other)) is `other`.
   [[nodiscard]] Tangent local(const Sim3& other) const { return (inverse() * other).log(); }
 
-  [[nodiscard]] const SO3<Scalar>& rotation() const { return rotation_; }
-  [[nodiscard]] const Vector3& translation() const { return translation_; }
-  [[nodiscard]] const Scalar& scale() const { return scale_; }
+  [[nodiscard]] const SO3<Scalar>& rotation() const { return rotation_; }    ///< the rotational part
+  [[nodiscard]] const Vector3& translation() const { return translation_; }  ///< the translational part
+  [[nodiscard]] const Scalar& scale() const { return scale_; }               ///< the scale, positive
 
   /// Rotation and translation without the scale.
   [[nodiscard]] SE3<Scalar> rigid() const { return SE3<Scalar>(rotation_, translation_); }
@@ -105,12 +110,14 @@ class Sim3 {
   /// Brings the rotation back to unit length.
   void normalize() { rotation_.normalize(); }
 
+  /// The same with another number type.
   template <class Other>
   [[nodiscard]] Sim3<Other> cast() const {
     return Sim3<Other>(rotation_.template cast<Other>(), translation_.template cast<Other>(),
                        static_cast<Other>(scale_));
   }
 
+  /// Whether all members are equal.
   friend bool operator==(const Sim3& a, const Sim3& b) {
     return a.rotation_ == b.rotation_ && a.translation_ == b.translation_ && a.scale_ == b.scale_;
   }

@@ -20,23 +20,24 @@ namespace chainslam {
 template <class Scalar_>
 class SO3 {
  public:
-  using Scalar = Scalar_;
-  static constexpr int dof = 3;
-  using Tangent = Eigen::Matrix<Scalar, 3, 1>;
-  using Jacobian = Eigen::Matrix<Scalar, 3, 3>;
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
-  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;
-  using Quaternion = Eigen::Quaternion<Scalar, Eigen::DontAlign>;
+  using Scalar = Scalar_;                                          ///< float, double or an autodiff number
+  static constexpr int dof = 3;                                    ///< dimension of the tangent space
+  using Tangent = Eigen::Matrix<Scalar, 3, 1>;                     ///< element of the tangent space
+  using Jacobian = Eigen::Matrix<Scalar, 3, 3>;                    ///< derivative of one tangent by another
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;                     ///< 3-vector
+  using Matrix3 = Eigen::Matrix<Scalar, 3, 3>;                     ///< 3 x 3 matrix
+  using Quaternion = Eigen::Quaternion<Scalar, Eigen::DontAlign>;  ///< quaternion type
 
   SO3() : quaternion_(Scalar(1), Scalar(0), Scalar(0), Scalar(0)) {}
-  SO3(const SO3&) = default;
-  SO3(SO3&&) = default;
+  SO3(const SO3&) = default;  ///< copies
+  SO3(SO3&&) = default;       ///< copies
+  /// Copies.
   SO3& operator=(const SO3& other) noexcept {  // number by number, which compiles faster than Eigen's assignment
     for (int i = 0; i < 4; ++i) quaternion_.coeffs().data()[i] = other.quaternion_.coeffs().data()[i];
     return *this;
   }
 
-  [[nodiscard]] static SO3 identity() { return SO3(); }
+  [[nodiscard]] static SO3 identity() { return SO3(); }  ///< the neutral element
 
   /// From any quaternion but zero. One that has unit length up to rounding is kept bit for bit, so that what was
   /// written to a file comes back the same.
@@ -83,10 +84,12 @@ class SO3 {
     return (flip ? Scalar(-scale) : scale) * vector();
   }
 
+  /// X * x.inverse() is the identity.
   [[nodiscard]] SO3 inverse() const {
     return SO3(Quaternion(quaternion_.w(), -quaternion_.x(), -quaternion_.y(), -quaternion_.z()));
   }
 
+  /// Composition: first `other`, then this.
   [[nodiscard]] SO3 operator*(const SO3& other) const {
     const Quaternion &a = quaternion_, &b = other.quaternion_;
     const Scalar w = a.w() * b.w() - a.x() * b.x() - a.y() * b.y() - a.z() * b.z();
@@ -98,8 +101,9 @@ class SO3 {
     const Scalar scale = detail::constant<Scalar>(1.5L) - squared * detail::constant<Scalar>(0.5L);
     return SO3(Quaternion(scale * w, scale * x, scale * y, scale * z));
   }
-  SO3& operator*=(const SO3& other) { return *this = *this * other; }
+  SO3& operator*=(const SO3& other) { return *this = *this * other; }  ///< *this = *this * other
 
+  /// The rotated vector.
   [[nodiscard]] Vector3 operator*(const Vector3& p) const {
     const Scalar w = quaternion_.w(), x = quaternion_.x(), y = quaternion_.y(), z = quaternion_.z();
     const Scalar half_a = y * p[2] - z * p[1], half_b = z * p[0] - x * p[2], half_c = x * p[1] - y * p[0];
@@ -112,8 +116,8 @@ class SO3 {
   /// log(inverse() * other): retract(local(other)) is `other`.
   [[nodiscard]] Tangent local(const SO3& other) const { return (inverse() * other).log(); }
 
-  [[nodiscard]] Matrix3 matrix() const { return quaternion_.toRotationMatrix(); }
-  [[nodiscard]] const Quaternion& quaternion() const { return quaternion_; }
+  [[nodiscard]] Matrix3 matrix() const { return quaternion_.toRotationMatrix(); }  ///< as a matrix
+  [[nodiscard]] const Quaternion& quaternion() const { return quaternion_; }       ///< as a unit quaternion
 
   /// R exp(w) R^-1 = exp(adjoint() w)
   [[nodiscard]] Jacobian adjoint() const { return matrix(); }
@@ -147,11 +151,13 @@ class SO3 {
     for (int i = 0; i < 4; ++i) quaternion_.coeffs()[i] /= length;
   }
 
+  /// The same with another number type.
   template <class Other>
   [[nodiscard]] SO3<Other> cast() const {
     return SO3<Other>::from_quaternion(quaternion_.template cast<Other>());
   }
 
+  /// Whether all members are equal.
   friend bool operator==(const SO3& a, const SO3& b) {
     const Quaternion &p = a.quaternion_, &q = b.quaternion_;
     return p.w() == q.w() && p.x() == q.x() && p.y() == q.y() && p.z() == q.z();

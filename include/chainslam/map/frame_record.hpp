@@ -16,10 +16,12 @@ namespace chainslam {
 /// floats, becomes that of a pose of which nothing is known.
 class PackedCovariance {
  public:
-  static constexpr std::size_t entries = 21;
+  static constexpr std::size_t entries = 21;  ///< numbers in an upper triangle
 
   PackedCovariance() = default;
+  /// From its upper triangle, row by row.
   explicit PackedCovariance(const std::array<float, entries>& upper) : upper_(upper) {}
+  /// Rounds the upper triangle to float.
   explicit PackedCovariance(const Matrix6d& covariance) {
     constexpr double unknown = 1e30;  // m^2 and rad^2
     bool known = true;
@@ -29,6 +31,7 @@ class PackedCovariance {
       for (int j = i; j < 6; ++j) upper_[k++] = static_cast<float>(known ? covariance(i, j) : i == j ? unknown : 0.0);
   }
 
+  /// The symmetric matrix.
   [[nodiscard]] Matrix6d matrix() const {
     Matrix6d covariance;
     std::size_t k = 0;
@@ -36,7 +39,8 @@ class PackedCovariance {
       for (int j = i; j < 6; ++j) covariance(i, j) = covariance(j, i) = static_cast<double>(upper_[k++]);
     return covariance;
   }
-  [[nodiscard]] const std::array<float, entries>& upper() const { return upper_; }
+  [[nodiscard]] const std::array<float, entries>& upper() const { return upper_; }  ///< the upper triangle, row by row
+  /// Whether all members are equal.
   friend bool operator==(const PackedCovariance&, const PackedCovariance&) = default;
 
  private:
@@ -46,11 +50,11 @@ class PackedCovariance {
 /// What a map keeps of each frame of odometry, also of those that are no keyframes: where it was, and how well that is
 /// known.
 struct FrameRecord {
-  SessionId session{};
-  Timestamp time{};
-  SE3d T_odom_body{};
+  SessionId session{};            ///< the session of the frame
+  Timestamp time{};               ///< of the pose
+  SE3d T_odom_body{};             ///< as odometry gave it
   PackedCovariance covariance{};  ///< of T_odom_body, tangent [translation; rotation], metres and radians
-  FrameHealth health{};
+  FrameHealth health{};           ///< as odometry gave it
 };
 
 /// @returns the record of a frame; its session is given by the map that takes it.

@@ -13,9 +13,9 @@ namespace chainslam {
 
 /// A frame that the map keeps. Scans are shared and never change; only `T_map_body` moves when the graph is optimized.
 struct Keyframe {
-  KeyframeId id{};
-  SessionId session{};
-  Timestamp time{};
+  KeyframeId id{};                                   ///< position among the map's keyframes
+  SessionId session{};                               ///< the session that it belongs to
+  Timestamp time{};                                  ///< of the pose
   SE3d T_odom_body{};                                ///< as odometry gave it, in its session's own frame
   SE3d T_map_body{};                                 ///< the graph's latest estimate
   std::shared_ptr<const PointCloud<float>> cloud{};  ///< body frame, motion-corrected, voxelised

@@ -35,9 +35,9 @@ struct LoopClosure {
   SE3d T_from_to;   ///< T_j_i = x_j^-1 x_i
   /// Of T_from_to, tangent [translation; rotation]. Zero: known to no degree, and no factor in the graph.
   SqrtInformation<6> sqrt_information = zeros<SqrtInformation<6>>();
-  ClosureKind kind = ClosureKind::direct;
-  ClosureVerdict verdict = ClosureVerdict::accepted;
-  double mean_squared_error = 0;  ///< m^2 over inlier correspondences (e_ij of the paper)
+  ClosureKind kind = ClosureKind::direct;             ///< what the measurement came from
+  ClosureVerdict verdict = ClosureVerdict::accepted;  ///< whether it was accepted, and if not, why
+  double mean_squared_error = 0;                      ///< m^2 over inlier correspondences (e_ij of the paper)
   /// Inliers over source points; of a merge, over target points (f^R_ij of the paper).
   double inlier_ratio = 0;
   /// Position among the map's closures of the one that led to this: a chained one's direct closure, or the merge whose

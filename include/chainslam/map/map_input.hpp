@@ -12,7 +12,7 @@ namespace chainslam {
 
 /// What follows is of a new session.
 struct SessionStart {
-  std::string name;
+  std::string name;  ///< of the session
 };
 
 /// One thing that a back end is given. The same inputs in the same order give the same map, bit for bit.

@@ -12,9 +12,9 @@ namespace chainslam {
 
 /// Relative pose of two consecutive keyframes of a session, as odometry measured it.
 struct OdometryMeasurement {
-  KeyframeId from;
-  KeyframeId to;
-  SE3d T_from_to;
+  KeyframeId from;                                                    ///< the earlier keyframe
+  KeyframeId to;                                                      ///< the later keyframe
+  SE3d T_from_to;                                                     ///< as odometry measured it
   SqrtInformation<6> sqrt_information = zeros<SqrtInformation<6>>();  ///< tangent [translation; rotation]
 };
 
@@ -22,9 +22,9 @@ struct OdometryMeasurement {
 ///
 /// Measurements are kept as they were made, so that a map that is loaded has the optimum that it had when it was saved.
 struct SlamMap {
-  std::vector<Session> sessions;
-  std::vector<Keyframe> keyframes;
-  std::vector<OdometryMeasurement> odometry;
+  std::vector<Session> sessions;              ///< in the order in which they were driven
+  std::vector<Keyframe> keyframes;            ///< all sessions' one after the other
+  std::vector<OdometryMeasurement> odometry;  ///< between consecutive keyframes
   /// Accepted once, in the order in which they were; the verdict says what has become of them since.
   std::vector<LoopClosure> closures;
   std::vector<LoopClosure> refusals;  ///< tried and refused

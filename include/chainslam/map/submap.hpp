@@ -14,9 +14,9 @@ namespace chainslam {
 
 /// Consecutive keyframes [begin, end) of one session.
 struct SubmapRange {
-  Index begin = 0;
-  Index end = 0;
-  friend bool operator==(const SubmapRange&, const SubmapRange&) = default;
+  Index begin = 0;                                                           ///< first keyframe
+  Index end = 0;                                                             ///< behind the last keyframe
+  friend bool operator==(const SubmapRange&, const SubmapRange&) = default;  ///< whether all members are equal
 };
 
 /// Keyframes within `radius` indices of `center`, of the same session: at most 2 radius + 1.

@@ -31,6 +31,7 @@ struct AccelNoiseOptions {
 /// more than a second apart show nothing of it.
 class AccelNoise {
  public:
+  /// Starts without knowledge.
   explicit AccelNoise(const AccelNoiseOptions& options = {}) : options_(options) { restart(); }
 
   /// m/s^2 per sqrt(Hz); 0 if it is not estimated.

@@ -12,11 +12,11 @@ namespace chainslam {
 
 /// The parts of an inertial filter that decide whether it is FAST-LIO2's.
 struct FastLio2Rules {
-  ImuProcess process;
-  ScanToMap<Trivial> scan_to_map;
-  ScanMeasurementOptions scan;
-  IterationRule iteration;
-  double variance;  ///< of a residual, m^2
+  ImuProcess process;              ///< propagation
+  ScanToMap<Trivial> scan_to_map;  ///< registration
+  ScanMeasurementOptions scan;     ///< linearization
+  IterationRule iteration;         ///< convergence
+  double variance;                 ///< of a residual, m^2
 };
 
 /// FAST-LIO2 (Xu et al. 2022, arXiv 2107.06829) with its published code's numbers where the paper gives none: Euler

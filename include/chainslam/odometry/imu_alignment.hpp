@@ -40,6 +40,7 @@ namespace chainslam {
 /// motion does not show keeps the deviation of the prior. Memory is bounded; an estimate is made every `interval`.
 class ImuAlignment {
  public:
+  /// Starts without knowledge.
   explicit ImuAlignment(const ImuAlignmentOptions& options = {}) : options_(options), track_(options.max_gap) {
     state_ = given();
     report(state_, detail::spd_inverse(given_information(options.rotation_deviation)));
@@ -51,9 +52,10 @@ class ImuAlignment {
   /// Takes the pose of a scan, in order of time; earlier ones are ignored. @returns whether there is a new estimate.
   bool add(const LidarPose& pose);
 
-  [[nodiscard]] const ImuAlignmentEstimate& estimate() const { return estimate_; }
+  [[nodiscard]] const ImuAlignmentEstimate& estimate() const { return estimate_; }  ///< the latest estimate
   /// The same with what else is known of R_body_lidar. Both may rest on the same data: then the better one counts.
   [[nodiscard]] ImuAlignmentEstimate with(const RotationEvidence& evidence) const;
+  /// Whether time offset and rotation are known.
   [[nodiscard]] bool known() const { return estimate_.time_known && estimate_.rotation_known; }
 
  private:

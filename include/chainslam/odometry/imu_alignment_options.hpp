@@ -40,13 +40,13 @@ struct ImuAlignmentOptions {
 struct ImuAlignmentEstimate {
   /// s: an IMU measurement's time on the LiDAR's clock is its stamp less this; positive if the IMU's stamps are late.
   double time_offset = 0;
-  double time_offset_deviation = 0;
-  SO3d R_body_lidar;
-  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();  ///< right tangent (LiDAR axes), rad^2
-  Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();            ///< rad/s
-  Eigen::Matrix3d gyro_bias_covariance = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d accel_bias = Eigen::Vector3d::Zero();  ///< m/s^2
-  Eigen::Matrix3d accel_bias_covariance = Eigen::Matrix3d::Zero();
+  double time_offset_deviation = 0;                                 ///< seconds, standard deviation
+  SO3d R_body_lidar;                                                ///< rotation from the LiDAR's to the body's axes
+  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();    ///< right tangent (LiDAR axes), rad^2
+  Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();              ///< rad/s
+  Eigen::Matrix3d gyro_bias_covariance = Eigen::Matrix3d::Zero();   ///< (rad/s)^2
+  Eigen::Vector3d accel_bias = Eigen::Vector3d::Zero();             ///< m/s^2
+  Eigen::Matrix3d accel_bias_covariance = Eigen::Matrix3d::Zero();  ///< (m/s^2)^2
   Eigen::Vector3d up_odom = Eigen::Vector3d::Zero();  ///< against gravity in the newest poses' frame; 0 if unknown
   bool time_known = false;                            ///< to `known_time_offset`
   bool rotation_known = false;                        ///< to `known_rotation` about all axes

@@ -16,7 +16,7 @@ struct ImuStart {
   bool at_rest = false;                                 ///< the measurements were quiet enough to be a standstill
   Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();  ///< rad/s; zero unless at rest
   Eigen::Vector3d up_body = Eigen::Vector3d::UnitZ();   ///< direction against gravity, in the body frame
-  Index samples = 0;
+  Index samples = 0;                                    ///< IMU samples that it was estimated from
 };
 
 /// Detects standstill and estimates gravity's direction and the gyroscope's bias from it.

@@ -16,14 +16,14 @@ namespace chainslam {
 struct ImuMonitorOptions {
   double max_pose_nis = 4;        ///< of a scan against its prediction, per direction seen; infinite: never excluded
   double max_contradictions = 3;  ///< that many scans lately, each fading by `fading` with every scan
-  double fading = 0.85;
-  double memory = 1;             ///< seconds, of the mean errors below
-  double max_rate_error = 0.03;  ///< rad/s: a bias and more; ...
-  double max_rate_share = 0.05;  ///< ... and so much of the rate: scale, and axes that are not quite the given ones
-  double max_accel_error = 1.0;  ///< m/s^2
-  double up_memory = 5;          ///< seconds, of gravity's direction while the accelerometer is excluded
-  double trial = 3;              ///< seconds in agreement with the scans until a sensor is used again; ...
-  double max_trial = 60;         ///< ... doubled with every relapse up to this
+  double fading = 0.85;           ///< weight of the past in running means, per scan
+  double memory = 1;              ///< seconds, of the mean errors below
+  double max_rate_error = 0.03;   ///< rad/s: a bias and more; ...
+  double max_rate_share = 0.05;   ///< ... and so much of the rate: scale, and axes that are not quite the given ones
+  double max_accel_error = 1.0;   ///< m/s^2
+  double up_memory = 5;           ///< seconds, of gravity's direction while the accelerometer is excluded
+  double trial = 3;               ///< seconds in agreement with the scans until a sensor is used again; ...
+  double max_trial = 60;          ///< ... doubled with every relapse up to this
 };
 
 /// What an IMU measured between two scans, beside what the scans say; odom frame where not said otherwise.
@@ -44,7 +44,7 @@ struct ImuComparison {
 /// error is larger than any bias, is excluded until it has agreed with the scans for a while.
 class ImuMonitor {
  public:
-  explicit ImuMonitor(const ImuMonitorOptions& options = {}) : options_(options) {}
+  explicit ImuMonitor(const ImuMonitorOptions& options = {}) : options_(options) {}  ///< uses the whole IMU at first
 
   /// What the next prediction may use.
   [[nodiscard]] ImuUse use() const {
@@ -53,15 +53,17 @@ class ImuMonitor {
   }
   /// Of about the last second: rad/s in the body frame, m/s^2 in odom.
   [[nodiscard]] const Eigen::Vector3d& rate_error() const { return mean_rate_error_; }
+  /// Mean difference of measured and seen acceleration, m/s^2.
   [[nodiscard]] const Eigen::Vector3d& accel_error() const { return mean_accel_error_; }
+  /// Whether it ever rejects anything.
   [[nodiscard]] bool enabled() const { return std::isfinite(options_.max_pose_nis); }
-  [[nodiscard]] double max_pose_nis() const { return options_.max_pose_nis; }
+  [[nodiscard]] double max_pose_nis() const { return options_.max_pose_nis; }  ///< the bound of the options
 
   /// Takes what a scan could be predicted from, and what was measured on the way to it.
   void follow(ImuUse used, const ImuComparison& comparison);
   /// Whether all is used from now on, but was not before. Gravity's direction is then `up()`.
   [[nodiscard]] bool back_to_all() const { return back_to_all_; }
-  [[nodiscard]] S2d up() const { return S2d::from_vector(mean_up_); }
+  [[nodiscard]] S2d up() const { return S2d::from_vector(mean_up_); }  ///< mean direction against gravity, body frame
 
  private:
   struct Sensor {

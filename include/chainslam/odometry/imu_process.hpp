@@ -39,12 +39,12 @@ struct ImuInput {
 
 /// Strapdown inertial navigation: a `ProcessModel` of `InertialState`.
 struct ImuProcess {
-  using Input = ImuInput;
+  using Input = ImuInput;  ///< what drives it
 
-  ImuNoise noise{};
-  ImuIntegration integration = ImuIntegration::midpoint;
-  double gravity = 9.81;  ///< m/s^2
-  double up_walk = 0;     ///< radians per sqrt(s), by which gravity's direction moves beside the bend: maps tilt slowly
+  ImuNoise noise{};                                       ///< spectral densities
+  ImuIntegration integration = ImuIntegration::midpoint;  ///< how measurements are integrated
+  double gravity = 9.81;                                  ///< m/s^2
+  double up_walk = 0;  ///< radians per sqrt(s), by which gravity's direction moves beside the bend: maps tilt slowly
 
   /// @param dt  seconds, short: rates and forces count as constant (10 ms suffice for anything that carries a LiDAR).
   [[nodiscard]] Transition<InertialState> predict(const InertialState& x, const ImuInput& input, double dt) const;

@@ -34,8 +34,8 @@ struct ImuRecordOptions {
 
 /// Mean measurements of a short time; none in a hole.
 struct ImuStep {
-  double duration;  ///< seconds
-  std::optional<ImuInput> reading;
+  double duration;                  ///< seconds
+  std::optional<ImuInput> reading;  ///< what drives the state over the step; none where nothing was measured
 };
 
 /// What an IMU has said lately, as steps to integrate over.
@@ -45,14 +45,16 @@ struct ImuStep {
 /// so. Steps next to a sample with a stuck axis are without that sensor: `ImuInput::rate_measured`, `force_measured`.
 class ImuRecord {
  public:
+  /// What became of a sample.
   enum class Taken {
     yes,
     restarted,  ///< taken, after a jump back in time: those before are forgotten
     dropped,    ///< not finite, or not later than the one before
   };
 
-  explicit ImuRecord(const ImuRecordOptions& options = {}) : options_(options) {}
+  explicit ImuRecord(const ImuRecordOptions& options = {}) : options_(options) {}  ///< an empty record
 
+  /// Takes a sample, which is corrected.
   Taken add(const ImuSample& as_measured) {
     const ImuSample sample = correction_(as_measured);
     if (!is_finite(sample.gyro) || !is_finite(sample.accel)) return Taken::dropped;
@@ -73,7 +75,7 @@ class ImuRecord {
     for (ImuSample& sample : samples_) sample = change(sample);
     correction_ = correction;
   }
-  [[nodiscard]] const ImuCorrection& correction() const { return correction_; }
+  [[nodiscard]] const ImuCorrection& correction() const { return correction_; }  ///< how samples are corrected
 
   /// Calls `step(const ImuStep&)` for all of [from, to] in order.
   template <class Step>
@@ -88,6 +90,7 @@ class ImuRecord {
   void forget_before(Timestamp time) {
     while (samples_.size() > 1 && samples_[1].time <= time) samples_.pop_front();
   }
+  /// Drops samples that are not needed any more.
   void forget_old() {
     if (!samples_.empty()) forget_before(samples_.back().time - seconds(options_.memory));
   }
@@ -99,8 +102,9 @@ class ImuRecord {
     return !samples_.empty() && to_seconds(time - samples_.back().time) <= options_.max_gap;
   }
 
+  /// Corrected samples, in the order of time.
   [[nodiscard]] const std::deque<ImuSample>& samples() const { return samples_; }
-  [[nodiscard]] std::int64_t clipped_samples() const { return clipped_; }
+  [[nodiscard]] std::int64_t clipped_samples() const { return clipped_; }  ///< samples at the end of their range
 
  private:
   /// What is called for a step, whatever its type: so the walk over the samples is compiled once.

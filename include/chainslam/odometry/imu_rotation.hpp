@@ -21,6 +21,7 @@ namespace chainslam {
 /// model.
 class ImuRotation {
  public:
+  /// @param max_gap  longest time between two samples to integrate across.
   explicit ImuRotation(Duration max_gap = seconds(0.25)) : max_gap_(max_gap) {}
 
   /// Takes the next measurement. One that goes back in time by more than the longest hole resets the record: either
@@ -53,7 +54,7 @@ class ImuRotation {
     while (samples_.size() > 1 && samples_[1].time <= time) samples_.pop_front();
   }
 
-  [[nodiscard]] const std::deque<ImuSample>& samples() const { return samples_; }
+  [[nodiscard]] const std::deque<ImuSample>& samples() const { return samples_; }  ///< samples, in the order of time
 
  private:
   [[nodiscard]] std::size_t first_after(Timestamp time) const {

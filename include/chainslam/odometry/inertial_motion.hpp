@@ -28,11 +28,11 @@ namespace chainslam {
 /// remembers the way, for scans to be undistorted by.
 class InertialMotion {
  public:
-  using Filter = Ieskf<InertialState, ImuProcess>;
-
+  using Filter = Ieskf<InertialState, ImuProcess>;  ///< the filter of the state
+  /// @param T_body_lidar  extrinsic calibration.
   explicit InertialMotion(const InertialMotionOptions& options = {}, const SE3d& T_body_lidar = {})
       : options_(options), T_body_lidar_(T_body_lidar), imu_(options.imu), accel_noise_(options.accel_noise) {}
-
+  /// Takes an IMU sample; see `ImuRecord::add`.
   ImuRecord::Taken add(const ImuSample& sample) {
     const ImuRecord::Taken taken = imu_.add(sample);
     imu_.forget_old();
@@ -92,7 +92,7 @@ class InertialMotion {
     const auto& P = filter.covariance();
     return P(v, v) + P(v + 1, v + 1) + P(v + 2, v + 2) < known * known;
   }
-  [[nodiscard]] bool knew_velocity() const { return knows_velocity(before_); }
+  [[nodiscard]] bool knew_velocity() const { return knows_velocity(before_); }  ///< before the prediction
   /// The predicted state with the body moved by a tangent of its pose, and as much faster or slower.
   [[nodiscard]] InertialState moved(const Vector6d& step) const {
     InertialState x = state();
@@ -171,12 +171,12 @@ class InertialMotion {
   /// Seconds of the way from the last scan to this.
   [[nodiscard]] double interval() const { return way_.empty() ? 0.0 : to_seconds(time_ - way_.front().time); }
 
-  [[nodiscard]] Filter& filter() { return filter_; }
-  [[nodiscard]] const Filter& filter() const { return filter_; }
-  [[nodiscard]] const InertialState& state() const { return filter_.state(); }
-  [[nodiscard]] Timestamp time() const { return time_; }
-  [[nodiscard]] bool started() const { return started_; }
-  [[nodiscard]] const ImuRecord& imu() const { return imu_; }
+  [[nodiscard]] Filter& filter() { return filter_; }                            ///< the filter
+  [[nodiscard]] const Filter& filter() const { return filter_; }                ///< the filter
+  [[nodiscard]] const InertialState& state() const { return filter_.state(); }  ///< the estimate at `time()`
+  [[nodiscard]] Timestamp time() const { return time_; }                        ///< of the estimate
+  [[nodiscard]] bool started() const { return started_; }                       ///< whether `start` was called
+  [[nodiscard]] const ImuRecord& imu() const { return imu_; }                   ///< the IMU's samples
   /// Share of the last interval for which there were measurements.
   [[nodiscard]] double measured_share() const { return measured_share_; }
 

@@ -10,8 +10,8 @@ namespace chainslam {
 
 /// Settings of `InertialMotion`.
 struct InertialMotionOptions {
-  ImuProcess process{.up_walk = 3.5e-4};  ///< twice that lets heights wander, a quarter loses bent maps
-  ImuRecordOptions imu{};
+  ImuProcess process{.up_walk = 3.5e-4};              ///< twice that lets heights wander, a quarter loses bent maps
+  ImuRecordOptions imu{};                             ///< of the record of samples
   AccelNoiseOptions accel_noise{};                    ///< above that of `process`, which is the least
   ImuInitializer initializer{.max_gyro_mean = 0.03};  ///< a bias; more is a slow turn
   double start_speed = 20;   ///< m/s, deviation of each velocity at the start: quiet measurements do not prove rest

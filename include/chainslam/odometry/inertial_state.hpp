@@ -17,6 +17,7 @@ namespace chainslam {
 /// What LiDAR-inertial odometry estimates, 26 degrees of freedom (FAST-LIO2, eq. 3, with gravity's length known, and
 /// how the map is out of level): `state.get<Inertial::velocity>()`.
 struct Inertial {
+  /// Positions of the parts of the state.
   enum Part : std::size_t {
     position,        ///< of the body in odom, metres
     rotation,        ///< R_odom_body

@@ -67,8 +67,9 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
                 "LidarInertialOdometry: Map needs what grows, forgets and finds, as in VoxelMap");
 
  public:
-  using Options = typename Registration::Options;
+  using Options = typename Registration::Options;  ///< its settings
 
+  /// Starts without a map.
   explicit LidarInertialOdometry(const Options& options = {}) : Registration(options), imu_check_(options_.imu_check) {}
 
   /// Takes the next packet, in time order. @returns the next frame, if one is complete: at the end of a usable scan.
@@ -85,6 +86,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   /// @param axes_deviation  of axes that differ from those before, rad about each of them.
   void correct_imu(const ImuCorrection& correction, const std::optional<Eigen::Vector3d>& up = std::nullopt,
                    double axes_deviation = 0);
+  /// How IMU samples are corrected.
   [[nodiscard]] const ImuCorrection& imu_correction() const { return motion_.imu().correction(); }
   /// Of the last scan by registration alone, as far as the scan shows it; in the local map's frame.
   [[nodiscard]] const SE3d& T_map_lidar() const { return T_map_lidar_; }
@@ -93,7 +95,8 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
     const bool believed = monitor_.use() == ImuUse::all && options_.imu_use == ImuUse::all;
     return believed ? motion_.mounting_evidence() : RotationEvidence{.about = options_.T_body_lidar.rotation()};
   }
-  [[nodiscard]] const ImuMonitor& imu_monitor() const { return monitor_; }
+  [[nodiscard]] const ImuMonitor& imu_monitor() const { return monitor_; }  ///< what of the IMU is in use
+  /// What became of scans, points and IMU samples so far.
   [[nodiscard]] LidarInertialOdometryCounts counts() const {
     LidarInertialOdometryCounts counts = counts_;
     counts.imu = imu_check_.counts();
@@ -101,13 +104,15 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
     counts.evicted_points = map_.evicted();
     return counts;
   }
+  /// What was known of the IMU at the first scan.
   [[nodiscard]] const ImuStart& imu_start() const { return imu_start_; }
   /// In the frame of the local map, which scans hold to itself; `T_odom_map` turns it level.
   [[nodiscard]] const InertialState& state() const { return Registration::state(); }
-  [[nodiscard]] const SE3d& T_odom_map() const { return leveller_.T_odom_map(); }
+  [[nodiscard]] const SE3d& T_odom_map() const { return leveller_.T_odom_map(); }  ///< levels the local map's frame
+  /// Covariance of `state()` in its tangent space.
   [[nodiscard]] const InertialState::Jacobian& covariance() const { return Registration::covariance(); }
-  [[nodiscard]] const InertialHealth& health() const { return health_; }
-  [[nodiscard]] const Map& local_map() const { return map_.points(); }  ///< in its own frame
+  [[nodiscard]] const InertialHealth& health() const { return health_; }  ///< of the last frame
+  [[nodiscard]] const Map& local_map() const { return map_.points(); }    ///< in its own frame
 
  private:
   using Sweep = detail::Sweep;

@@ -26,12 +26,12 @@ namespace chainslam {
 /// @tparam Downsampling  how the local map downsamples its input, such as `NearestToCenter`.
 template <class Kernel = GemanMcClure, class Downsampling = VoxelMapOptions>
 struct LidarInertialOdometryOptions {
-  SE3d T_body_lidar{};  ///< extrinsic calibration; body = the IMU
-  ScanFilter filter{};
-  double map_voxel = 0.5;    ///< metres; points of a scan offered to the map
-  double scan_voxel = 0.75;  ///< metres; points of a scan given to the filter
-  Downsampling map = detail::half_metre_apart<Downsampling>();
-  LocalMapOptions local_map{};
+  SE3d T_body_lidar{};                                          ///< extrinsic calibration; body = the IMU
+  ScanFilter filter{};                                          ///< which points of a scan are used
+  double map_voxel = 0.5;                                       ///< metres; points of a scan offered to the map
+  double scan_voxel = 0.75;                                     ///< metres; points of a scan given to the filter
+  Downsampling map = detail::half_metre_apart<Downsampling>();  ///< how the local map downsamples
+  LocalMapOptions local_map{};                                  ///< what the local map keeps
   Index min_points = 50;            ///< after the voxel filter; scans with fewer count as empty
   double min_match_ratio = 0.2;     ///< of the points given to the filter; with less the scan is lost
   double poor_match_ratio = 0.8;    ///< of the usual one; with less other guesses are tried, the most matches decide
@@ -40,13 +40,13 @@ struct LidarInertialOdometryOptions {
   double max_correction = 8.0;      ///< metres off the prediction at which a pose is rejected
   double redeskew_distance = 0.06;  ///< metres of skew left after the update that call for a second pass
   Index max_lost_scans = 10;        ///< in a row; then the local map is reset at the estimated position
-  ImuCheckOptions imu_check{};
-  ImuUse imu_use = ImuUse::all;  ///< at most: all, the gyroscope, or none of the IMU's measurements
-  ImuMonitorOptions monitor{};
-  InertialMotionOptions motion{};
+  ImuCheckOptions imu_check{};      ///< which IMU samples are rejected
+  ImuUse imu_use = ImuUse::all;     ///< at most: all, the gyroscope, or none of the IMU's measurements
+  ImuMonitorOptions monitor{};      ///< which IMU measurements are used
+  InertialMotionOptions motion{};   ///< of the filter's process and start
   /// A weaker signal counts than by itself: the prediction is weighed against it. Correlation set on KITTI 00.
   ScanToMap<Kernel> scan_to_map{.min_signal = 1.5, .correlated_residuals = 10};
-  ScanMeasurementOptions scan{};
+  ScanMeasurementOptions scan{};  ///< how matches are weighed
   /// More than `scan_to_map.max_coarse_iterations`, so that some are left for the fine ones. A good prediction takes 3
   /// to 5 in all, a bad one dozens.
   IterationRule iteration{.max_iterations = 120, .step_tolerance = 1e-3};
@@ -86,7 +86,7 @@ struct LidarInertialOdometryOptions {
 
 /// What the filter says of the last frame, beside its health.
 struct InertialHealth {
-  FilterStatus update = FilterStatus::no_information;
+  FilterStatus update = FilterStatus::no_information;  ///< how the last update ended
   double nis = 0;  ///< normalized innovation squared per residual, correlation taken off: about 1 if noise is what it
                    ///< is said to be
   Index degenerate_directions = 0;      ///< of six, that the scan did not see and that were not updated

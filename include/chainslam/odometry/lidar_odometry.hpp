@@ -35,20 +35,20 @@ namespace chainslam {
 /// @tparam Downsampling  how the local map downsamples its input, such as `NearestToCenter`.
 template <class Kernel = GemanMcClure, class Downsampling = VoxelMapOptions>
 struct LidarOdometryOptions {
-  SE3d T_body_lidar;  ///< extrinsic calibration; body = the IMU, or the LiDAR itself if there is none
-  ScanFilter filter{};
+  SE3d T_body_lidar;         ///< extrinsic calibration; body = the IMU, or the LiDAR itself if there is none
+  ScanFilter filter{};       ///< which points of a scan are used
   double map_voxel = 0.5;    ///< metres; points of a scan offered to the map
   double scan_voxel = 0.75;  ///< metres; points of a scan given to registration
-  Downsampling map = detail::half_metre_apart<Downsampling>();
-  double map_radius = 150;          ///< metres around the body; farther points leave the local map
-  Index min_points = 50;            ///< after the voxel filter; scans with fewer count as empty
-  double min_match_ratio = 0.2;     ///< of the points given to registration; with less the scan is lost
-  double redeskew_distance = 0.06;  ///< metres of skew left after registration that call for a second pass
-  Index max_lost_scans = 10;        ///< in a row; then the local map is reset at the estimated position
-  ImuCheckOptions imu_check{};
-  ImuInitializer imu_initializer{};
-  MotionPredictorOptions motion{};
-  ScanToMap<Kernel> scan_to_map{};
+  Downsampling map = detail::half_metre_apart<Downsampling>();  ///< how the local map downsamples
+  double map_radius = 150;           ///< metres around the body; farther points leave the local map
+  Index min_points = 50;             ///< after the voxel filter; scans with fewer count as empty
+  double min_match_ratio = 0.2;      ///< of the points given to registration; with less the scan is lost
+  double redeskew_distance = 0.06;   ///< metres of skew left after registration that call for a second pass
+  Index max_lost_scans = 10;         ///< in a row; then the local map is reset at the estimated position
+  ImuCheckOptions imu_check{};       ///< which IMU samples are rejected
+  ImuInitializer imu_initializer{};  ///< gravity and gyroscope bias at the start
+  MotionPredictorOptions motion{};   ///< prediction of the motion
+  ScanToMap<Kernel> scan_to_map{};   ///< registration
 };
 
 /// LiDAR odometry: each scan is registered to a local map of the scans before it. A gyroscope, where there is one,
@@ -74,9 +74,11 @@ class LidarOdometry {
   static_assert(IncrementalSearch<Map>, "LidarOdometry: Map needs what grows, forgets and finds, as in VoxelMap");
 
  public:
+  /// Its settings.
   using Options =
       LidarOdometryOptions<Kernel, std::remove_cvref_t<decltype(std::declval<const Map&>().downsampling())>>;
 
+  /// Starts without a map.
   explicit LidarOdometry(Options options = {})
       : options_(std::move(options)), map_(options_.map), imu_check_(options_.imu_check), motion_(options_.motion) {}
 
@@ -85,7 +87,9 @@ class LidarOdometry {
   template <Executor E = Serial>
   std::optional<Frame> process(const Packet& packet, const E& executor = {});
 
+  /// What became of scans, points and IMU samples so far.
   [[nodiscard]] const LidarOdometryCounts& counts() const { return counts_; }
+  /// What was known of the IMU at the first scan.
   [[nodiscard]] const ImuStart& imu_start() const { return imu_start_; }
   [[nodiscard]] const Eigen::Vector3d& gyro_bias() const { return motion_.gyro_bias(); }  ///< rad/s
   [[nodiscard]] const Map& local_map() const { return map_; }                             ///< odom frame
@@ -206,6 +210,7 @@ std::optional<Frame> LidarOdometry<Map, Kernel>::start(Sweep sweep, const E& exe
   return frame;
 }
 
+/// The sweep's points, undistorted by a constant twist.
 template <class Map, class Kernel>
 template <Executor E>
 auto LidarOdometry<Map, Kernel>::corrected(const Sweep& sweep, const Vector6d& twist, const E& executor) const

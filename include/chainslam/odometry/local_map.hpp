@@ -39,8 +39,10 @@ struct LocalMapOptions {
 template <IncrementalSearch Map>
 class LocalMap {
  public:
+  /// How the map downsamples.
   using Downsampling = std::remove_cvref_t<decltype(std::declval<const Map&>().downsampling())>;
 
+  /// An empty map.
   explicit LocalMap(const Downsampling& downsampling = {}, const LocalMapOptions& options = {})
       : options_(options), points_(downsampling) {}
 
@@ -59,7 +61,7 @@ class LocalMap {
   /// Forgets all points.
   void clear() { points_ = Map(points_.downsampling()); }
 
-  [[nodiscard]] const Map& points() const { return points_; }
+  [[nodiscard]] const Map& points() const { return points_; }  ///< the points, in the map's own frame
   /// How many points had to go because there were too many.
   [[nodiscard]] std::int64_t evicted() const { return evicted_; }
 

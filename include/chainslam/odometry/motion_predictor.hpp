@@ -19,14 +19,16 @@ namespace chainslam {
 
 /// Where the body should be at the end of the next scan.
 struct MotionPrediction {
-  Timestamp begin, end;   ///< of the sweep
-  double since_last = 0;  ///< seconds from the last known pose to the sweep's end
-  SE3d T_odom_body{};
+  Timestamp begin;                     ///< of the sweep
+  Timestamp end;                       ///< of the sweep
+  double since_last = 0;               ///< seconds from the last known pose to the sweep's end
+  SE3d T_odom_body{};                  ///< at the sweep's end
   Vector6d twist = zeros<Vector6d>();  ///< per second, body frame, [translation; rotation]
   double error = 0;                    ///< metres the pose may be off
   bool with_gyro = false;              ///< the rotation was measured, not extrapolated
 };
 
+/// How motion is predicted from scan to scan.
 struct MotionPredictorOptions {
   double initial_error = 4.0;    ///< metres a prediction may be off while the motion is unknown: 40 m/s at 10 Hz
   double min_error = 0.3;        ///< metres a prediction may be off when the motion is steady
@@ -41,6 +43,7 @@ struct MotionPredictorOptions {
 /// Vizzo et al. 2023, eq. 8-9).
 class MotionPredictor {
  public:
+  /// Starts at rest at the origin.
   explicit MotionPredictor(const MotionPredictorOptions& options = {}) : options_(options) {}
 
   /// @returns false if the sample was dropped. Measurements older than the longest memory are forgotten.
@@ -164,9 +167,9 @@ class MotionPredictor {
     return detail::moved_distance(off, lever);
   }
 
-  [[nodiscard]] const SE3d& T_odom_body() const { return T_odom_body_; }
-  [[nodiscard]] Timestamp time() const { return time_; }
-  [[nodiscard]] const Eigen::Vector3d& gyro_bias() const { return gyro_bias_; }
+  [[nodiscard]] const SE3d& T_odom_body() const { return T_odom_body_; }         ///< at `time()`
+  [[nodiscard]] Timestamp time() const { return time_; }                         ///< of the last pose
+  [[nodiscard]] const Eigen::Vector3d& gyro_bias() const { return gyro_bias_; }  ///< rad/s, as learnt so far
   /// Whether a motion is known to continue.
   [[nodiscard]] bool moving() const { return twist_.has_value(); }
 

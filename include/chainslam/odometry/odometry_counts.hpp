@@ -9,7 +9,7 @@ namespace chainslam {
 
 /// What became of the input so far.
 struct LidarOdometryCounts {
-  ScanFilterCounts points{};
+  ScanFilterCounts points{};            ///< points of the scans
   std::int64_t scans = 0;               ///< given
   std::int64_t frames = 0;              ///< answered
   std::int64_t empty_scans = 0;         ///< too few usable points: no frame

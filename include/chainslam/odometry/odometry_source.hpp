@@ -22,16 +22,18 @@ concept OdometrySource = requires(T& source) {
 template <class Odometry, class Packets>
 class PacketOdometry {
  public:
+  /// @param next_packet  returns an optional packet; nothing at the end.
   PacketOdometry(Odometry odometry, Packets next_packet)
       : odometry_(std::move(odometry)), next_packet_(std::move(next_packet)) {}
 
+  /// The next frame; nothing at the end.
   [[nodiscard]] std::optional<Frame> next() {
     while (const auto packet = next_packet_())
       if (auto frame = odometry_.process(*packet)) return frame;
     return std::nullopt;
   }
 
-  [[nodiscard]] const Odometry& odometry() const { return odometry_; }
+  [[nodiscard]] const Odometry& odometry() const { return odometry_; }  ///< the odometry
 
  private:
   Odometry odometry_;

@@ -24,6 +24,7 @@ class RecordedOdometry {
  public:
   static constexpr double farthest = 1e9;  ///< metres from the origin
 
+  /// @param next_frame  returns an optional frame; nothing at the end.
   explicit RecordedOdometry(NextFrame next_frame) : next_frame_(std::move(next_frame)) {}
 
   /// The next usable frame.

@@ -10,7 +10,7 @@ namespace chainslam {
 /// What measurements alone say of a rotation, no prior included: a quadratic cost about a known rotation R. A step of
 /// right tangent x (rad) from R costs x^T information x / 2 - vector^T x. Zero where nothing was measured.
 struct RotationEvidence {
-  SO3d about{};
+  SO3d about{};                                            ///< the rotation that tangents are about
   Eigen::Matrix3d information = zeros<Eigen::Matrix3d>();  ///< 1/rad^2
   Eigen::Vector3d vector = zeros<Eigen::Vector3d>();       ///< 1/rad
 

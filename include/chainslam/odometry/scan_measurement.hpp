@@ -20,10 +20,10 @@ namespace chainslam {
 
 /// How a scan is used as a measurement, beyond what `ScanToMap` says of matching.
 struct ScanMeasurementOptions {
-  PlaneForm planes = PlaneForm::centred;
-  double fresh_distance = 0.015;  ///< metres the pose may move for planes to count as just looked up
-  bool coarse_to_fine = true;     ///< gate and kernel start at the error to be expected of the prediction
-  bool mean_time = true;          ///< the scan lies where the body was at the points' mean time, not at the sweep's end
+  PlaneForm planes = PlaneForm::centred;  ///< how planes are kept
+  double fresh_distance = 0.015;          ///< metres the pose may move for planes to count as just looked up
+  bool coarse_to_fine = true;             ///< gate and kernel start at the error to be expected of the prediction
+  bool mean_time = true;  ///< the scan lies where the body was at the points' mean time, not at the sweep's end
 };
 
 /// What is known of a scan before it is matched.
@@ -47,7 +47,7 @@ struct ScanPrior {
 template <Cloud Scan, NearestNeighborSearch Map, class Kernel, Executor E>
 class ScanMeasurement {
  public:
-  using Rule = ScanToMap<Kernel>;
+  using Rule = ScanToMap<Kernel>;  ///< registration rule
 
   /// All by reference, to outlive the measurement. @param scan  n points, body frame at the sweep's end, all finite.
   ScanMeasurement(const Scan& scan, const Map& map, const Rule& rule, const ScanMeasurementOptions& options,
@@ -60,6 +60,7 @@ class ScanMeasurement {
         executor_(executor),
         schedule_(options.coarse_to_fine ? prior.error : 0.0, rule) {}
 
+  /// Matches the scan at x, or keeps the last matches, and linearizes; see `MeasurementModel`.
   [[nodiscard]] Linearization<InertialState> linearize(const InertialState& x, bool renew);
 
   /// The pose at which a state puts the scan.

@@ -27,15 +27,15 @@ enum class ScanMatchStatus {
 
 /// Where a scan fits into the local map.
 struct ScanMatch {
-  SE3d T_map_body{};
-  ScanMatchStatus status = ScanMatchStatus::too_few_matches;
-  Matrix6d covariance = identity<Matrix6d>();  ///< of T_map_body, tangent [translation; rotation]
-  Vector6d signal = zeros<Vector6d>();         ///< ascending, of six directions: information over that of pure noise
-  Index degenerate_directions = 0;             ///< of six, in which the scan says nothing and the guess was kept
-  Index matches = 0;                           ///< points with a plane within the gate
-  double weight = 0;                           ///< of these, each weighted by the kernel: distinguishes similar places
-  Index iterations = 0;
-  double residual_rms = 0;  ///< metres, over matches, weighted by the kernel
+  SE3d T_map_body{};                                          ///< the registered pose
+  ScanMatchStatus status = ScanMatchStatus::too_few_matches;  ///< how it ended
+  Matrix6d covariance = identity<Matrix6d>();                 ///< of T_map_body, tangent [translation; rotation]
+  Vector6d signal = zeros<Vector6d>();  ///< ascending, of six directions: information over that of pure noise
+  Index degenerate_directions = 0;      ///< of six, in which the scan says nothing and the guess was kept
+  Index matches = 0;                    ///< points with a plane within the gate
+  double weight = 0;                    ///< of these, each weighted by the kernel: distinguishes similar places
+  Index iterations = 0;                 ///< passes made
+  double residual_rms = 0;              ///< metres, over matches, weighted by the kernel
 };
 
 /// Registers a scan to a growing map by point-to-plane distances: FAST-LIO2's measurement (Xu et al. 2022, section V-B)
@@ -51,25 +51,25 @@ struct ScanMatch {
 template <class Kernel = GemanMcClure>
 struct ScanToMap {
   static_assert(RobustKernel<Kernel>, "ScanToMap: Kernel needs `double weight(double squared_residual) const`");
-  static constexpr std::size_t neighbors = 5;  // FAST-LIO2
+  static constexpr std::size_t neighbors = 5;  ///< through which planes are fitted, as in FAST-LIO2
 
-  Index max_iterations = 20;          ///< Gauss-Newton iterations, not counting repeated coarse ones
-  Index max_matchings = 4;            ///< times the planes of all points are looked up once no longer coarse
-  Index max_coarse_iterations = 100;  ///< with gate and kernel held until the pose has converged under them
-  double coarse_tolerance = 0.05;     ///< of the gate: converged under it if the last step was no longer
-  Index min_matches = 30;
+  Index max_iterations = 20;             ///< Gauss-Newton iterations, not counting repeated coarse ones
+  Index max_matchings = 4;               ///< times the planes of all points are looked up once no longer coarse
+  Index max_coarse_iterations = 100;     ///< with gate and kernel held until the pose has converged under them
+  double coarse_tolerance = 0.05;        ///< of the gate: converged under it if the last step was no longer
+  Index min_matches = 30;                ///< with fewer, registration fails
   double max_neighbor_distance = 2.236;  ///< metres, of the fifth neighbour (FAST-LIO2: sqrt(5))
   double max_plane_deviation = 0.1;      ///< metres, of every neighbour from the plane (FAST-LIO2)
   double min_plane_width = 0.1;          ///< metres, root mean square across the plane's narrow direction: no lines
   double gate = 1.0 / 9.0;      ///< |residual| <= gate sqrt(range), metres (FAST-LIO2: 1 - 0.9 |r| / sqrt(range) > 0.9)
   double residual_scale = 0.1;  ///< metres: the kernel's unit once the pose has settled
-  double translation_tolerance = 2e-3;  ///< metres, of the last step
-  double rotation_tolerance = 2e-4;     ///< radians, of the last step
-  double rematch_distance = 0.03;       ///< metres a point may move before its plane is looked up again
-  double min_signal = 3.0;              ///< information over that of pure noise for a direction to count as seen
-  double residual_floor = 0.01;         ///< metres: residuals are never trusted to be smaller than this
-  double correlated_residuals = 25;     ///< neighbouring residuals err together: so many count as one
-  [[no_unique_address]] Kernel kernel{};
+  double translation_tolerance = 2e-3;    ///< metres, of the last step
+  double rotation_tolerance = 2e-4;       ///< radians, of the last step
+  double rematch_distance = 0.03;         ///< metres a point may move before its plane is looked up again
+  double min_signal = 3.0;                ///< information over that of pure noise for a direction to count as seen
+  double residual_floor = 0.01;           ///< metres: residuals are never trusted to be smaller than this
+  double correlated_residuals = 25;       ///< neighbouring residuals err together: so many count as one
+  [[no_unique_address]] Kernel kernel{};  ///< robust kernel of the distances, metres
 
   /// What makes a plane of neighbours in the map. @param error  metres, that a point may be off its place.
   [[nodiscard]] detail::PlaneRule plane_rule(double error, PlaneForm form = PlaneForm::centred) const {

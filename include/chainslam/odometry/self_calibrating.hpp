@@ -27,8 +27,9 @@ namespace chainslam {
 template <class Odometry>
 class SelfCalibrating {
  public:
-  using Options = typename Odometry::Options;
+  using Options = typename Odometry::Options;  ///< of the odometry
 
+  /// Starts without knowledge of the calibration.
   explicit SelfCalibrating(Options options = {}, ImuAlignmentOptions alignment = {})
       : T_body_lidar_(options.T_body_lidar),
         imu_check_(options.imu_check),
@@ -44,12 +45,13 @@ class SelfCalibrating {
       });
     return followed(odometry_.process(packet, executor));
   }
+  /// See the odometry's.
   template <Executor E = Serial>
   std::optional<Frame> flush(const E& executor = {}) {
     return followed(odometry_.flush(executor));
   }
 
-  [[nodiscard]] const Odometry& odometry() const { return odometry_; }
+  [[nodiscard]] const Odometry& odometry() const { return odometry_; }  ///< the odometry that is calibrated
   /// What is known of clock and axes as the IMU gives them. Once the IMU is corrected and used, its rotation to the
   /// LiDAR is the filter's, which uses each point, as far as the filter has seen it move.
   [[nodiscard]] ImuAlignmentEstimate alignment() const {
@@ -61,7 +63,7 @@ class SelfCalibrating {
     evidence.about = R_body_imu.inverse() * evidence.about;
     return alignment_.with(evidence);
   }
-  [[nodiscard]] auto counts() const { return odometry_.counts(); }
+  [[nodiscard]] auto counts() const { return odometry_.counts(); }  ///< counts of the odometry
 
  private:
   static constexpr double max_clock_deviation = 0.02;  ///< seconds, of an offset that is acted on

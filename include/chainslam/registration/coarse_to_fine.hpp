@@ -18,10 +18,11 @@ namespace chainslam {
 /// looks at some of the points only, since its pose is no more than the second's guess.
 template <class Coarse = Icp<PointToPlane, GemanMcClure>, class Fine = Coarse>
 struct CoarseToFine {
-  Coarse coarse{.max_iterations = 20, .max_distance = 5.0, .kernel = {.width = 1.0}};
-  Fine fine{.max_iterations = 50, .max_distance = 2.0, .kernel = {.width = 0.3}};
+  Coarse coarse{.max_iterations = 20, .max_distance = 5.0, .kernel = {.width = 1.0}};  ///< far away
+  Fine fine{.max_iterations = 50, .max_distance = 2.0, .kernel = {.width = 0.3}};      ///< near the answer
   Index coarse_points = 2048;  ///< of the source, evenly, at least; 0: all
 
+  /// Coarse, then fine, from `guess`; see `Icp::align`.
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
                                   const Exec& executor = {}, const Deadline& deadline = {}) const;
@@ -63,11 +64,12 @@ AlignResult CoarseToFine<Coarse, Fine>::align(const Source& source, const Target
 /// The result is the last stage's; where an earlier one finds no overlap, or the deadline ends it, it is that one's.
 template <class Registration = PointToPlaneIcp>
 struct DistanceSchedule {
-  Registration registration{};
+  Registration registration{};  ///< repeated with each distance
   double first_distance = 4.0;  ///< metres
   double ratio = 0.5;           ///< of one stage's distance to the one before it, in (0, 1)
   Index steps_a_stage = 5;      ///< of the stages before the last
 
+  /// With each distance in turn, from `guess`; see `Icp::align`.
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult align(const Source& source, const Target& target, const SE3d& guess,
                                   const Exec& executor = {}, const Deadline& deadline = {}) const;

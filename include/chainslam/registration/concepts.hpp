@@ -39,7 +39,7 @@ enum class StopReason {
 /// about the source's centroid, rotations measured in metres at the inliers' root mean square distance from it, so that
 /// all six are of one kind.
 struct AlignResult {
-  SE3d T_target_source;
+  SE3d T_target_source;  ///< maps source points into the target's frame
   /// Sum of w J'J: the information if the residuals had a standard deviation of 1 m. Semi-definite: directions found
   /// degenerate carry none.
   Matrix6d hessian = zeros<Matrix6d>();
@@ -57,10 +57,11 @@ struct AlignResult {
   double overlap = 0;                ///< the same, rejected ones included
   double mean_squared_error = 0;     ///< of the distance to the nearest point over inliers, m^2: the paper's e_ij
   double mean_squared_residual = 0;  ///< of what the metric measures over inliers, m^2
-  AlignStatus status = AlignStatus::too_few_points;
-  StopReason stop = StopReason::not_started;
-  Index iterations = 0;
+  AlignStatus status = AlignStatus::too_few_points;  ///< how it ended
+  StopReason stop = StopReason::not_started;         ///< what ended the iterations
+  Index iterations = 0;                              ///< steps taken
 
+  /// Whether it converged in all directions.
   [[nodiscard]] bool converged() const { return status == AlignStatus::converged; }
 };
 
@@ -76,7 +77,7 @@ enum class GlobalAlignStatus {
 
 /// What an alignment without a guess found. The figures hold at the pose returned; the fits are zero without one.
 struct GlobalAlignResult {
-  SE3d T_target_source;
+  SE3d T_target_source;       ///< maps source points into the target's frame
   double fitness_target = 0;  ///< inliers over target points: the paper's f^R, small where the target is the larger one
   double fitness_source = 0;  ///< inliers over source points: the share of the source that overlaps
   double inlier_rmse = 0;     ///< of the inliers' distances to their nearest target points, metres
@@ -84,19 +85,20 @@ struct GlobalAlignResult {
   Index matches = 0;          ///< putative matches: pairs of points that look alike
   Index consensus = 0;        ///< matches that the pose brings together
   double putative_ratio = 0;  ///< consensus over matches: what the paper's released program compares with its threshold
-  GlobalAlignStatus status = GlobalAlignStatus::too_few_points;
-  Index iterations = 0;   ///< hypotheses tried
+  GlobalAlignStatus status = GlobalAlignStatus::too_few_points;  ///< how it ended
+  Index iterations = 0;                                          ///< hypotheses tried
   bool verified = false;  ///< whether the clouds themselves were asked about the pose, and not the matches alone
 
+  /// Whether a pose was found and, where it was checked, accepted.
   [[nodiscard]] bool found() const { return status == GlobalAlignStatus::found; }
 };
 
 /// What a metric says of one pair: the error e and its derivative by the moved point, de / dp, in the target's frame.
 template <int Rows>
 struct PairError {
-  static constexpr int rows = Rows;
+  static constexpr int rows = Rows;         ///< rows of the residual
   Eigen::Matrix<double, Rows, 1> residual;  ///< metres
-  Eigen::Matrix<double, Rows, 3> gradient;
+  Eigen::Matrix<double, Rows, 3> gradient;  ///< de / dp
 };
 
 /// A target that says itself which of its elements a point goes with, as a voxel map's cells do.

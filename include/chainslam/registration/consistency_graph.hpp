@@ -20,19 +20,22 @@ namespace chainslam {
 /// A set of small numbers, a bit each.
 class BitSet {
  public:
-  using Word = std::uint64_t;
+  using Word = std::uint64_t;  ///< 64 bits
 
   BitSet() = default;
-  explicit BitSet(Index size) : words_(word_count(size)) {}
-  explicit BitSet(std::span<const Word> words) : words_(words.begin(), words.end()) {}
+  explicit BitSet(Index size) : words_(word_count(size)) {}  ///< an empty set of numbers below `size`
+  explicit BitSet(std::span<const Word> words) : words_(words.begin(), words.end()) {}  ///< a copy of a row's bits
 
+  /// Words for so many bits.
   [[nodiscard]] static std::size_t word_count(Index size) { return (static_cast<std::size_t>(size) + 63) / 64; }
-  [[nodiscard]] std::span<const Word> words() const { return words_; }
+  [[nodiscard]] std::span<const Word> words() const { return words_; }  ///< all bits
+  /// Whether i is in it.
   [[nodiscard]] bool contains(Index i) const {
     return (words_[static_cast<std::size_t>(i) / 64] >> (i % 64) & 1U) != 0;
   }
-  void insert(Index i) { words_[static_cast<std::size_t>(i) / 64] |= Word{1} << (i % 64); }
-  void erase(Index i) { words_[static_cast<std::size_t>(i) / 64] &= ~(Word{1} << (i % 64)); }
+  void insert(Index i) { words_[static_cast<std::size_t>(i) / 64] |= Word{1} << (i % 64); }    ///< puts i into it
+  void erase(Index i) { words_[static_cast<std::size_t>(i) / 64] &= ~(Word{1} << (i % 64)); }  ///< takes i out of it
+  /// Keeps what is in `other`, too.
   void intersect(std::span<const Word> other) {
     for (std::size_t w = 0; w < words_.size(); ++w) words_[w] &= other[w];
   }
@@ -40,11 +43,13 @@ class BitSet {
   void subtract(std::span<const Word> other, Index from = 0) {
     for (std::size_t w = static_cast<std::size_t>(from) / 64; w < words_.size(); ++w) words_[w] &= ~other[w];
   }
+  /// How many numbers are in it.
   [[nodiscard]] Index count() const {
     Index total = 0;
     for (const Word word : words_) total += std::popcount(word);
     return total;
   }
+  /// How many of them are in `other`, too.
   [[nodiscard]] Index count_common(std::span<const Word> other) const {
     Index total = 0;
     for (std::size_t w = 0; w < words_.size(); ++w) total += std::popcount(words_[w] & other[w]);
@@ -72,23 +77,29 @@ class BitSet {
 class BitGraph {
  public:
   BitGraph() = default;
+  /// A graph of so many vertices without edges.
   explicit BitGraph(Index size)
       : size_(size), width_(BitSet::word_count(size)), words_(width_ * static_cast<std::size_t>(size)) {}
 
-  [[nodiscard]] Index size() const { return size_; }
+  [[nodiscard]] Index size() const { return size_; }  ///< number of vertices
+  /// The neighbours of vertex i.
   [[nodiscard]] std::span<const BitSet::Word> row(Index i) const {
     return std::span(words_).subspan(static_cast<std::size_t>(i) * width_, width_);
   }
+  /// The neighbours of vertex i.
   [[nodiscard]] std::span<BitSet::Word> row(Index i) {
     return std::span(words_).subspan(static_cast<std::size_t>(i) * width_, width_);
   }
+  /// Whether there is an edge between i and j.
   [[nodiscard]] bool connected(Index i, Index j) const {
     return (row(i)[static_cast<std::size_t>(j) / 64] >> (j % 64) & 1U) != 0;
   }
+  /// Adds an edge between i and j.
   void connect(Index i, Index j) {
     row(i)[static_cast<std::size_t>(j) / 64] |= BitSet::Word{1} << (j % 64);
     row(j)[static_cast<std::size_t>(i) / 64] |= BitSet::Word{1} << (i % 64);
   }
+  /// Number of neighbours of vertex i.
   [[nodiscard]] Index degree(Index i) const {
     Index total = 0;
     for (const BitSet::Word word : row(i)) total += std::popcount(word);

@@ -10,9 +10,9 @@ namespace chainslam {
 /// The target needs `covariance(i)`, as `GaussianVoxelMap` has; the source has covariances or normals. A normal n
 /// counts as the disc I - (1 - thickness) n n', see `PlaneToPlane`.
 struct DistributionToDistribution {
-  static constexpr Surface source_surface = Surface::covariance;
-  static constexpr Surface target_surface = Surface::covariance;
-  static constexpr int residuals_a_pair = 1;
+  static constexpr Surface source_surface = Surface::covariance;  ///< what it needs to know of a source point
+  static constexpr Surface target_surface = Surface::covariance;  ///< what it needs to know of a target point
+  static constexpr int residuals_a_pair = 1;                      ///< residuals that a pair counts as
   /// Noise of normals has less effect here: pairs whose normals differ by it count for little. See `Icp`.
   static constexpr double degeneracy_threshold = 0.003;
 
@@ -21,6 +21,7 @@ struct DistributionToDistribution {
   /// makes it a number of standard deviations, squared.
   double scale = 2e-3;
 
+  /// Information, pull and squared residual of a pair; see `SurfaceMetric`.
   template <class Number>
   void evaluate(const SurfacePair<Number>& pair, PairTerms<Number>& terms) const {
     std::array<Number, 6> sum;

@@ -34,8 +34,8 @@ static_assert(ConsensusEstimator<Ransac>);
 
 /// A cloud made ready for being found: downsampled, with normals, a search and a feature for each point.
 struct DescribedCloud {
-  IndexedCloud<> cloud;
-  FpfhFeatures features;
+  IndexedCloud<> cloud;   ///< downsampled, with normals
+  FpfhFeatures features;  ///< one column for each point of `cloud`
 };
 
 /// Aligns two clouds without a guess by what their surroundings look like: downsamples them, estimates normals and
@@ -51,11 +51,11 @@ struct FeatureRegistration {
                 "FeatureRegistration: Estimator needs `GlobalAlignResult align(source, target, matches, executor) "
                 "const`, as in Ransac");
 
-  double voxel_size = 1.0;  ///< metres
-  NormalOptions normals{.neighbors = 30, .radius = 2.0};
-  FpfhOptions features{};
-  MatchOptions matching{};
-  [[no_unique_address]] Estimator estimator{};
+  double voxel_size = 1.0;                                ///< metres
+  NormalOptions normals{.neighbors = 30, .radius = 2.0};  ///< how normals are estimated
+  FpfhOptions features{};                                 ///< which neighbours describe a point
+  MatchOptions matching{};                                ///< which features are matched
+  [[no_unique_address]] Estimator estimator{};            ///< finds the pose from the matches
 
   /// Downsamples and describes a cloud. Keep the result where one cloud meets several.
   ///

@@ -25,7 +25,7 @@ struct FreeSpaceOptions {
 
 /// Points that a sensor had in view, and those of them that it saw something at or saw through. The others are hidden.
 struct FreeSpaceCount {
-  Index in_view = 0;
+  Index in_view = 0;       ///< points that the target's sensor would see
   Index confirmed = 0;     ///< where it saw something, to within the margin
   Index seen_through = 0;  ///< nearer to it
 
@@ -37,6 +37,7 @@ struct FreeSpaceCount {
     return seen > 0 ? static_cast<double>(seen_through) / seen : 0.0;
   }
 
+  /// Adds the counts of another part.
   FreeSpaceCount& operator+=(const FreeSpaceCount& other) {
     in_view += other.in_view;
     confirmed += other.confirmed;

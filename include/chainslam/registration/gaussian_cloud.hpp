@@ -23,10 +23,13 @@ struct GaussianCloud {
   std::vector<std::array<float, 6>> covariances{};  ///< xx, xy, xz, yy, yz, zz; as long as `positions`
 };
 
+/// A `GaussianCloud` is a cloud with covariances.
 template <>
 struct CloudTraits<GaussianCloud> {
-  static std::size_t size(const GaussianCloud& cloud) { return cloud.positions.size(); }
+  static std::size_t size(const GaussianCloud& cloud) { return cloud.positions.size(); }  ///< number of points
+  /// Position of point i, metres.
   static const Eigen::Vector3f& position(const GaussianCloud& cloud, std::size_t i) { return cloud.positions[i]; }
+  /// Covariance of point i.
   static Eigen::Matrix3f covariance(const GaussianCloud& cloud, std::size_t i) {
     const auto& [xx, xy, xz, yy, yz, zz] = cloud.covariances[i];
     Eigen::Matrix3f matrix;
@@ -44,8 +47,8 @@ class IndexedGaussians {
                 "IndexedGaussians: Search needs knn, within, position and size, as in KdTree");
 
  public:
-  using Search = SearchType;
-  using Scalar = float;
+  using Search = SearchType;  ///< the search over the points
+  using Scalar = float;       ///< number type
 
   IndexedGaussians() = default;
   /// @throws std::invalid_argument if there is not a covariance a point.
@@ -54,19 +57,23 @@ class IndexedGaussians {
       throw std::invalid_argument("IndexedGaussians: needs a covariance for each point");
   }
 
-  [[nodiscard]] const GaussianCloud& cloud() const { return cloud_; }
-  [[nodiscard]] const Search& search() const { return search_; }
+  [[nodiscard]] const GaussianCloud& cloud() const { return cloud_; }  ///< the cloud
+  [[nodiscard]] const Search& search() const { return search_; }       ///< the search over the points
   /// Points that can be found: those of the cloud that are finite.
   [[nodiscard]] std::size_t size() const { return search_.size(); }
+  /// Position of point i, metres.
   [[nodiscard]] const Eigen::Vector3f& position(Index i) const { return cloud_.positions[static_cast<std::size_t>(i)]; }
+  /// Covariance of point i.
   [[nodiscard]] Eigen::Matrix3f covariance(Index i) const {
     return CloudTraits<GaussianCloud>::covariance(cloud_, static_cast<std::size_t>(i));
   }
 
+  /// As `NearestNeighborSearch` has it.
   Index knn(const Eigen::Vector3f& query, std::span<Neighbor<float>> out,
             float max_distance = std::numeric_limits<float>::infinity()) const {
     return search_.knn(query, out, max_distance);
   }
+  /// As `NearestNeighborSearch` has it.
   void within(const Eigen::Vector3f& query, float radius, std::vector<Neighbor<float>>& out) const {
     search_.within(query, radius, out);
   }

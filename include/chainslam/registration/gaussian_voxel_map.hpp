@@ -16,6 +16,7 @@
 
 namespace chainslam {
 
+/// Size of the voxels, and which of them count.
 struct GaussianVoxelMapOptions {
   double voxel_size = 1.0;  ///< edge, metres
   /// Voxels that a point may be matched with: 1, its own; 7, those that share a face with it, too; 27, all around it.
@@ -32,8 +33,8 @@ struct GaussianVoxelMapOptions {
 /// give bit-identical results. Const calls may run on several threads.
 class GaussianVoxelMap {
  public:
-  using Scalar = double;
-  using Options = GaussianVoxelMapOptions;
+  using Scalar = double;                    ///< number type
+  using Options = GaussianVoxelMapOptions;  ///< its settings
 
   /// @throws std::invalid_argument if an option is out of range.
   explicit GaussianVoxelMap(const Options& options = {}) : options_(options), inverse_size_(1.0 / options.voxel_size) {
@@ -59,7 +60,7 @@ class GaussianVoxelMap {
     }
   }
 
-  [[nodiscard]] const Options& options() const { return options_; }
+  [[nodiscard]] const Options& options() const { return options_; }  ///< its settings
   /// Voxels that hold points.
   [[nodiscard]] std::size_t size() const { return voxels_.size(); }
   /// Mean of a voxel's points, metres.

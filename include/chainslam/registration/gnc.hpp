@@ -18,10 +18,10 @@ namespace chainslam {
 
 /// What `GncTls` found.
 struct GncResult {
-  SE3d T_target_source;
+  SE3d T_target_source;         ///< maps source points into the target's frame
   std::vector<double> weights;  ///< of the pairs, in [0, 1]
   Index inliers = 0;            ///< pairs with a weight of 1/2 or more
-  Index iterations = 0;
+  Index iterations = 0;         ///< steps made
 };
 
 /// The rigid motion of least truncated squares, found by graduated non-convexity: the cost starts convex and becomes
@@ -34,10 +34,10 @@ struct GncTls {
   static_assert(RotationModel<Rotation>,
                 "GncTls: Rotation needs `std::optional<SO3d> rotation(S) const` and `least_points`, as in AnyRotation");
 
-  double noise_bound = 0.5;  ///< metres: pairs farther apart are wrong
-  double factor = 1.4;       ///< by which the cost becomes less convex in a step
-  Index max_iterations = 60;
-  [[no_unique_address]] Rotation rotation{};
+  double noise_bound = 0.5;                   ///< metres: pairs farther apart are wrong
+  double factor = 1.4;                        ///< by which the cost becomes less convex in a step
+  Index max_iterations = 60;                  ///< steps of convexity, at most
+  [[no_unique_address]] Rotation rotation{};  ///< which rotations are allowed
 
   /// @param source, target  pairs of finite points, metres.
   /// @returns nothing where the motion is not determined.

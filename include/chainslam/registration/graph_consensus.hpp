@@ -37,15 +37,15 @@ enum class Pruning {
 /// @tparam Rotation  `AnyRotation`, or `YawOnly` where both clouds stand upright.
 template <class Rotation = AnyRotation>
 struct GraphConsensus {
-  ConsistencyOptions consistency{};
-  Pruning pruning = Pruning::clique;
-  Index clique_starts = 16;   ///< see `max_clique`
-  Index clique_budget = 300;  ///< steps of branch and bound
-  Index max_matches = 4000;   ///< of more, those with the least `ratio`
-  double max_distance = 1.0;  ///< metres, of a match that agrees; of an inlier
-  Index min_consensus = 10;   ///< matches that must agree
-  Index refits = 5;           ///< times the motion is fitted again to those that agree, at most
-  GncTls<Rotation> gnc{};
+  ConsistencyOptions consistency{};   ///< which matches are consistent with each other
+  Pruning pruning = Pruning::clique;  ///< how matches that agree are chosen
+  Index clique_starts = 16;           ///< see `max_clique`
+  Index clique_budget = 300;          ///< steps of branch and bound
+  Index max_matches = 4000;           ///< of more, those with the least `ratio`
+  double max_distance = 1.0;          ///< metres, of a match that agrees; of an inlier
+  Index min_consensus = 10;           ///< matches that must agree
+  Index refits = 5;                   ///< times the motion is fitted again to those that agree, at most
+  GncTls<Rotation> gnc{};             ///< estimates the pose from them
 
   /// @param source    points in the source's frame, metres; where both have normals, these must agree, too.
   /// @param target    search over points in the target's frame; `position(i)` takes the matches' target indices.

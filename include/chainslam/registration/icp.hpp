@@ -59,10 +59,10 @@ struct Icp {
   static_assert(std::same_as<Optimizer, GaussNewtonStep> || RobustCost<Kernel>,
                 "Icp: an optimizer that compares costs needs a Kernel with `double cost(double squared_residual) "
                 "const`, as in Huber");
-  using MetricType = Metric;
-  using KernelType = Kernel;
-  using RejectorType = Rejector;
-  using PriorType = Prior;
+  using MetricType = Metric;      ///< the metric
+  using KernelType = Kernel;      ///< the kernel
+  using RejectorType = Rejector;  ///< the rejector
+  using PriorType = Prior;        ///< the prior
 
   /// As many as unknowns.
   static constexpr Index least_points = 6;
@@ -80,12 +80,12 @@ struct Icp {
   /// is the square of 4 degrees, the noise of normals themselves: below it, what looks like information is mostly that
   /// noise. Metrics may have one of their own.
   double degeneracy_threshold = detail::degeneracy_threshold_of<Metric>();
-  DegreesOfFreedom free{};  ///< unless all are, steps are about the source's origin
-  [[no_unique_address]] Metric metric{};
-  [[no_unique_address]] Kernel kernel{};  ///< of the metric's residual, metres
-  [[no_unique_address]] Rejector rejector{};
-  [[no_unique_address]] Optimizer optimizer{};
-  [[no_unique_address]] Prior prior{};
+  DegreesOfFreedom free{};                      ///< unless all are, steps are about the source's origin
+  [[no_unique_address]] Metric metric{};        ///< with its settings
+  [[no_unique_address]] Kernel kernel{};        ///< of the metric's residual, metres
+  [[no_unique_address]] Rejector rejector{};    ///< with its settings
+  [[no_unique_address]] Optimizer optimizer{};  ///< with its settings
+  [[no_unique_address]] Prior prior{};          ///< with its settings
 
   /// Aligns `source` to the points of `target`, starting from `guess`.
   ///

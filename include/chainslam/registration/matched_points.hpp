@@ -24,10 +24,13 @@ namespace chainslam {
 
 /// The two ends of all matches, metres, and the normals there if both sides have them.
 struct MatchedPoints {
-  std::vector<Eigen::Vector3d> source, target;
-  std::vector<Eigen::Vector3d> source_normals, target_normals;  ///< as long as the points, or empty
+  std::vector<Eigen::Vector3d> source;          ///< metres, in the source's frame
+  std::vector<Eigen::Vector3d> target;          ///< metres, in the target's frame
+  std::vector<Eigen::Vector3d> source_normals;  ///< as long as the points, or empty
+  std::vector<Eigen::Vector3d> target_normals;  ///< as long as the points, or empty
 
-  [[nodiscard]] Index size() const { return static_cast<Index>(source.size()); }
+  [[nodiscard]] Index size() const { return static_cast<Index>(source.size()); }  ///< number of matches
+  /// Whether there is a normal for each point.
   [[nodiscard]] bool has_normals() const { return !source.empty() && source_normals.size() == source.size(); }
 };
 
@@ -70,7 +73,7 @@ template <Cloud Source, NearestNeighborSearch Target>
 
 /// Any rotation may be the right one.
 struct AnyRotation {
-  static constexpr Index least_points = 3;
+  static constexpr Index least_points = 3;  ///< matches that determine a pose
 
   /// The rotation R for which the sum of target . (R source) is largest; S is the sum of target source'. Nothing where
   /// it is not determined (Horn 1987, see `umeyama`).
@@ -85,8 +88,9 @@ struct AnyRotation {
 
 /// Both frames stand upright, z against gravity, as observed by an IMU: only the heading is unknown.
 struct YawOnly {
-  static constexpr Index least_points = 2;
+  static constexpr Index least_points = 2;  ///< matches that determine a pose
 
+  /// The rotation about z that fits best; nothing if none does.
   [[nodiscard]] std::optional<SO3d> rotation(const Eigen::Matrix3d& S) const {
     const double sine = S(1, 0) - S(0, 1), cosine = S(0, 0) + S(1, 1);
     const double length = std::hypot(sine, cosine);

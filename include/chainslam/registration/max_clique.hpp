@@ -15,9 +15,9 @@ namespace chainslam {
 /// For each vertex the largest k for which it belongs to a part of the graph in which all have k neighbours or more
 /// (Matula and Beck 1983): a clique of k + 1 vertices lies among those with k or more.
 struct CoreNumbers {
-  std::vector<Index> of_vertex;
-  std::vector<Index> order;  ///< vertices as they were taken away, one with the fewest neighbours left each time
-  Index largest = 0;
+  std::vector<Index> of_vertex;  ///< core number of each vertex
+  std::vector<Index> order;      ///< vertices as they were taken away, one with the fewest neighbours left each time
+  Index largest = 0;             ///< largest core number
 };
 
 [[nodiscard]] inline CoreNumbers core_numbers(const BitGraph& graph) {

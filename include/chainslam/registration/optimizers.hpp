@@ -40,8 +40,9 @@ concept PoseOptimizer = requires(const O& optimizer, const detail::AlignProblemA
 /// Takes every step of the normal equations. Nearest points are matched again after each, so that a good guess needs no
 /// more.
 struct GaussNewtonStep {
-  static constexpr double initial_damping = 0;
+  static constexpr double initial_damping = 0;  ///< undamped
 
+  /// The Gauss-Newton step; nothing where none lowers the cost.
   template <AlignProblem Problem>
   [[nodiscard]] std::optional<Vector6d> step(const Problem& problem, double& damping) const {
     return problem.solve(damping);
@@ -52,10 +53,11 @@ static_assert(PoseOptimizer<GaussNewtonStep>);
 /// Takes only steps that lower the cost, shortening them until they do (Levenberg 1944, Marquardt 1963). Damping is
 /// added to eigenvalues that are mean squared cosines, so that it means the same for metres and radians.
 struct LevenbergMarquardtStep {
-  double initial_damping = 1e-4;
-  double factor = 10;     ///< between dampings
-  Index max_trials = 10;  ///< within one iteration
+  double initial_damping = 1e-4;  ///< damping of the first step
+  double factor = 10;             ///< between dampings
+  Index max_trials = 10;          ///< within one iteration
 
+  /// A damped step that lowers the cost; nothing where there is none.
   template <AlignProblem Problem>
   [[nodiscard]] std::optional<Vector6d> step(const Problem& problem, double& damping) const {
     constexpr double least = 1e-12;

@@ -13,14 +13,15 @@ namespace chainslam {
 /// they do not, the pair counts for little. A point without a normal (zero) is a ball of variance 1.
 /// Both sides need normals; their signs do not matter.
 struct PlaneToPlane {
-  static constexpr Surface source_surface = Surface::normal;
-  static constexpr Surface target_surface = Surface::normal;
-  static constexpr int residuals_a_pair = 1;
+  static constexpr Surface source_surface = Surface::normal;  ///< what it needs to know of a source point
+  static constexpr Surface target_surface = Surface::normal;  ///< what it needs to know of a target point
+  static constexpr int residuals_a_pair = 1;                  ///< residuals that a pair counts as
   /// Noise of normals has less effect here: pairs whose normals differ by it count for little. See `Icp`.
   static constexpr double degeneracy_threshold = 0.003;
 
   double thickness = 1e-3;  ///< variance across over variance along, in (0, 1]
 
+  /// Information, pull and squared residual of a pair; see `SurfaceMetric`.
   template <class Number>
   void evaluate(const SurfacePair<Number>& pair, PairTerms<Number>& terms) const {
     const auto& n = pair.target_normal;

@@ -7,10 +7,11 @@ namespace chainslam {
 /// The distance of the moved point from the plane through the match (Chen and Medioni 1992). The target needs normals;
 /// a point without one (zero or not finite) contributes nothing.
 struct PointToPlane {
-  static constexpr Surface source_surface = Surface::nothing;
-  static constexpr Surface target_surface = Surface::normal;
-  static constexpr int residuals_a_pair = 1;
+  static constexpr Surface source_surface = Surface::nothing;  ///< what it needs to know of a source point
+  static constexpr Surface target_surface = Surface::normal;   ///< what it needs to know of a target point
+  static constexpr int residuals_a_pair = 1;                   ///< residuals that a pair counts as
 
+  /// Information, pull and squared residual of a pair; see `SurfaceMetric`.
   template <class Number>
   void evaluate(const SurfacePair<Number>& pair, PairTerms<Number>& terms) const {
     const auto& d = pair.offset;

@@ -51,9 +51,9 @@ struct BasicRansac {
   Index max_iterations = 10'000;   ///< hypotheses
   double confidence = 0.999;       ///< that a triple of right matches is among the hypotheses, for stopping early
   Index min_consensus = 10;  ///< matches that must agree; three always do, and of other places eight did by chance
-  std::uint64_t seed = 0;
-  [[no_unique_address]] Local local_optimization{};
-  [[no_unique_address]] Bail bail_out{};
+  std::uint64_t seed = 0;    ///< of the random draws
+  [[no_unique_address]] Local local_optimization{};  ///< improves hypotheses
+  [[no_unique_address]] Bail bail_out{};             ///< ends the scoring of bad ones early
 
   /// @param source    points in the source's frame, metres.
   /// @param target    search over points in the target's frame; `position(i)` takes the matches' target indices.

@@ -21,6 +21,7 @@ concept LocalOptimization = requires(const L& local, const MatchedPoints& points
 
 /// Leaves hypotheses as the triples gave them.
 struct NoLocalOptimization {
+  /// The hypothesis as it is.
   [[nodiscard]] Hypothesis improve(const MatchedPoints& /*points*/, const Hypothesis& hypothesis,
                                    double /*max_distance*/) const {
     return hypothesis;
@@ -31,6 +32,7 @@ struct NoLocalOptimization {
 struct Refit {
   Index rounds = 10;  ///< at most; 0: not at all
 
+  /// Fits the pose to the matches that agree, again and again.
   [[nodiscard]] Hypothesis improve(const MatchedPoints& points, const Hypothesis& hypothesis,
                                    double max_distance) const {
     return detail::RefitTable(points).refit(hypothesis, max_distance, rounds, AnyRotation{});
@@ -51,11 +53,12 @@ concept BailOut = requires(const B& bail_out, Index number, double gain) {
 
 /// Always looks at all matches.
 struct NoBailOut {
-  [[nodiscard]] bool give_up(Index, Index, Index, double, double, double) const { return false; }
+  [[nodiscard]] bool give_up(Index, Index, Index, double, double, double) const { return false; }  ///< never
 };
 
 /// Stops where even if all other matches fitted perfectly the hypothesis would not be of use: changes no result.
 struct BoundedScoring {
+  /// Whether no better score can be reached.
   [[nodiscard]] bool give_up(Index seen, Index count, Index /*agreed*/, double gain, double largest_gain,
                              double least_gain) const {
     return gain + (count - seen) * largest_gain <= least_gain;
@@ -67,8 +70,9 @@ struct BoundedScoring {
 struct SequentialTest {
   double right_share = 0.1;    ///< of all matches, least, that agree with a right hypothesis
   double chance_share = 0.01;  ///< that agree with a wrong one
-  double mistakes = 0.01;
+  double mistakes = 0.01;      ///< share of wrong decisions that is accepted
 
+  /// Whether the matches seen so far speak against the hypothesis (Wald's test).
   [[nodiscard]] bool give_up(Index seen, Index count, Index agreed, double gain, double largest_gain,
                              double least_gain) const {
     if (BoundedScoring{}.give_up(seen, count, agreed, gain, largest_gain, least_gain)) return true;

@@ -63,16 +63,17 @@ concept MatchRejector = requires(const R& rejector, detail::PairsArchetype& pair
 
 /// Keeps all pairs within the registration's own distance.
 struct KeepPairs {
-  static constexpr bool needs_normals = false;
-  void operator()(const RejectablePairs auto& /*pairs*/) const {}
+  static constexpr bool needs_normals = false;                     ///< whether pairs need the normals of both points
+  void operator()(const RejectablePairs auto& /*pairs*/) const {}  ///< drops no pair
 };
 static_assert(MatchRejector<KeepPairs>);
 
 /// Keeps pairs within a distance below the registration's own.
 struct WithinDistance {
-  static constexpr bool needs_normals = false;
-  double max_distance = 0.5;  ///< metres
+  static constexpr bool needs_normals = false;  ///< whether pairs need the normals of both points
+  double max_distance = 0.5;                    ///< metres
 
+  /// Drops pairs farther apart than the distance.
   void operator()(RejectablePairs auto& pairs) const {
     detail::reject_if(pairs, [&](Index i) { return !(pairs.squared_distance(i) <= max_distance * max_distance); });
   }
@@ -81,9 +82,10 @@ static_assert(MatchRejector<WithinDistance>);
 
 /// Keeps pairs within a multiple of the median distance.
 struct WithinMedian {
-  static constexpr bool needs_normals = false;
-  double factor = 3.0;
+  static constexpr bool needs_normals = false;  ///< whether pairs need the normals of both points
+  double factor = 3.0;                          ///< of the median distance
 
+  /// Drops pairs farther apart than `factor` times the median.
   void operator()(RejectablePairs auto& pairs) const {
     std::vector<double> squares = detail::kept_squared_distances(pairs);
     if (squares.empty()) return;
@@ -98,10 +100,11 @@ static_assert(MatchRejector<WithinMedian>);
 /// Keeps pairs whose surfaces lie alike; normals that point opposite ways do, too, unless `oriented`. Pairs without two
 /// normals are dropped. Source and target need normals.
 struct WithinAngle {
-  static constexpr bool needs_normals = true;
-  double max_angle = 0.5;  ///< radians
-  bool oriented = false;   ///< whether normals point to where the surface was seen from
+  static constexpr bool needs_normals = true;  ///< whether pairs need the normals of both points
+  double max_angle = 0.5;                      ///< radians
+  bool oriented = false;                       ///< whether normals point to where the surface was seen from
 
+  /// Drops pairs whose normals enclose a larger angle.
   void operator()(RejectablePairs auto& pairs) const {
     const double least = std::cos(max_angle);
     detail::reject_if(pairs, [&](Index i) {
@@ -114,8 +117,9 @@ static_assert(MatchRejector<WithinAngle>);
 
 /// Of the source points that share a match keeps the nearest, of equally near ones the first.
 struct OneToOne {
-  static constexpr bool needs_normals = false;
+  static constexpr bool needs_normals = false;  ///< whether pairs need the normals of both points
 
+  /// Of pairs with one target point, drops all but the nearest.
   void operator()(RejectablePairs auto& pairs) const {
     std::vector<Index> nearest;
     for (Index i = 0; i < pairs.size(); ++i) {
@@ -136,9 +140,10 @@ static_assert(MatchRejector<OneToOne>);
 
 /// Keeps the nearest share of the pairs (Chetverikov et al. 2002): as many as the clouds are thought to overlap.
 struct Trimmed {
-  static constexpr bool needs_normals = false;
-  double share = 0.8;  ///< in (0, 1]
+  static constexpr bool needs_normals = false;  ///< whether pairs need the normals of both points
+  double share = 0.8;                           ///< in (0, 1]
 
+  /// Drops the largest distances.
   void operator()(RejectablePairs auto& pairs) const {
     std::vector<double> squares = detail::kept_squared_distances(pairs);
     const auto wanted = static_cast<std::size_t>(std::ceil(share * static_cast<double>(squares.size())));
@@ -154,9 +159,11 @@ static_assert(MatchRejector<Trimmed>);
 /// Several rejectors, each on what the ones before it left.
 template <MatchRejector... Rejectors>
 struct AllOf {
+  /// Whether pairs need the normals of both points.
   static constexpr bool needs_normals = (Rejectors::needs_normals || ...);
-  std::tuple<Rejectors...> parts{};
+  std::tuple<Rejectors...> parts{};  ///< applied in this order
 
+  /// Applies all parts.
   void operator()(RejectablePairs auto& pairs) const {
     std::apply([&](const Rejectors&... rejectors) { (rejectors(pairs), ...); }, parts);
   }

@@ -21,6 +21,7 @@
 
 namespace chainslam {
 
+/// Which points are compared, and how.
 struct SurfaceFitOptions {
   double max_distance = 1.0;  ///< metres, from a point to the target point whose plane it is measured by
   Index max_points = 4096;    ///< that are looked at, evenly over the cloud

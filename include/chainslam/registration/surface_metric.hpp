@@ -12,9 +12,11 @@ enum class Surface { nothing, normal, covariance };
 /// normal has zeros. Covariances are xx, xy, xz, yy, yz, zz.
 template <class Number>
 struct SurfacePair {
-  std::array<Number, 3> offset;  ///< from the match to the moved source point, metres
-  std::array<Number, 3> source_normal, target_normal;
-  std::array<Number, 6> source_covariance, target_covariance;
+  std::array<Number, 3> offset;             ///< from the match to the moved source point, metres
+  std::array<Number, 3> source_normal;      ///< unit length, in the target's axes
+  std::array<Number, 3> target_normal;      ///< unit length
+  std::array<Number, 6> source_covariance;  ///< in the target's axes
+  std::array<Number, 6> target_covariance;  ///< in the target's axes
 };
 
 /// The squared residual offset' M offset of a pair.
@@ -22,7 +24,7 @@ template <class Number>
 struct PairTerms {
   std::array<Number, 6> information;  ///< M: xx, xy, xz, yy, yz, zz; positive semi-definite
   std::array<Number, 3> pull;         ///< M offset
-  Number squared_residual;
+  Number squared_residual;            ///< offset' M offset
 };
 
 /// Measures a pair by a squared residual that is a quadratic form of the offset.

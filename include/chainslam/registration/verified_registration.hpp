@@ -55,6 +55,7 @@ struct VerifiedRegistration {
                 "VerifiedRegistration: Check needs `Verification verify(source, target, T_target_source, viewpoints, "
                 "executor) const`, as in Verifier");
 
+  /// Matching and description.
   FeatureRegistration<Estimator> features{.voxel_size = 0.5,
                                           .normals = {.neighbors = 0, .radius = 1.5},
                                           .features = {.radius = 2.5, .max_neighbors = 0},
@@ -64,7 +65,7 @@ struct VerifiedRegistration {
   Refinement refinement{
       .coarse = {.max_iterations = 10, .max_distance = 1.0, .degeneracy_threshold = 0.001, .kernel = {.width = 0.2}},
       .fine = {.max_iterations = 15, .max_distance = 0.5, .degeneracy_threshold = 0.001, .kernel = {.width = 0.1}}};
-  Check check{};
+  Check check{};                           ///< accepts or rejects poses
   std::optional<Viewpoints> viewpoints{};  ///< where both clouds were seen from one place each, as scans are
 
   /// For submaps of several scans, seen from many places.

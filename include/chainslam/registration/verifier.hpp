@@ -49,20 +49,21 @@ enum class Refusal {
 
 /// What speaks for a pose and against it.
 struct Verification {
-  Overlap overlap;              ///< of the source on the target
-  double share_of_smaller = 0;  ///< inliers over the points of the smaller cloud
-  double plane_rmse = 0;        ///< of the inliers' distances to the planes of their nearest target points, metres
-  double aligned_normals = 1;   ///< share of the inliers with normals whose normals agree to 45 degrees
-  double seen_through = 0;      ///< share of the points in the other's view that stand in front of what it saw
-  Index in_view = 0;            ///< points, of both clouds, in the other's view
-  Refusal refusal = Refusal::none;
+  Overlap overlap;                  ///< of the source on the target
+  double share_of_smaller = 0;      ///< inliers over the points of the smaller cloud
+  double plane_rmse = 0;            ///< of the inliers' distances to the planes of their nearest target points, metres
+  double aligned_normals = 1;       ///< share of the inliers with normals whose normals agree to 45 degrees
+  double seen_through = 0;          ///< share of the points in the other's view that stand in front of what it saw
+  Index in_view = 0;                ///< points, of both clouds, in the other's view
+  Refusal refusal = Refusal::none;  ///< why it was rejected; none if it was accepted
 
-  [[nodiscard]] bool accepted() const { return refusal == Refusal::none; }
+  [[nodiscard]] bool accepted() const { return refusal == Refusal::none; }  ///< whether the pose was accepted
 };
 
 /// Where the sensors stood, each in its own cloud's frame, metres; what is free space follows.
 struct Viewpoints {
-  Eigen::Vector3d source = Eigen::Vector3d::Zero(), target = Eigen::Vector3d::Zero();
+  Eigen::Vector3d source = Eigen::Vector3d::Zero();  ///< in the source's frame, metres
+  Eigen::Vector3d target = Eigen::Vector3d::Zero();  ///< in the target's frame, metres
 };
 
 /// Checks a pose by the clouds themselves: overlap, residual, normals, and free space (Bosse and Zlot 2008): no point

@@ -16,7 +16,7 @@ namespace chainslam {
 template <class Scalar = float>
 class NeighborRows {
  public:
-  [[nodiscard]] Index rows() const { return static_cast<Index>(counts_.size()); }
+  [[nodiscard]] Index rows() const { return static_cast<Index>(counts_.size()); }  ///< number of queries
   /// Capacity of a row.
   [[nodiscard]] Index k() const { return k_; }
   /// What was found for query i, ascending by distance.
@@ -55,6 +55,7 @@ struct NeighborLists {
   std::vector<Neighbor<Scalar>> neighbors;  ///< query after query
   std::vector<std::size_t> first;           ///< where each query's begin, and at the end how many there are
 
+  /// The neighbours of query i.
   [[nodiscard]] std::span<const Neighbor<Scalar>> operator[](Index i) const {
     const auto place = static_cast<std::size_t>(i);
     return std::span(neighbors).subspan(first[place], first[place + 1] - first[place]);

@@ -40,11 +40,13 @@ class BruteForce : public IncrementalSearchBase<BruteForce<ScalarType, Dim>, Sca
   [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(size_); }
   /// Points left out because a coordinate is NaN or infinite.
   [[nodiscard]] Index rejected() const { return rejected_; }
+  /// Bytes held, free capacity included.
   [[nodiscard]] std::size_t memory() const { return positions_.capacity() * sizeof(Vector); }
   /// Whether i is the index of a point.
   [[nodiscard]] bool contains(Index i) const {
     return i >= 0 && static_cast<std::size_t>(i) < positions_.size() && is_finite(position(i));
   }
+  /// Position of point i, metres.
   [[nodiscard]] const Vector& position(Index i) const { return positions_[static_cast<std::size_t>(i)]; }
 
   using Base::insert;
@@ -73,7 +75,7 @@ class BruteForce : public IncrementalSearchBase<BruteForce<ScalarType, Dim>, Sca
     });
     return before - size_;
   }
-  void clear() { *this = BruteForce(); }
+  void clear() { *this = BruteForce(); }  ///< erases everything
 
   /// Calls `visit(index, position)` for every point, in the order of the indices.
   template <class Visit>

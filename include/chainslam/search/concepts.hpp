@@ -14,17 +14,18 @@ namespace chainslam {
 /// One answer of a search: the point's index, as `position(index)` takes it, and its squared distance to the query.
 template <class Scalar = float>
 struct Neighbor {
-  Index index = -1;
-  Scalar squared_distance = 0;
+  Index index = -1;             ///< of the point, as `position(index)` takes it
+  Scalar squared_distance = 0;  ///< square metres
 };
 
 /// The answer of a search for the K nearest, K known to the compiler: the first `count` are set, ascending by distance.
 template <class Scalar, int K>
 struct KNearest {
   static_assert(K > 0);
-  std::array<Neighbor<Scalar>, static_cast<std::size_t>(K)> neighbors;
-  Index count = 0;
+  std::array<Neighbor<Scalar>, static_cast<std::size_t>(K)> neighbors;  ///< the first `count` are set
+  Index count = 0;                                                      ///< how many were found
 
+  /// Those that are set, ascending by distance.
   [[nodiscard]] std::span<const Neighbor<Scalar>> found() const {
     return {neighbors.data(), static_cast<std::size_t>(count)};
   }

@@ -47,10 +47,10 @@ struct KeepAll {};
 struct FirstInVoxel {
   double voxel_size = 0.5;  ///< edge, metres
 
-  static constexpr int state_bits = 0;
-  [[nodiscard]] unsigned first_state(double) const { return 0; }
-  [[nodiscard]] VoxelVerdict judge(unsigned&, double) const { return VoxelVerdict::refuse; }
-  [[nodiscard]] bool forget(unsigned&) const { return false; }
+  static constexpr int state_bits = 0;                            ///< bits of a voxel's state
+  [[nodiscard]] unsigned first_state(double) const { return 0; }  ///< see `VoxelPolicy`
+  [[nodiscard]] VoxelVerdict judge(unsigned&, double) const { return VoxelVerdict::refuse; }  ///< see `VoxelPolicy`
+  [[nodiscard]] bool forget(unsigned&) const { return false; }                                ///< see `VoxelPolicy`
 };
 static_assert(VoxelPolicy<FirstInVoxel>);
 
@@ -59,12 +59,14 @@ static_assert(VoxelPolicy<FirstInVoxel>);
 struct NearestToCenter {
   double voxel_size = 0.5;  ///< edge, metres
 
-  static constexpr int state_bits = 8;
-  [[nodiscard]] unsigned first_state(double offset) const { return step(offset); }
+  static constexpr int state_bits = 8;                                              ///< bits of a voxel's state
+  [[nodiscard]] unsigned first_state(double offset) const { return step(offset); }  ///< see `VoxelPolicy`
+  /// See `VoxelPolicy`.
   [[nodiscard]] VoxelVerdict judge(unsigned& state, double offset) const {
     return step(offset) > state ? VoxelVerdict::refuse : VoxelVerdict::meet;
   }
-  [[nodiscard]] bool forget(unsigned&) const { return false; }
+  [[nodiscard]] bool forget(unsigned&) const { return false; }  ///< see `VoxelPolicy`
+  /// See `VoxelPolicy`.
   template <class Vector>
   [[nodiscard]] bool meet(unsigned& state, Vector& held, double held_offset, const Vector& offered,
                           double offset) const {
@@ -88,11 +90,12 @@ static_assert(VoxelPolicy<NearestToCenter>);
 struct MeanOfVoxel {
   double voxel_size = 0.5;  ///< edge, metres
 
-  static constexpr int state_bits = 16;
-  static constexpr bool state_beyond_points = true;
-  [[nodiscard]] unsigned first_state(double) const { return 1; }
-  [[nodiscard]] VoxelVerdict judge(unsigned&, double) const { return VoxelVerdict::meet; }
-  [[nodiscard]] bool forget(unsigned&) const { return false; }
+  static constexpr int state_bits = 16;                           ///< bits of a voxel's state
+  static constexpr bool state_beyond_points = true;               ///< the state is saved with the points
+  [[nodiscard]] unsigned first_state(double) const { return 1; }  ///< see `VoxelPolicy`
+  [[nodiscard]] VoxelVerdict judge(unsigned&, double) const { return VoxelVerdict::meet; }  ///< see `VoxelPolicy`
+  [[nodiscard]] bool forget(unsigned&) const { return false; }                              ///< see `VoxelPolicy`
+  /// See `VoxelPolicy`.
   template <class Vector>
   [[nodiscard]] bool meet(unsigned& state, Vector& held, double, const Vector& offered, double) const {
     constexpr unsigned most = 65535;
@@ -110,14 +113,15 @@ struct AtMost {
   double voxel_size = 0.5;  ///< edge, metres
   Index count = 20;         ///< 1 to 255
 
-  static constexpr int state_bits = 8;
-  [[nodiscard]] unsigned first_state(double) const { return 1; }
+  static constexpr int state_bits = 8;                            ///< bits of a voxel's state
+  [[nodiscard]] unsigned first_state(double) const { return 1; }  ///< see `VoxelPolicy`
+  /// See `VoxelPolicy`.
   [[nodiscard]] VoxelVerdict judge(unsigned& state, double) const {
     if (state >= static_cast<unsigned>(count)) return VoxelVerdict::refuse;
     ++state;
     return VoxelVerdict::add;
   }
-  [[nodiscard]] bool forget(unsigned& state) const { return --state > 0; }
+  [[nodiscard]] bool forget(unsigned& state) const { return --state > 0; }  ///< see `VoxelPolicy`
 };
 static_assert(VoxelPolicy<AtMost>);
 

@@ -81,22 +81,25 @@ class IkdTree : public IncrementalSearchBase<IkdTree<ScalarType, Policy, Dim, Pa
     build(points);
   }
 
-  IkdTree(const IkdTree&) = default;
+  IkdTree(const IkdTree&) = default;  ///< a copy is independent of its original
   /// Leaves `other` empty.
   IkdTree(IkdTree&& other) noexcept : thinning_(other.thinning_.policy()) { swap(other); }
+  /// Copies or moves, as usual.
   IkdTree& operator=(IkdTree other) noexcept {
     swap(other);
     return *this;
   }
   ~IkdTree() = default;
+  /// Exchanges two trees in O(1).
   void swap(IkdTree& other) noexcept {
     std::swap(thinning_, other.thinning_);
     std::swap(tree_, other.tree_);
     std::swap(rejected_, other.rejected_);
   }
 
+  /// The downsampling policy with its settings.
   [[nodiscard]] const Policy& downsampling() const { return thinning_.policy(); }
-  [[nodiscard]] std::size_t size() const { return tree_.size; }
+  [[nodiscard]] std::size_t size() const { return tree_.size; }  ///< number of points
   /// Points refused because a coordinate is NaN or infinite, or, when downsampling, 2^31 or more voxels from the
   /// origin.
   [[nodiscard]] Index rejected() const { return rejected_; }
@@ -104,6 +107,7 @@ class IkdTree : public IncrementalSearchBase<IkdTree<ScalarType, Policy, Dim, Pa
   [[nodiscard]] std::size_t memory() const { return tree_.memory() + thinning_.memory(); }
   /// Work done since the tree was made, or last asked to start at zero.
   [[nodiscard]] IkdTreeWork work() const { return {tree_.moved_points, tree_.moved_links, thinning_.swept()}; }
+  /// Sets the figures of `work()` to zero.
   void reset_work() {
     tree_.moved_points = tree_.moved_links = 0;
     thinning_.reset_swept();
@@ -164,7 +168,7 @@ class IkdTree : public IncrementalSearchBase<IkdTree<ScalarType, Policy, Dim, Pa
       return leaving;
     });
   }
-  void clear();
+  void clear();  ///< erases everything
 
   /// The points with all that goes with them, as bytes that are the same on every machine (but for payloads, which are
   /// taken as they lie in memory); see detail/tree_archive.hpp.

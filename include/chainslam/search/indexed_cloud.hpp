@@ -23,22 +23,25 @@ class IndexedCloud {
                 "IndexedCloud: Search needs knn, within, position and size, as in KdTree");
 
  public:
-  using Search = SearchType;
-  using Scalar = typename Search::Scalar;
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
+  using Search = SearchType;                    ///< the search over the points
+  using Scalar = typename Search::Scalar;       ///< number type
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;  ///< a point
 
   IndexedCloud() = default;
+  /// Builds the search, in O(n log n).
   explicit IndexedCloud(PointCloud<Scalar> cloud) : cloud_(std::move(cloud)), search_(cloud_) {}
   /// With a search that was built before, over the same positions.
   IndexedCloud(PointCloud<Scalar> cloud, Search search) : cloud_(std::move(cloud)), search_(std::move(search)) {}
 
-  [[nodiscard]] const PointCloud<Scalar>& cloud() const { return cloud_; }
-  [[nodiscard]] const Search& search() const { return search_; }
+  [[nodiscard]] const PointCloud<Scalar>& cloud() const { return cloud_; }  ///< the cloud
+  [[nodiscard]] const Search& search() const { return search_; }            ///< the search over the points
   /// Points that can be found: those of the cloud that are finite.
   [[nodiscard]] std::size_t size() const { return search_.size(); }
-  [[nodiscard]] bool has_normals() const { return cloud_.has_normals(); }
+  [[nodiscard]] bool has_normals() const { return cloud_.has_normals(); }  ///< whether there is a normal for each point
 
+  /// Position of point i, metres.
   [[nodiscard]] const Vector3& position(Index i) const { return cloud_.positions[static_cast<std::size_t>(i)]; }
+  /// Unit normal of point i; the cloud must have normals.
   [[nodiscard]] const Vector3& normal(Index i) const {
     assert(cloud_.has_normals());
     return cloud_.normals[static_cast<std::size_t>(i)];

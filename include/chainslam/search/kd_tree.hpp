@@ -36,11 +36,11 @@ class TreeLeaves;
 template <class ScalarType = float, int Dim = 3>
 class KdTree : public SearchBase<KdTree<ScalarType, Dim>, ScalarType, Dim> {
   friend SearchBase<KdTree, ScalarType, Dim>;
-  friend detail::TreeLeaves<KdTree>;
+  friend class detail::TreeLeaves<KdTree>;
 
  public:
-  using Scalar = ScalarType;
-  using Vector = Eigen::Matrix<Scalar, Dim, 1>;
+  using Scalar = ScalarType;                     ///< number type
+  using Vector = Eigen::Matrix<Scalar, Dim, 1>;  ///< a point
 
   KdTree() = default;
 
@@ -122,6 +122,7 @@ KdTree<ScalarType, Dim>::KdTree(const Points& cloud) {
   build(items.all(), scratch.all());
 }
 
+/// The finite points of a cloud.
 template <class ScalarType, int Dim>
 template <detail::PointSource<Dim> Points>
 auto KdTree<ScalarType, Dim>::finite_items(const Points& cloud) -> detail::Table<Item> {

@@ -34,8 +34,8 @@ namespace chainslam {
 template <class Tree>
 class LeafNeighbors {
  public:
-  using Scalar = typename Tree::Scalar;
-  using Vector = typename Tree::Vector;
+  using Scalar = typename Tree::Scalar;  ///< number type
+  using Vector = typename Tree::Vector;  ///< a point
 
   /// @param tree          of three dimensions; must outlive this.
   /// @param k             0: all within `max_distance`.

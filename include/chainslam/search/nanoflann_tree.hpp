@@ -58,20 +58,22 @@ class NanoflannTree : public SearchBase<NanoflannTree<ScalarType>, ScalarType, 3
   friend SearchBase<NanoflannTree, ScalarType, 3>;
 
  public:
-  using Scalar = ScalarType;
-  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
+  using Scalar = ScalarType;                    ///< number type
+  using Vector3 = Eigen::Matrix<Scalar, 3, 1>;  ///< a point
 
   /// @param cloud  points in any frame, metres; NaN and infinite ones are left out and counted.
   template <Cloud Points>
   explicit NanoflannTree(const Points& cloud, std::size_t leaf_size = 10)
       : points_(copy(cloud)), tree_(std::make_unique<Tree>(3, *points_, leaf_size)) {}
 
-  [[nodiscard]] std::size_t size() const { return points_->finite.size(); }
+  [[nodiscard]] std::size_t size() const { return points_->finite.size(); }  ///< points that can be found
+  /// Points left out because a coordinate is NaN or infinite.
   [[nodiscard]] Index rejected() const { return static_cast<Index>(points_->positions.size() - size()); }
   /// Whether point i of the cloud is in the tree.
   [[nodiscard]] bool contains(Index i) const {
     return i >= 0 && static_cast<std::size_t>(i) < points_->positions.size() && is_finite(position(i));
   }
+  /// Position of point i of the cloud, metres.
   [[nodiscard]] const Vector3& position(Index i) const { return points_->positions[static_cast<std::size_t>(i)]; }
 
  private:

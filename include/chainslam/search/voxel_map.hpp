@@ -53,8 +53,8 @@ class VoxelMap : public IncrementalSearchBase<VoxelMap<ScalarType, Downsampling,
     insert(points);
   }
 
-  [[nodiscard]] const Downsampling& downsampling() const { return options_; }
-  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(voxels_.size()); }
+  [[nodiscard]] const Downsampling& downsampling() const { return options_; }                  ///< how it downsamples
+  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(voxels_.size()); }  ///< number of points
   /// Points refused because a coordinate is NaN, infinite, or 2^31 or more voxels from the origin (where there may be
   /// many a voxel, blocks of four voxels).
   [[nodiscard]] Index rejected() const { return voxels_.rejected(); }
@@ -85,7 +85,7 @@ class VoxelMap : public IncrementalSearchBase<VoxelMap<ScalarType, Downsampling,
   Index erase_if(Predicate&& leaves) {
     return voxels_.erase_if(std::forward<Predicate>(leaves));
   }
-  void clear() { *this = VoxelMap(options_); }
+  void clear() { *this = VoxelMap(options_); }  ///< erases everything
 
   /// Whether i is the index of a point.
   [[nodiscard]] bool contains(Index i) const { return voxels_.contains(i); }

@@ -12,10 +12,10 @@ enum class GnssQuality { none, two_dimensional, three_dimensional, differential,
 
 /// One position of the GNSS antenna in WGS 84's Earth-centred frame, so that sessions with different origins compare.
 struct GnssFix {
-  Timestamp time{};
+  Timestamp time{};                                               ///< of the measurement
   Eigen::Vector3d position_ecef = Eigen::Vector3d::Zero();        ///< metres
   Eigen::Matrix3d covariance_ecef = identity<Eigen::Matrix3d>();  ///< m^2
-  GnssQuality quality = GnssQuality::none;
+  GnssQuality quality = GnssQuality::none;                        ///< as the receiver states it
 };
 
 }  // namespace chainslam

@@ -36,9 +36,9 @@ struct ImuCheckOptions {
 
 /// What became of an IMU's samples so far.
 struct ImuCheckCounts {
-  std::int64_t received = 0;
+  std::int64_t received = 0;  ///< samples that came
   // Left out:
-  std::int64_t not_finite = 0;
+  std::int64_t not_finite = 0;    ///< with NaN or infinite numbers
   std::int64_t absurd = 0;        ///< beyond what any IMU measures
   std::int64_t spikes = 0;        ///< isolated
   std::int64_t repeated = 0;      ///< equal to the row before
@@ -46,11 +46,11 @@ struct ImuCheckCounts {
   std::int64_t wrong_times = 0;   ///< a time that neither the sample before nor the one after agrees with
   std::int64_t second_imu = 0;    ///< of another IMU, whose rows alternate with those of the first
   // Passed on, but without one of the sensors:
-  std::int64_t stuck_gyro = 0;
-  std::int64_t stuck_accel = 0;
+  std::int64_t stuck_gyro = 0;   ///< samples with a stuck axis of the gyroscope
+  std::int64_t stuck_accel = 0;  ///< samples with a stuck axis of the accelerometer
   // Passed on, converted:
-  std::int64_t from_g = 0;
-  std::int64_t from_degrees = 0;
+  std::int64_t from_g = 0;        ///< samples converted from g
+  std::int64_t from_degrees = 0;  ///< samples converted from degrees per second
 
   /// Left out, for whatever reason.
   [[nodiscard]] std::int64_t rejected() const {
@@ -67,6 +67,7 @@ struct ImuCheckCounts {
 /// differ; a sensor that does so again and again is accepted soon. Costs less than 0.2 us a sample.
 class ImuCheck {
  public:
+  /// Starts without samples.
   explicit ImuCheck(const ImuCheckOptions& options = {})
       : options_(options),
         stuck_gyro_(options.stuck_samples, options.stuck_time),
@@ -88,7 +89,8 @@ class ImuCheck {
     }
   }
 
-  [[nodiscard]] const ImuCheckCounts& counts() const { return counts_; }
+  [[nodiscard]] const ImuCheckCounts& counts() const { return counts_; }  ///< what became of the samples so far
+  /// Units of the samples, as set or as recognized.
   [[nodiscard]] const ImuUnits& units() const { return options_.units ? *options_.units : watch_.units(); }
 
  private:

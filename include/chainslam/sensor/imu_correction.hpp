@@ -11,6 +11,7 @@ struct ImuCorrection {
   double time_offset = 0;  ///< seconds that stamps are late by, on the LiDAR's clock
   SO3d R_body_imu{};       ///< from the axes that the IMU measures along to those of the body
 
+  /// The sample, corrected.
   [[nodiscard]] ImuSample operator()(ImuSample sample) const {
     sample.time = sample.time - seconds(time_offset);
     sample.gyro = R_body_imu * sample.gyro;

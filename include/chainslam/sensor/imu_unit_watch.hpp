@@ -31,7 +31,7 @@ class ImuUnitWatch {
       samples_.clear();
   }
 
-  [[nodiscard]] const ImuUnits& units() const { return units_; }
+  [[nodiscard]] const ImuUnits& units() const { return units_; }  ///< as recognized so far
 
  private:
   static constexpr Duration spacing = std::chrono::milliseconds(10) - std::chrono::microseconds(100);  // and its jitter

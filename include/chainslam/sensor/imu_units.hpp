@@ -22,10 +22,10 @@ enum class GyroUnit { unknown, radians_per_second, degrees_per_second };
 
 /// Which units an IMU's numbers seem to have, with the figures that say so.
 struct ImuUnits {
-  AccelUnit accel = AccelUnit::unknown;
-  GyroUnit gyro = GyroUnit::unknown;
-  double median_accel = 0;  ///< of the norm, in the data's own unit
-  double fastest_gyro = 0;  ///< 99th percentile of the norm, in the data's own unit
+  AccelUnit accel = AccelUnit::unknown;  ///< of the accelerometer
+  GyroUnit gyro = GyroUnit::unknown;     ///< of the gyroscope
+  double median_accel = 0;               ///< of the norm, in the data's own unit
+  double fastest_gyro = 0;               ///< 99th percentile of the norm, in the data's own unit
   /// Rate at which gravity turns over the gyroscope's: 1 for rad/s, 0.0175 for deg/s; 0 if unseen.
   double gravity_scale = 0;
   double gravity_bound = 0;  ///< what that can be at most, as far as gravity turns at all; 0 if unseen

@@ -27,10 +27,10 @@ enum class StampPlace { start, end, inside };
 
 /// How to read the time field of a driver's points. Found by `infer_point_time`, or written by hand where it is known.
 struct PointTimeRule {
-  TimeUnit unit = TimeUnit::seconds;
-  PointTimeBase base = PointTimeBase::relative;
-  bool counts_back = false;     ///< positive values lie before the stamp
-  double longest_sweep = 0.25;  ///< seconds; a scan that spans more is reported as implausible
+  TimeUnit unit = TimeUnit::seconds;             ///< of the numbers
+  PointTimeBase base = PointTimeBase::relative;  ///< what they are relative to
+  bool counts_back = false;                      ///< positive values lie before the stamp
+  double longest_sweep = 0.25;                   ///< seconds; a scan that spans more is reported as implausible
 };
 
 /// What is known of the sensor beforehand. What is stated is not inferred.
@@ -38,9 +38,9 @@ struct PointTimeHints {
   double shortest_sweep = 0.04;  ///< seconds that a scan's points may span: 5 to 20 Hz with a margin
   double longest_sweep = 0.25;   ///< seconds
   double clock_tolerance = 1.0;  ///< seconds that absolute times may lie from the stamp and still be its clock's
-  std::optional<TimeUnit> unit = std::nullopt;
-  std::optional<PointTimeBase> base = std::nullopt;
-  std::optional<bool> counts_back = std::nullopt;
+  std::optional<TimeUnit> unit = std::nullopt;       ///< given by the user; empty: inferred
+  std::optional<PointTimeBase> base = std::nullopt;  ///< given by the user; empty: inferred
+  std::optional<bool> counts_back = std::nullopt;    ///< given by the user; empty: inferred
 };
 
 enum class PointTimeStatus {
@@ -50,13 +50,14 @@ enum class PointTimeStatus {
   unusable    ///< no reading fits
 };
 
+/// How times of points are to be read, as far as the data show it.
 struct PointTimeInference {
-  PointTimeStatus status = PointTimeStatus::unusable;
-  PointTimeRule rule;                    ///< only if `inferred`
-  StampPlace stamp = StampPlace::start;  ///< only if `inferred`
-  double sweep = 0;                      ///< seconds that the points span; only if `inferred`
-  Index not_finite = 0;                  ///< values that are no numbers, left out
-  std::string sentence;                  ///< for the log: what was found, and what to state if it was refused
+  PointTimeStatus status = PointTimeStatus::unusable;  ///< whether the times can be used
+  PointTimeRule rule;                                  ///< only if `inferred`
+  StampPlace stamp = StampPlace::start;                ///< only if `inferred`
+  double sweep = 0;                                    ///< seconds that the points span; only if `inferred`
+  Index not_finite = 0;                                ///< values that are no numbers, left out
+  std::string sentence;  ///< for the log: what was found, and what to state if it was refused
 };
 
 /// Times of a scan's points.

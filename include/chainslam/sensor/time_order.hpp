@@ -16,6 +16,7 @@
 
 namespace chainslam {
 
+/// When a gap is one, and for how long packets are sorted.
 struct TimeOrderOptions {
   Duration delay = std::chrono::milliseconds(200);   ///< of data time, that a packet waits for earlier ones
   std::size_t capacity = 100'000;                    ///< packets waiting; past it the earliest goes without waiting
@@ -28,25 +29,26 @@ struct TimeOrderOptions {
 
 /// A place where one sensor's time does not run on as it should.
 struct TimeBreak {
+  /// What is wrong with the times.
   enum class Kind { gap, backward_jump };
-  Kind kind = Kind::gap;
-  SensorKind sensor = SensorKind::imu;
-  Index number = 0;  ///< of the sensor among those of its kind
-  Timestamp before;  ///< latest time the sensor had stated
-  Timestamp after;   ///< time it stated next
+  Kind kind = Kind::gap;                   ///< what is wrong
+  SensorKind sensor = SensorKind::imu;     ///< whose packets they are
+  Index number = 0;                        ///< of the sensor among those of its kind
+  Timestamp before;                        ///< latest time the sensor had stated
+  Timestamp after;                         ///< time it stated next
 };
 
 /// What `TimeOrder` met so far. Arrays count by `SensorKind`.
 struct TimeOrderReport {
-  std::array<std::size_t, 3> received{};
-  std::array<std::size_t, 3> delivered{};
+  std::array<std::size_t, 3> received{};   ///< packets that came, by `SensorKind`
+  std::array<std::size_t, 3> delivered{};  ///< packets that were passed on, by `SensorKind`
   std::array<std::size_t, 3> late{};       ///< dropped: something later had already been delivered
   std::array<std::size_t, 3> reordered{};  ///< came after a later one of the same sensor, and were put in place
   std::array<std::size_t, 3> repeated{};   ///< had the very time of the same sensor's latest; delivered all the same
-  std::array<std::size_t, 3> gaps{};
-  std::array<std::size_t, 3> backward_jumps{};
-  std::size_t hurried = 0;        ///< delivered before their delay because the buffer was full
-  std::vector<TimeBreak> breaks;  ///< the first `kept_breaks` gaps and jumps
+  std::array<std::size_t, 3> gaps{};       ///< gaps, by `SensorKind`
+  std::array<std::size_t, 3> backward_jumps{};  ///< jumps back in time, by `SensorKind`
+  std::size_t hurried = 0;                      ///< delivered before their delay because the buffer was full
+  std::vector<TimeBreak> breaks;                ///< the first `kept_breaks` gaps and jumps
 };
 
 /// Merges the packets of several sensors into the order of `available_at`: a scan counts at its end.
@@ -58,7 +60,7 @@ struct TimeOrderReport {
 /// then drop as late.
 class TimeOrder {
  public:
-  explicit TimeOrder(TimeOrderOptions options = {}) : options_(options) {}
+  explicit TimeOrder(TimeOrderOptions options = {}) : options_(options) {}  ///< starts without packets
 
   /// Takes a packet of the `number`-th sensor of its kind.
   /// @throws std::invalid_argument after `finish`, or if a scan ends before it begins.
@@ -100,8 +102,8 @@ class TimeOrder {
   /// Says that no packet will follow: all that waits may be popped.
   void finish() { finished_ = true; }
 
-  [[nodiscard]] std::size_t waiting() const { return waiting_.size(); }
-  [[nodiscard]] const TimeOrderReport& report() const { return report_; }
+  [[nodiscard]] std::size_t waiting() const { return waiting_.size(); }    ///< packets that wait to be sorted
+  [[nodiscard]] const TimeOrderReport& report() const { return report_; }  ///< what was seen so far
 
  private:
   struct Waiting {

@@ -46,6 +46,7 @@ class BackEnd {
                 "executor)` and `bool eligible(candidate, query) const`, as in LoopCloser");
 
  public:
+  /// An empty map. Policies are moved in, with their settings.
   [[gnu::cold]] explicit BackEnd(const BackEndOptions& options = {}, Closer closer = Closer{},
                                  Chainer chainer = Chainer{}, Merger merger = Merger{}, Outliers outliers = Outliers{})
       : options_(options),
@@ -88,11 +89,11 @@ class BackEnd {
   /// Where odometry's frame lies in the map, by the newest keyframe; null before the first.
   [[nodiscard]] std::shared_ptr<const SE3d> T_map_odom() const { return T_map_odom_.load(); }
 
-  [[nodiscard]] const auto& smoother() const { return graph_.smoother(); }
+  [[nodiscard]] const auto& smoother() const { return graph_.smoother(); }  ///< the smoother behind the map
   /// All accepted closures as a graph over the keyframes.
   [[nodiscard]] const ClosureGraph& closure_graph() const { return closure_graph_; }
-  [[nodiscard]] const Closer& closer() const { return closer_; }
-  [[nodiscard]] const BackEndCounts& counts() const { return counts_; }
+  [[nodiscard]] const Closer& closer() const { return closer_; }         ///< what finds closures
+  [[nodiscard]] const BackEndCounts& counts() const { return counts_; }  ///< what was done so far
 
  private:
   [[nodiscard]] const Session& session() const { return map().sessions.back(); }

@@ -6,8 +6,9 @@
 
 namespace chainslam {
 
+/// What the back end does besides finding closures.
 struct BackEndOptions {
-  MapGraphOptions graph{};
+  MapGraphOptions graph{};  ///< of the pose graph
   /// After a merge, metres along the aligned path between two keyframes that are tried again (section 6 of the paper).
   double recheck_travel = 4.0;
   Index fixes_at_once = 10;  ///< GNSS fixes that wait before they make an optimisation of their own
@@ -25,7 +26,7 @@ struct BackEndOptions {
 
 /// What the back end did so far.
 struct BackEndCounts {
-  Index optimisations = 0;
+  Index optimisations = 0;         ///< of the graph
   Index failed_optimisations = 0;  ///< the estimates before were kept
   Index merges = 0;                ///< frames joined
   Index reverted = 0;              ///< times that closures were withdrawn, or frames parted again

@@ -51,8 +51,9 @@ concept ClosureFinder = requires(C& closer, std::span<const Keyframe> keyframes,
   { closer.close(keyframes, index, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
 };
 
+/// Which chained closures are tried and accepted.
 struct ChainOptions {
-  bool enabled = true;
+  bool enabled = true;  ///< whether closures are chained at all
   /// Whether the search walks through keyframes of the current session too (the paper's Algorithm 1).
   bool through_current_session = true;
   /// Keyframes on each side of j whose closures count as j's: the scan was aligned to all of their scans. 0: j alone
@@ -74,7 +75,7 @@ struct ChainOptions {
 /// closures of any session is tried with the same scan.
 class ChainedCloser {
  public:
-  explicit ChainedCloser(const ChainOptions& options = {}) : options_(options) {}
+  explicit ChainedCloser(const ChainOptions& options = {}) : options_(options) {}  ///< starts without closures
 
   /// The loaded keyframes that closures connect with j, without j, in the order of the search: N(j) of the paper.
   /// @param loaded  keyframes before this one are of earlier sessions (N_L).
@@ -90,6 +91,7 @@ class ChainedCloser {
         collect(graph, KeyframeId{near}, loaded, found);
     return found;
   }
+  /// Keyframes that accepted closures connect with j, nearest first.
   [[nodiscard]] std::vector<KeyframeId> connected(const ClosureGraph& graph, KeyframeId j, Index loaded) {
     return connected(graph, j, {j.value, j.value + 1}, loaded);
   }
@@ -106,7 +108,7 @@ class ChainedCloser {
                                                              const ClosureGraph& graph, LoopClosure& direct,
                                                              Index loaded, Closer& closer, const E& executor = {});
 
-  [[nodiscard]] const ChainOptions& options() const { return options_; }
+  [[nodiscard]] const ChainOptions& options() const { return options_; }  ///< its settings
 
  private:
   /// Step 1 of Algorithm 1: walks everything reachable, keeps what is loaded.
@@ -231,6 +233,7 @@ detail::Table<ChainedCloser::Candidate> ChainedCloser::candidates(std::span<cons
 
 /// Tries nothing: direct closures only.
 struct NoChaining {
+  /// Nothing.
   template <class Closer, Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> /*keyframes*/, const ClosureGraph& /*graph*/,
                                                LoopClosure& /*direct*/, Index /*loaded*/, Closer& /*closer*/,

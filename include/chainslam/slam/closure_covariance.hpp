@@ -31,9 +31,10 @@ inline void add_squares(Matrix6d& sum, double translation, double rotation) {
 
 /// The paper's: lambda e_ij I_6, the same number for m^2 and rad^2.
 struct IsotropicCovariance {
-  double lambda = 1e-4;
-  double least = 1e-9;  ///< m^2 and rad^2: a perfect fit is still no certainty
+  double lambda = 1e-4;  ///< variance, m^2 and rad^2, over the mean squared error
+  double least = 1e-9;   ///< m^2 and rad^2: a perfect fit is still no certainty
 
+  /// How many residuals err as one.
   [[nodiscard]] Matrix6d operator()(const AlignResult& result) const { return (*this)(result.mean_squared_error); }
   /// @param mean_squared_error  m^2
   [[nodiscard]] Matrix6d operator()(double mean_squared_error) const {
@@ -51,12 +52,13 @@ static_assert(ClosureCovariance<IsotropicCovariance>);
 /// err together, P what is known beforehand (the pose is not off by more than the search radius) and F a floor for what
 /// the residuals do not show: voxels, and the submap's own bend.
 struct HessianCovariance {
-  double correlated_residuals = 100;
-  double prior_translation = 5.0;   ///< metres
-  double prior_rotation = 0.2;      ///< radians
-  double floor_translation = 0.05;  ///< metres
-  double floor_rotation = 0.002;    ///< radians
+  double correlated_residuals = 100;  ///< 6 x 6, of T_target_source, tangent [translation; rotation]
+  double prior_translation = 5.0;     ///< metres
+  double prior_rotation = 0.2;        ///< radians
+  double floor_translation = 0.05;    ///< metres
+  double floor_rotation = 0.002;      ///< radians
 
+  /// 6 x 6, of T_target_source, tangent [translation; rotation].
   [[nodiscard]] [[gnu::cold]] Matrix6d operator()(const AlignResult& result) const {
     constexpr double least_residual = 1e-4;  // m^2: a centimetre, the sensor's own noise
     const double variance = correlated_residuals * std::max(result.mean_squared_residual, least_residual);

@@ -22,6 +22,7 @@ enum class FixVerdict {
   contradict,  ///< they do not, by far more than fixes and odometry err
 };
 
+/// What fixes say for and against a merge.
 struct FixEvidenceOptions {
   double apart = 10.0;         ///< metres that fixes of two sessions may differ by; 0: they are not asked
   double contradiction = 2.0;  ///< times as much, in the median, contradicts
@@ -34,7 +35,7 @@ struct FixEvidenceOptions {
 /// must be the one between their fixes. Medians decide, so that fewer than half of the fixes may say anything.
 class FixEvidence {
  public:
-  explicit FixEvidence(const FixEvidenceOptions& options = {}) : options_(options) {}
+  explicit FixEvidence(const FixEvidenceOptions& options = {}) : options_(options) {}  ///< starts without fixes
 
   /// @param is_a, is_b  bool(const Session&): whether a session belongs to the part
   /// @param T_a_b       carries the second part's frame over into the first one's

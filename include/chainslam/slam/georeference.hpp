@@ -24,7 +24,7 @@ namespace chainslam {
 
 /// How GNSS fixes hold the map.
 struct GnssFactorOptions {
-  bool enabled = true;
+  bool enabled = true;                                ///< whether fixes become factors
   Eigen::Vector3d antenna = Eigen::Vector3d::Zero();  ///< in the body, metres: the lever arm
   /// Metres that a fix may be off beyond what it says: the receiver's bias, which is another on each day.
   double bias = 2.0;
@@ -39,7 +39,7 @@ struct GnssFactorOptions {
 /// A position in a frame, and where the fix that was taken there lies on the Earth.
 struct FixedPosition {
   Eigen::Vector3d position;  ///< of the antenna, metres
-  Eigen::Vector3d ecef;
+  Eigen::Vector3d ecef;      ///< metres, WGS 84's Earth-centred frame
 };
 
 /// Where a frame of the map lies on the Earth: T_frame_ecef that brings fixes onto their positions, several times: each

@@ -24,6 +24,7 @@ concept MergeCandidates = requires(C& candidates, const SlamMap& map, KeyframeId
   { candidates.find(map, query) } -> std::same_as<std::vector<KeyframeId>>;
 };
 
+/// Where GNSS says that sessions meet.
 struct GnssCandidateOptions {
   double radius = 10.0;       ///< metres between two fixes, along the ground (the paper)
   bool with_height = false;   ///< whether the radius is one in space (the released code)
@@ -40,8 +41,10 @@ struct GnssCandidateOptions {
 /// the paper). All is done in Earth-centred coordinates, so sessions need no common origin.
 class GnssCandidates {
  public:
+  /// Starts without keyframes.
   explicit GnssCandidates(const GnssCandidateOptions& options = {}) : options_(options) {}
 
+  /// Keyframes of other frames near the query by their fixes, nearest first.
   [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
     const SessionId here = frame(map, keyframe(map, query));
     return propose(map, query, [&](const Keyframe& one) { return frame(map, one) != here; });

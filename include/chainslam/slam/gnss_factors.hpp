@@ -26,13 +26,13 @@ namespace chainslam {
 template <class Gnc>
 class GnssFactors {
  public:
-  explicit GnssFactors(const GnssFactorOptions& options) : options_(options) {}
+  explicit GnssFactors(const GnssFactorOptions& options) : options_(options) {}  ///< starts without fixes
 
   /// Takes a keyframe's fix, which the next `add` will put into the graph; none or one of no use: does nothing.
   [[gnu::cold]] void wait(const Keyframe& keyframe) {
     if (options_.enabled && keyframe.gnss && is_usable(*keyframe.gnss, options_)) waiting_.push_back(keyframe.id.value);
   }
-  [[nodiscard]] Index waiting() const { return to_index(waiting_.size()); }
+  [[nodiscard]] Index waiting() const { return to_index(waiting_.size()); }  ///< fixes that wait for a factor
 
   /// Keyframes go over to another frame: their fixes wait again.
   [[gnu::cold]] void carry(std::span<const Index> keyframes, Gnc& gnc) {

@@ -28,18 +28,20 @@ struct GroupGnc {
 /// A map's factors, and which of them count.
 class GroupGncFactors {
  public:
-  using Smoother = IncrementalSmoother<SE3d>;
-  using ClosureFactor = BetweenFactor<SE3d>;
+  using Smoother = IncrementalSmoother<SE3d>;  ///< the smoother behind
+  using ClosureFactor = BetweenFactor<SE3d>;   ///< the factor of a closure
 
+  /// An empty graph.
   template <class Options>
   [[gnu::cold]] GroupGncFactors(const Options& options, const GroupGnc& gnc)
       : options_(gnc), smoother_(options.smoother, NoLag{}), gnc_(smoother_), gnss_(options.gnss) {}
   GroupGncFactors(const GroupGncFactors&) = delete;
   GroupGncFactors& operator=(const GroupGncFactors&) = delete;
 
-  [[nodiscard]] Smoother& smoother() { return smoother_; }
-  [[nodiscard]] const Smoother& smoother() const { return smoother_; }
+  [[nodiscard]] Smoother& smoother() { return smoother_; }              ///< the smoother behind
+  [[nodiscard]] const Smoother& smoother() const { return smoother_; }  ///< the smoother behind
 
+  /// Adds a factor.
   void add(const OdometryMeasurement& step) {
     const ClosureFactor factor{step.from.value, step.to.value, step.T_from_to, step.sqrt_information};
     if (!(options_.odometry > 0)) {
@@ -75,18 +77,20 @@ class GroupGncFactors {
 
   /// The keyframe's fix, if it has one, is taken in by the next update.
   void wait(const Keyframe& keyframe) { gnss_.wait(keyframe); }
-  [[nodiscard]] Index waiting() const { return gnss_.waiting(); }
+  [[nodiscard]] Index waiting() const { return gnss_.waiting(); }  ///< fixes that wait for a factor
   /// Keyframes go over to another frame.
   void carry(std::span<const Key> keyframes) { gnss_.carry(keyframes, gnc_); }
 
   /// Takes in closures that wait for a forecast, without one. @returns whether there were any.
   [[nodiscard]] bool admit() { return gnc_.admit(); }
 
+  /// Takes in what was added and makes the estimate better.
   [[nodiscard]] [[gnu::cold]] UpdateReport update(const SlamMap& map) {
     gnss_.add(map, gnc_);
     ask_fixes(map);
     return gnc_.update().last;
   }
+  /// Keys whose estimate the last update changed.
   [[nodiscard]] std::span<const Key> changed() const { return gnc_.changed(); }
 
   /// To the optimum, and until what counts there does not change it any more.

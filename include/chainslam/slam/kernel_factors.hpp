@@ -15,17 +15,20 @@ namespace chainslam {
 template <class Kernel>
 class KernelFactors {
  public:
-  using ClosureFactor = BetweenFactor<SE3d, Kernel>;
+  using ClosureFactor = BetweenFactor<SE3d, Kernel>;  ///< the factor of a closure
+  /// The smoother behind.
   using Smoother = std::conditional_t<std::is_same_v<Kernel, Trivial>, IncrementalSmoother<SE3d>,
                                       IncrementalSmoother<SE3d, ClosureFactor>>;
 
+  /// An empty graph.
   template <class Options>
   [[gnu::cold]] KernelFactors(const Options& options, Kernel kernel)
       : smoother_(options.smoother, NoLag{}), kernel_(std::move(kernel)) {}
 
-  [[nodiscard]] Smoother& smoother() { return smoother_; }
-  [[nodiscard]] const Smoother& smoother() const { return smoother_; }
+  [[nodiscard]] Smoother& smoother() { return smoother_; }              ///< the smoother behind
+  [[nodiscard]] const Smoother& smoother() const { return smoother_; }  ///< the smoother behind
 
+  /// Adds a factor.
   void add(const OdometryMeasurement& step) {
     smoother_.add(BetweenFactor<SE3d>{step.from.value, step.to.value, step.T_from_to, step.sqrt_information});
   }
@@ -39,19 +42,22 @@ class KernelFactors {
 
   /// Fixes do not hold a map with kernels.
   void wait(const Keyframe& /*keyframe*/) {}
-  void carry(std::span<const Key> /*keyframes*/) {}
-  [[nodiscard]] Index waiting() const { return 0; }
+  void carry(std::span<const Key> /*keyframes*/) {}  ///< nothing: keyframes are carried by the smoother alone
+  [[nodiscard]] Index waiting() const { return 0; }  ///< always 0
 
   /// Nothing waits.
   [[nodiscard]] bool admit() { return false; }
 
+  /// Takes in what was added and makes the estimate better.
   [[nodiscard]] UpdateReport update(const SlamMap& /*map*/) { return smoother_.update(); }
+  /// Keys whose estimate the last update changed.
   [[nodiscard]] std::span<const Key> changed() const { return smoother_.changed(); }
+  /// Goes on to a local optimum.
   template <class Options>
   [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& /*map*/) {
     return smoother_.converge(options);
   }
-  void record(SlamMap& /*map*/) const {}
+  void record(SlamMap& /*map*/) const {}  ///< nothing: kernels keep no record of outliers
 
  private:
   Smoother smoother_;

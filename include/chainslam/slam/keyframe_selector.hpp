@@ -20,7 +20,7 @@ struct KeyframeOptions {
   /// keeps them as they are.
   double scan_step = 0.01;
 
-  friend bool operator==(const KeyframeOptions&, const KeyframeOptions&) = default;
+  friend bool operator==(const KeyframeOptions&, const KeyframeOptions&) = default;  ///< whether all members are equal
 };
 
 /// Picks frames that have moved far enough from the last one picked. Frames that odometry lost are never picked: their
@@ -28,6 +28,7 @@ struct KeyframeOptions {
 /// pose.
 class KeyframeSelector {
  public:
+  /// Starts without a keyframe: the next frame is one.
   explicit KeyframeSelector(const KeyframeOptions& options = {}) : options_(options) {}
 
   /// @returns the frame as a keyframe without id and session, which the back end gives; nothing if it is too near.

@@ -51,12 +51,13 @@ struct ClosureGate {
   }
 };
 
+/// When closures are sought, and when accepted.
 struct LoopCloserOptions {
   double min_travel = 4.0;  ///< metres along the path between two searches (v / f_lc of the paper); 0: every keyframe
   double min_period = 0;    ///< seconds of the data between two searches (1 / f_lc); 0: by the way alone
   double scan_voxel = 0;    ///< metres, of the scan that is aligned; 0: as the keyframe has it
-  ClosureGate gate{};
-  SubmapOptions submap{};
+  ClosureGate gate{};       ///< when an alignment counts as a closure
+  SubmapOptions submap{};   ///< what the scan is aligned to
 };
 
 /// Closes loops: aligns the newest keyframe's scan to the submaps of keyframes that may have seen the same place.
@@ -77,6 +78,7 @@ class LoopCloser {
                 "HessianCovariance");
 
  public:
+  /// Starts without submaps. Policies are moved in, with their settings.
   [[gnu::cold]] explicit LoopCloser(const LoopCloserOptions& options = {}, Candidates candidates = Candidates{},
                                     Registration registration = Registration{}, Covariance covariance = Covariance{})
       : options_(options),
@@ -111,8 +113,8 @@ class LoopCloser {
   [[nodiscard]] [[gnu::cold]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
                                                 const SE3d& guess, const E& executor = {});
 
-  [[nodiscard]] const LoopCloserOptions& options() const { return options_; }
-  [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }
+  [[nodiscard]] const LoopCloserOptions& options() const { return options_; }  ///< its settings
+  [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }        ///< the submaps that it has built
   /// Metres along the path from one search to the next, of all that `close` made in one session.
   [[nodiscard]] const std::vector<double>& search_spacing() const { return spacing_; }
 

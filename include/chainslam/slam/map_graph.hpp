@@ -44,9 +44,10 @@ class MapGraph {
                                               std::type_identity<KernelFactors<Outliers>>>::type;
 
  public:
-  using ClosureFactor = typename Factors::ClosureFactor;
-  using Smoother = typename Factors::Smoother;
+  using ClosureFactor = typename Factors::ClosureFactor;  ///< the factor of a closure
+  using Smoother = typename Factors::Smoother;            ///< the smoother behind
 
+  /// An empty map.
   [[gnu::cold]] explicit MapGraph(const MapGraphOptions& options = {}, Outliers outliers = {})
       : options_(options), outliers_(std::move(outliers)), factors_(std::in_place, options, outliers_) {}
 
@@ -75,13 +76,13 @@ class MapGraph {
   /// @throws std::invalid_argument if times do not increase or something is not finite; the map is then as it was.
   [[gnu::cold]] void append(std::span<const FrameRecord> frames);
 
-  void set_gnss(KeyframeId id, const GnssFix& fix);
+  void set_gnss(KeyframeId id, const GnssFix& fix);  ///< gives a keyframe a fix
   /// Fixes that the next optimisation will take in.
   [[nodiscard]] Index waiting_fixes() const { return factors_->waiting(); }
 
   /// @returns the closure's position among the map's closures.
   [[gnu::cold]] Index accept(const LoopClosure& closure);
-  [[gnu::cold]] void refuse(const LoopClosure& closure);
+  [[gnu::cold]] void refuse(const LoopClosure& closure);  ///< notes a closure that was refused
 
   /// Carries all sessions of the frame `joined` over into `frame`, as one body: what lies between their keyframes stays
   /// as it is linearised. They keep priors at the aligned poses, or none.

@@ -7,8 +7,9 @@
 
 namespace chainslam {
 
+/// Of the pose graph over the keyframes.
 struct MapGraphOptions {
-  OdometryNoise odometry_noise{};
+  OdometryNoise odometry_noise{};                             ///< what odometry's measurements weigh
   OdometryNoise unknown_odometry = unknown_odometry_noise();  ///< where frames have no covariance, as recorded ones
   OdometryDoubt odometry_doubt{};  ///< where frames between two keyframes were lost or degenerate
   /// Standard deviation of the prior that holds a frame's first keyframe, metres and radians.

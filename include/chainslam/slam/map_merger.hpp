@@ -37,6 +37,7 @@ class MapMerger {
                 "FeatureRegistration");
 
  public:
+  /// Starts without merges. Policies are moved in, with their settings.
   [[gnu::cold]] explicit MapMerger(const MergeOptions& options = {}, Candidates candidates = Candidates{},
                                    Registration registration = Registration{})
       : options_(options),
@@ -62,7 +63,7 @@ class MapMerger {
     return hypotheses_.contradicted(map);
   }
 
-  [[nodiscard]] const MergeOptions& options() const { return options_; }
+  [[nodiscard]] const MergeOptions& options() const { return options_; }  ///< its settings
 
  private:
   /// Length of the session's path up to a keyframe.
@@ -254,12 +255,13 @@ bool MapMerger<Candidates, Registration>::is_witnessed(const SlamMap& map, const
 
 /// Joins no frames: every session stays by itself.
 struct NoMerging {
+  /// Nothing.
   template <class Closer, Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> attempt(const SlamMap& /*map*/, KeyframeId /*query*/, Closer& /*closer*/,
                                                  const E& /*executor*/ = {}) const {
     return {};
   }
-  [[nodiscard]] std::vector<LoopClosure> withdraw() const { return {}; }
+  [[nodiscard]] std::vector<LoopClosure> withdraw() const { return {}; }  ///< nothing
 };
 
 }  // namespace chainslam

@@ -16,7 +16,7 @@ namespace chainslam {
 
 /// A place at which the current session was found in another frame, or elsewhere in its own.
 struct MergeHypothesis {
-  LoopClosure closure;
+  LoopClosure closure;        ///< the measurement
   double travelled = 0;       ///< metres from the session's start to `closure.to`
   bool needs_others = false;  ///< too few scans around it agree
 };
@@ -33,10 +33,12 @@ struct MergeHypothesis {
 /// joined, the others of it are discarded.
 class MergeHypotheses {
  public:
+  /// Starts without hypotheses.
   explicit MergeHypotheses(const MergeOptions& options) : options_(options), evidence_(options.fixes) {}
 
+  /// Adds one, at so many metres along the session's path.
   void add(const LoopClosure& closure, double travelled) { all_.push_back({closure, travelled}); }
-  [[nodiscard]] detail::Table<MergeHypothesis>& all() { return all_; }
+  [[nodiscard]] detail::Table<MergeHypothesis>& all() { return all_; }  ///< all of them
 
   /// What the fixes of both sides say, if the closure is right: of two frames, or of two sessions of one.
   [[nodiscard]] [[gnu::cold]] FixVerdict ask_fixes(const SlamMap& map, const LoopClosure& closure) const;

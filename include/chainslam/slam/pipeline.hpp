@@ -20,7 +20,7 @@ namespace chainslam {
 /// No-op callback for the steps of the back end.
 struct IgnoreSteps {
   template <class BackEnd>
-  void operator()(const BackEnd& /*back_end*/) const {}
+  void operator()(const BackEnd& /*back_end*/) const {}  ///< does nothing
 };
 
 /// Runs a back end on a thread of its own, so that odometry on the caller's thread never waits for a loop to close:
@@ -52,10 +52,10 @@ class Pipeline {
   /// @throws what a call before has thrown in the back end, which then has stopped; std::invalid_argument after that,
   /// and after `finish`.
   /// @{
-  void begin_session(std::string name) { push(SessionStart{std::move(name)}); }
-  void add(Keyframe keyframe) { push(std::move(keyframe)); }
-  void add(const GnssFix& fix) { push(fix); }
-  void add(std::vector<FrameRecord> frames) { push(std::move(frames)); }
+  void begin_session(std::string name) { push(SessionStart{std::move(name)}); }  ///< see `BackEnd`
+  void add(Keyframe keyframe) { push(std::move(keyframe)); }                     ///< see `BackEnd`
+  void add(const GnssFix& fix) { push(fix); }                                    ///< see `BackEnd`
+  void add(std::vector<FrameRecord> frames) { push(std::move(frames)); }         ///< see `BackEnd`
   /// Any of these.
   void push(MapInput input) {
     if (items_.push(std::move(input))) return;

@@ -28,6 +28,7 @@ class PositionIndex {
     for (const Keyframe& keyframe : keyframes)
       if (chosen(keyframe)) append(keyframe.id, keyframe.T_map_body.translation());
   }
+  /// Indexes the positions of all keyframes, in O(n log n).
   void rebuild(std::span<const Keyframe> keyframes) {
     rebuild(keyframes, [](const Keyframe&) { return true; });
   }
@@ -40,8 +41,8 @@ class PositionIndex {
 
   /// A keyframe and its distance from the query, metres.
   struct Found {
-    KeyframeId id;
-    double distance = 0;
+    KeyframeId id;        ///< the keyframe
+    double distance = 0;  ///< metres
   };
   /// Puts the nearest first, equally near ones by id.
   [[gnu::cold]] static void sort(std::span<Found> found) {
@@ -63,6 +64,7 @@ class PositionIndex {
     return found;
   }
 
+  /// Number of positions.
   [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(positions_.size()); }
 
  private:

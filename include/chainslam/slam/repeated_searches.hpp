@@ -37,7 +37,8 @@ class Recheck {
     index.rebuild(keyframes, [&](const Keyframe& there) { return joined_[there.session.value] != 0; });
     return index;
   }
-  [[nodiscard]] Index cause() const { return cause_; }
+  [[nodiscard]] Index cause() const { return cause_; }  ///< the closure that led to it, by its position
+  /// Whether what led to it was reverted.
   [[nodiscard]] bool is_reverted(const SlamMap& map) const {
     return map.closures[static_cast<std::size_t>(cause_)].verdict == ClosureVerdict::reverted;
   }
@@ -70,7 +71,7 @@ class Recheck {
 /// are others now.
 class MovedKeyframes {
  public:
-  void begin_session() { searched_from_ = {}; }
+  void begin_session() { searched_from_ = {}; }  ///< forgets where keyframes were tried
 
   /// A search was made from the session's newest keyframe.
   void searched(const Keyframe& newest) { searched_from_.push_back(newest.T_map_body.translation()); }

@@ -23,6 +23,7 @@ namespace chainslam {
 /// The surroundings of a keyframe as a registration target: points with normals and their search.
 using Submap = IndexedCloud<>;
 
+/// What a submap is made of.
 struct SubmapOptions {
   Index radius = 20;            ///< keyframes on each side of the centre, at least (n of the paper)
   double max_length = 100;      ///< metres along the path on each side, in whole fragments; 0: any (the paper)
@@ -41,10 +42,11 @@ struct PlacedSubmap {
 
 /// Consecutive keyframes of one session, and their poses relative to one of them at the time.
 struct RigidRange {
-  KeyframeId center{};
-  SubmapRange range{};
-  std::vector<SE3d> T_center_keyframe{};
+  KeyframeId center{};                    ///< the keyframe whose frame it is in
+  SubmapRange range{};                    ///< the keyframes around it
+  std::vector<SE3d> T_center_keyframe{};  ///< pose of each keyframe of the range
 
+  /// The keyframes of `around` as odometry has them to `middle`.
   [[gnu::cold]] RigidRange(std::span<const Keyframe> keyframes, KeyframeId middle, SubmapRange around)
       : center(middle), range(around), T_center_keyframe(relative_poses(keyframes, middle, around)) {}
 
@@ -80,10 +82,11 @@ struct RigidRange {
 /// the graph that moves them all alike costs nothing, one that bends a session moves fragments.
 class SubmapCache {
  public:
+  /// An empty cache.
   explicit SubmapCache(const SubmapOptions& options = {})
       : options_(options), submaps_(options.max_bytes / 2), fragments_(options.max_bytes / 2) {}
 
-  [[nodiscard]] const SubmapOptions& options() const { return options_; }
+  [[nodiscard]] const SubmapOptions& options() const { return options_; }  ///< its settings
 
   /// The submap around keyframe `id`, from the cache or made now.
   /// @param keyframes  all keyframes of the map; ids are positions.
@@ -102,7 +105,7 @@ class SubmapCache {
   [[nodiscard]] std::size_t bytes() const { return submaps_.bytes() + fragments_.bytes(); }  ///< kept, about
   [[nodiscard]] std::size_t size() const { return submaps_.size(); }                         ///< submaps kept
   [[nodiscard]] std::size_t built() const { return built_; }                                 ///< submaps made so far
-  [[nodiscard]] std::size_t fragments_built() const { return fragments_built_; }
+  [[nodiscard]] std::size_t fragments_built() const { return fragments_built_; }             ///< fragments built so far
 
  private:
   struct Kept {

@@ -13,8 +13,8 @@ namespace chainslam {
 
 /// Row and column of a block.
 struct BlockCoordinate {
-  Index row = 0;
-  Index column = 0;
+  Index row = 0;     ///< block row
+  Index column = 0;  ///< block column
 };
 
 /// Where a symmetric matrix of n x n blocks is not zero: its lower triangle, by columns, rows ascending. Every diagonal
@@ -37,13 +37,15 @@ class BlockPattern {
     fill_columns(columns_by_row(blocks));
   }
 
-  [[nodiscard]] Index size() const { return size_; }
+  [[nodiscard]] Index size() const { return size_; }  ///< number of block rows and columns
   /// Number of blocks in the lower triangle, diagonal included.
   [[nodiscard]] Offset blocks() const { return rows_.size(); }
   /// Position of a column's diagonal block; its other blocks follow.
   [[nodiscard]] Offset begin(Index column) const { return starts_[column]; }
+  /// Behind the last position of a column.
   [[nodiscard]] Offset end(Index column) const { return starts_[Offset{column} + 1]; }
-  [[nodiscard]] Index row(Offset position) const { return rows_[position]; }
+  [[nodiscard]] Index row(Offset position) const { return rows_[position]; }  ///< block row of a position
+  /// Block rows of a column, ascending.
   [[nodiscard]] std::span<const Index> rows(Index column) const { return rows_.range(begin(column), end(column)); }
 
   /// Position of block (row, column) of the lower triangle, row >= column. O(log rows in the column).
@@ -108,23 +110,27 @@ class BlockMatrix {
   static_assert(BlockSize > 0, "BlockMatrix: BlockSize is a number of scalar rows, at least 1");
 
  public:
-  static constexpr int block_size = BlockSize;
-  using Block = Eigen::Matrix<double, BlockSize, BlockSize>;
-  using Vector = Eigen::VectorXd;
+  static constexpr int block_size = BlockSize;                ///< rows and columns of a block
+  using Block = Eigen::Matrix<double, BlockSize, BlockSize>;  ///< a block, column by column
+  using Vector = Eigen::VectorXd;                             ///< as many numbers as the matrix has rows
 
   BlockMatrix() = default;
+  /// All blocks zero.
   explicit BlockMatrix(BlockPattern pattern)
       : pattern_(std::move(pattern)), values_(pattern_.blocks() * BlockSize * BlockSize, 0.0) {}
 
-  [[nodiscard]] const BlockPattern& pattern() const { return pattern_; }
-  [[nodiscard]] Index size() const { return pattern_.size(); }
+  [[nodiscard]] const BlockPattern& pattern() const { return pattern_; }  ///< where blocks may be
+  [[nodiscard]] Index size() const { return pattern_.size(); }            ///< number of block rows and columns
 
-  void set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
+  void set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }  ///< sets all blocks to zero
 
   /// Block at a position of the pattern.
   [[nodiscard]] Eigen::Map<Block> block(Offset position) { return Eigen::Map<Block>(data(position)); }
+  /// The block at a position.
   [[nodiscard]] Eigen::Map<const Block> block(Offset position) const { return Eigen::Map<const Block>(data(position)); }
+  /// The numbers of the block at a position, column by column.
   [[nodiscard]] double* data(Offset position) { return values_.data() + position * BlockSize * BlockSize; }
+  /// The numbers of the block at a position, column by column.
   [[nodiscard]] const double* data(Offset position) const { return values_.data() + position * BlockSize * BlockSize; }
 
   /// The matrix times x; both triangles, `size() * BlockSize` rows.

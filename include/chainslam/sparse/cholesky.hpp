@@ -34,17 +34,18 @@ class BlockCholesky {
                 "BlockCholesky: Order needs `std::vector<Index> operator()(const BlockPattern&) const`, as in Amd");
 
  public:
-  static constexpr int block_size = BlockSize;
-  using Matrix = BlockMatrix<BlockSize>;
+  static constexpr int block_size = BlockSize;  ///< rows and columns of a block
+  using Matrix = BlockMatrix<BlockSize>;        ///< what is factorized
 
+  /// How it orders and factorizes.
   struct Options {
-    [[no_unique_address]] Order order{};
+    [[no_unique_address]] Order order{};  ///< the order of elimination
     /// A pivot counts as zero when elimination has left less than this share of the matrix's diagonal entry.
     double pivot_tolerance = 1e-14;
   };
 
   BlockCholesky() = default;
-  explicit BlockCholesky(Options options) : options_(std::move(options)) {}
+  explicit BlockCholesky(Options options) : options_(std::move(options)) {}  ///< with options
 
   /// Orders the columns, finds the factor's pattern and takes all memory that `factorize` and `solve` need.
   void analyze(const BlockPattern& pattern) {
@@ -384,8 +385,8 @@ static_assert(LinearSolver<BlockCholesky<6>>);
 template <int BlockSize, Executor Exec>
 class ParallelCholesky : public BlockCholesky<BlockSize> {
  public:
-  explicit ParallelCholesky(const Exec& executor) : executor_(executor) {}
-
+  explicit ParallelCholesky(const Exec& executor) : executor_(executor) {}  ///< which must outlive it
+  /// See `BlockCholesky::factorize`; bit-identical.
   [[nodiscard]] FactorizationResult factorize(const BlockMatrix<BlockSize>& matrix,
                                               std::span<const double> damping = {}) {
     if constexpr (std::is_same_v<Exec, Serial>) return BlockCholesky<BlockSize>::factorize(matrix, damping);

@@ -23,8 +23,9 @@ namespace chainslam {
 template <int BlockSize>
 class Cholmod {
  public:
-  static constexpr int block_size = BlockSize;
-  using Matrix = BlockMatrix<BlockSize>;
+  static constexpr int block_size = BlockSize;  ///< rows and columns of a block
+  using Matrix = BlockMatrix<BlockSize>;        ///< what is factorized
+  /// CHOLMOD's ways to factorize.
   enum class Method { automatic, simplicial, supernodal };
 
   /// Ordering is CHOLMOD's AMD on scalar columns.
@@ -46,6 +47,7 @@ class Cholmod {
     cholmod_finish(common());
   }
 
+  /// Orders and analyzes a pattern; see `LinearSolver`.
   void analyze(const BlockPattern& pattern) {
     cholmod_free_factor(&factor_, common());
     cholmod_free_sparse(&matrix_, common());
@@ -61,6 +63,7 @@ class Cholmod {
     if (factor_ == nullptr) throw std::bad_alloc();
   }
 
+  /// Factorizes matrix + diag(damping); see `LinearSolver`.
   [[nodiscard]] FactorizationResult factorize(const Matrix& matrix, std::span<const double> damping = {}) {
     if (matrix.size() == 0) return {};
     fill_values(matrix, damping);
@@ -71,6 +74,7 @@ class Cholmod {
     return {FactorizationStatus::not_positive_definite, static_cast<const int*>(factor_->Perm)[bad] / BlockSize};
   }
 
+  /// Overwrites the right-hand side by the solution; see `LinearSolver`.
   void solve(std::span<double> x) {
     if (x.empty()) return;
     cholmod_dense right{};

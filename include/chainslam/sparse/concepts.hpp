@@ -25,9 +25,10 @@ enum class FactorizationStatus {
 
 /// How a numeric factorization went.
 struct FactorizationResult {
-  FactorizationStatus status = FactorizationStatus::success;
+  FactorizationStatus status = FactorizationStatus::success;  ///< how it ended
   Index block_column = -1;  ///< the block column with the bad pivot, as the caller numbers them; -1 on success
 
+  /// Whether there is a factorization.
   [[nodiscard]] bool ok() const { return status == FactorizationStatus::success; }
 };
 

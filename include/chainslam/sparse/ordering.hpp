@@ -12,6 +12,7 @@ namespace chainslam {
 
 /// Eliminates the columns as they are numbered.
 struct Natural {
+  /// The order of the pattern: 0, 1, ...
   [[nodiscard]] std::vector<Index> operator()(const BlockPattern& pattern) const {
     std::vector<Index> order(static_cast<std::size_t>(pattern.size()));
     std::iota(order.begin(), order.end(), 0);
@@ -26,6 +27,7 @@ static_assert(Ordering<Natural>);
 /// depends on the pattern alone.
 /// Amestoy, Davis and Duff 1996, "An approximate minimum degree ordering algorithm", with aggressive absorption.
 struct Amd {
+  /// An approximate minimum degree order.
   [[nodiscard]] std::vector<Index> operator()(const BlockPattern& pattern) const {
     const detail::Table<Index> order = detail::QuotientGraph(pattern).eliminate();
     return {order.begin(), order.end()};

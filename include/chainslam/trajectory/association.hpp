@@ -17,9 +17,9 @@ namespace chainslam {
 
 /// Positions of two poses that belong together.
 struct Match {
-  Index reference = 0;
-  Index estimate = 0;
-  friend bool operator==(const Match&, const Match&) = default;
+  Index reference = 0;                                           ///< position in the reference
+  Index estimate = 0;                                            ///< position in the estimate
+  friend bool operator==(const Match&, const Match&) = default;  ///< whether all members are equal
 };
 
 /// Poses of one trajectory that found no partner in the other, by reason.
@@ -29,18 +29,19 @@ struct UnmatchedCounts {
   Index too_far = 0;  ///< nothing near enough in between
   Index taken = 0;    ///< what would have been near enough belongs to a nearer pose
 
-  [[nodiscard]] Index total() const { return before + after + too_far + taken; }
-  friend bool operator==(const UnmatchedCounts&, const UnmatchedCounts&) = default;
+  [[nodiscard]] Index total() const { return before + after + too_far + taken; }     ///< of all reasons
+  friend bool operator==(const UnmatchedCounts&, const UnmatchedCounts&) = default;  ///< whether all members are equal
 };
 
 /// Which poses of two trajectories belong together, in the order of time, and what is left over.
 struct Association {
-  std::vector<Match> matches;
-  UnmatchedCounts reference;
-  UnmatchedCounts estimate;
+  std::vector<Match> matches;      ///< in the order of time
+  UnmatchedCounts reference;       ///< what is left over of the reference
+  UnmatchedCounts estimate;        ///< what is left over of the estimate
   Duration largest_difference{0};  ///< of the times of a match
 };
 
+/// When two times belong together.
 struct TimeAssociationOptions {
   Duration max_difference = std::chrono::milliseconds(10);  ///< evo's default
   /// evo lets two poses of the shorter trajectory share one of the longer; here only the nearer keeps it, unless false.
@@ -49,8 +50,8 @@ struct TimeAssociationOptions {
 
 /// Two trajectories of one length whose i-th poses belong together.
 struct MatchedTrajectories {
-  Trajectory reference;
-  Trajectory estimate;
+  Trajectory reference;  ///< one for each pose of `estimate`
+  Trajectory estimate;   ///< one for each pose of `reference`
 };
 
 namespace detail {
@@ -189,8 +190,8 @@ inline UnmatchedCounts unmatched(std::span<const Timestamp> times, std::span<con
 /// Poses of the estimate with the reference interpolated to their times, and the estimate's poses left over: before or
 /// after the reference's span, or `too_far` in a gap of the reference longer than `max_gap`.
 struct InterpolatedMatch {
-  MatchedTrajectories trajectories;
-  UnmatchedCounts estimate;
+  MatchedTrajectories trajectories;  ///< of one length
+  UnmatchedCounts estimate;          ///< what is left over of the estimate
 };
 
 /// @throws std::invalid_argument if a trajectory has no times, or times that go back; they may repeat.

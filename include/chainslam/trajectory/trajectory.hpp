@@ -18,11 +18,12 @@ namespace chainslam {
 ///
 /// `times` is empty where the source states none (KITTI's files); poses then count by their position.
 struct Trajectory {
-  std::vector<Timestamp> times;
-  std::vector<SE3d> poses;
+  std::vector<Timestamp> times;  ///< in the order of the poses, or empty
+  std::vector<SE3d> poses;       ///< T_reference_body
 
-  [[nodiscard]] std::size_t size() const { return poses.size(); }
-  [[nodiscard]] bool empty() const { return poses.empty(); }
+  [[nodiscard]] std::size_t size() const { return poses.size(); }  ///< number of poses
+  [[nodiscard]] bool empty() const { return poses.empty(); }       ///< whether there is nothing in it
+  /// Whether there is a time for each pose.
   [[nodiscard]] bool has_times() const { return !poses.empty() && times.size() == poses.size(); }
 };
 

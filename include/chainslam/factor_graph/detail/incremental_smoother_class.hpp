@@ -46,17 +46,17 @@ class IncrementalSmoother {
                 "IncrementalSmoother: a factor needs keys(), residual(values) and linearize(values)");
 
  public:
-  using Value = Group;
-  using Noise = NoiseModel<Group::dof>;
-  using Tangent = typename Group::Tangent;
+  using Value = Group;                      ///< type of the variables
+  using Noise = NoiseModel<Group::dof>;     ///< noise of a factor with a row for each degree of freedom
+  using Tangent = typename Group::Tangent;  ///< tangent of a variable
 
   IncrementalSmoother();
-  explicit IncrementalSmoother(const SmootherOptions& options);
+  explicit IncrementalSmoother(const SmootherOptions& options);  ///< an empty smoother
   /// A smoother that keeps all variables: what a lag needs is then not compiled.
   /// @throws std::invalid_argument if the options set a lag.
   IncrementalSmoother(const SmootherOptions& options, NoLag);
-  IncrementalSmoother(IncrementalSmoother&&);
-  IncrementalSmoother& operator=(IncrementalSmoother&&);
+  IncrementalSmoother(IncrementalSmoother&&);             ///< takes over the other's state
+  IncrementalSmoother& operator=(IncrementalSmoother&&);  ///< copies or moves, as usual
   [[gnu::cold]] ~IncrementalSmoother();
 
   /// @returns the new variable's key: 0, 1, ...
@@ -66,6 +66,7 @@ class IncrementalSmoother {
   /// @throws std::invalid_argument if a key is unknown or repeated.
   template <Factor F>
   FactorId add(const F& factor);
+  /// Adds a prior: the variable is `mean`, up to `noise`. @throws std::invalid_argument if the key is unknown.
   FactorId add_prior(Key key, const Group& mean, const Noise& noise);
   /// @param measurement  T_from_to
   FactorId add_between(Key from, Key to, const Group& measurement, const Noise& noise);
@@ -104,10 +105,12 @@ class IncrementalSmoother {
   /// last estimate and no factor may name them; the names of other variables do not change.
   /// @throws std::invalid_argument if a key is unknown.
   void marginalize(std::span<const Key> keys);
+  /// Whether `marginalize` was called for it.
   [[nodiscard]] bool is_marginalized(Key key) const { return marginalized_[key] != 0; }
 
   /// Keeps a variable where it is, or lets it go again.
   void set_fixed(Key key, bool fixed = true);
+  /// Whether a variable is kept where it is.
   [[nodiscard]] bool is_fixed(Key key) const { return solver_.is_fixed(key); }
 
   /// Takes in what was added and removed since the last update, and makes the estimate better. An executor shares out
@@ -136,13 +139,14 @@ class IncrementalSmoother {
 
   /// The estimate of a variable.
   [[nodiscard]] Group operator[](Key key) const { return estimates_[key]; }
-  [[nodiscard]] Index size() const { return origins_.size(); }
-  [[nodiscard]] Index factor_count() const { return pools_.count(); }
+  [[nodiscard]] Index size() const { return origins_.size(); }         ///< number of variables
+  [[nodiscard]] Index factor_count() const { return pools_.count(); }  ///< number of factors
   /// How many factors there are of one type.
   template <Factor F>
   [[nodiscard]] Index count() const {
     return pools_.template count<F>();
   }
+  /// Whether there is such a factor.
   [[nodiscard]] bool contains(const FactorId& id) const { return pools_.contains(id); }
   /// Keys whose estimate the last update changed; new ones may be missing, if they lie where they were put.
   [[nodiscard]] std::span<const Key> changed() const { return solver_.changed(); }
@@ -163,6 +167,7 @@ class IncrementalSmoother {
   /// repetitions): by the linearised factors of the last update. Fixed variables have none. Costs the way to the root.
   /// @throws std::invalid_argument if a key is unknown.
   [[nodiscard]] Eigen::MatrixXd covariance(std::span<const Key> keys) const;
+  /// Covariance of one variable's estimate, as a right perturbation.
   [[nodiscard]] Eigen::MatrixXd covariance(Key key) const { return covariance(std::span<const Key>(&key, 1)); }
   /// Covariance of x_from^-1 x_to, as a right perturbation: zero if they are one.
   /// @throws std::invalid_argument if a key is unknown.

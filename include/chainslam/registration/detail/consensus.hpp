@@ -23,9 +23,9 @@ namespace chainslam {
 
 /// A pose and what the matches say of it.
 struct Hypothesis {
-  SE3d T_target_source;
-  Index consensus = 0;  ///< matches brought together
-  double gain = 0;      ///< by how much their squared distances fall short of the largest allowed, summed, m^2
+  SE3d T_target_source;  ///< maps source points into the target's frame
+  Index consensus = 0;   ///< matches brought together
+  double gain = 0;       ///< by how much their squared distances fall short of the largest allowed, summed, m^2
 };
 
 namespace detail {

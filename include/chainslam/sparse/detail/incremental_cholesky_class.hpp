@@ -43,8 +43,9 @@ class IncrementalCholesky {
   static_assert(BlockSize > 0, "IncrementalCholesky: BlockSize is a number of scalar rows, at least 1");
 
  public:
-  static constexpr int block_size = BlockSize;
+  static constexpr int block_size = BlockSize;  ///< rows and columns of a block
 
+  /// How it orders and updates.
   struct Options {
     /// A pivot counts as zero when elimination has left less than this share of the matrix's diagonal entry.
     double pivot_tolerance = 1e-14;
@@ -70,7 +71,7 @@ class IncrementalCholesky {
   };
 
   IncrementalCholesky() = default;
-  [[gnu::cold]] explicit IncrementalCholesky(const Options& options) : options_(options) {}
+  [[gnu::cold]] explicit IncrementalCholesky(const Options& options) : options_(options) {}  ///< an empty system
 
   /// From here on, changes can be undone; those before no longer.
   void begin() {
@@ -100,7 +101,7 @@ class IncrementalCholesky {
     reorder(variable);
     return variable;
   }
-  [[nodiscard]] Index size() const { return to_index(fixed_.size()); }
+  [[nodiscard]] Index size() const { return to_index(fixed_.size()); }  ///< number of variables
 
   /// Takes a variable out of the system (its solution is 0), or puts it back.
   void set_fixed(Index variable, bool fixed) {
@@ -111,6 +112,7 @@ class IncrementalCholesky {
     reorder(variable);
     for (Index k = terms_.first(variable); k != -1; k = terms_.slot(k).next) reorder_term(terms_.slot(k).term);
   }
+  /// Whether a variable is kept where it is.
   [[nodiscard]] bool is_fixed(Index variable) const { return fixed_[variable] != 0; }
 
   /// Adds a term on some variables; its numbers are zero.
@@ -122,13 +124,14 @@ class IncrementalCholesky {
     reorder_term(term);
     return term;
   }
+  /// Removes a term's part of the matrix.
   void remove_term(Index term) {
     terms_.unlink(term);
     discount(term);
     journal_.add(detail::Change::term_removed, term);
     reorder_term(term);
   }
-  [[nodiscard]] const detail::BlockTerms<BlockSize>& terms() const { return terms_; }
+  [[nodiscard]] const detail::BlockTerms<BlockSize>& terms() const { return terms_; }  ///< the terms of the system
 
   /// To be called before `jacobian` and `residual` of a term are written, unless the term is new.
   void change_term(Index term) {
@@ -217,8 +220,8 @@ class IncrementalCholesky {
   [[nodiscard]] std::span<const Index> changed() const { return changed_.range(0, changed_.size()); }
   /// Of the last `factorize` and `solve`.
   [[nodiscard]] const FactorizationWork& work() const { return work_; }
-  void reset_work() { work_ = {}; }
-  [[nodiscard]] const detail::FrontTree<BlockSize>& tree() const { return tree_; }
+  void reset_work() { work_ = {}; }  ///< sets the figures of its work to zero
+  [[nodiscard]] const detail::FrontTree<BlockSize>& tree() const { return tree_; }  ///< the elimination tree
 
   /// Everything as it is after `solve`, but for what could be undone.
   void save(ByteSink& out) const;

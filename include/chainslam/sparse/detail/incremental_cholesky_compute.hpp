@@ -136,6 +136,7 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute_parts(std::span<cons
   return above.stop < first.stop ? above.result : first.result;
 }
 
+/// Factorizes one part of the tree.
 template <int BlockSize>
 template <Executor Exec>
 auto IncrementalCholesky<BlockSize>::compute_part(std::span<const Index> nodes, std::span<const Index> places,
