@@ -22,10 +22,10 @@ struct LinearPrior {
   static constexpr bool holds_in_place = true;               ///< whether its neighbours need nothing else to hold them
   using Linearized = LinearizedFactor<rows, Group::dof, arity>;  ///< what `linearize` returns
 
-  std::vector<Key> variables;        ///< keys of its variables, in the order of the rows
+  std::vector<Key> variables;        ///< their keys, as in `points` and the columns
   std::vector<Group> points;         ///< of each variable
   Eigen::MatrixXd sqrt_information;  ///< `Group::dof` columns for each variable
-  Eigen::VectorXd offset;            ///< of the variables' tangents at the minimum
+  Eigen::VectorXd offset;            ///< the residual at `points`
 
   /// Keys of the variables, in the order of the Jacobians.
   [[nodiscard]] const std::vector<Key>& keys() const { return variables; }

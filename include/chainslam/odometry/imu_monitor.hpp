@@ -16,7 +16,7 @@ namespace chainslam {
 struct ImuMonitorOptions {
   double max_pose_nis = 4;        ///< of a scan against its prediction, per direction seen; infinite: never excluded
   double max_contradictions = 3;  ///< that many scans lately, each fading by `fading` with every scan
-  double fading = 0.85;           ///< weight of the past in running means, per scan
+  double fading = 0.85;           ///< factor of earlier contradictions, per scan
   double memory = 1;              ///< seconds, of the mean errors below
   double max_rate_error = 0.03;   ///< rad/s: a bias and more; ...
   double max_rate_share = 0.05;   ///< ... and so much of the rate: scale, and axes that are not quite the given ones
@@ -53,7 +53,7 @@ class ImuMonitor {
   }
   /// Of about the last second: rad/s in the body frame, m/s^2 in odom.
   [[nodiscard]] const Eigen::Vector3d& rate_error() const { return mean_rate_error_; }
-  /// Mean difference of measured and seen acceleration, m/s^2.
+  /// Mean difference of measured and expected acceleration, m/s^2, odom frame.
   [[nodiscard]] const Eigen::Vector3d& accel_error() const { return mean_accel_error_; }
   /// Whether it ever rejects anything.
   [[nodiscard]] bool enabled() const { return std::isfinite(options_.max_pose_nis); }
@@ -63,7 +63,7 @@ class ImuMonitor {
   void follow(ImuUse used, const ImuComparison& comparison);
   /// Whether all is used from now on, but was not before. Gravity's direction is then `up()`.
   [[nodiscard]] bool back_to_all() const { return back_to_all_; }
-  [[nodiscard]] S2d up() const { return S2d::from_vector(mean_up_); }  ///< mean direction against gravity, body frame
+  [[nodiscard]] S2d up() const { return S2d::from_vector(mean_up_); }  ///< mean direction against gravity, odom frame
 
  private:
   struct Sensor {

@@ -21,7 +21,7 @@ namespace chainslam {
 /// model.
 class ImuRotation {
  public:
-  /// @param max_gap  longest time between two samples to integrate across.
+  /// @param max_gap  longest time without a sample that is integrated across.
   explicit ImuRotation(Duration max_gap = seconds(0.25)) : max_gap_(max_gap) {}
 
   /// Takes the next measurement. One that goes back in time by more than the longest hole resets the record: either

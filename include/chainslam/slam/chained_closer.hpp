@@ -91,7 +91,7 @@ class ChainedCloser {
         collect(graph, KeyframeId{near}, loaded, found);
     return found;
   }
-  /// Keyframes that accepted closures connect with j, nearest first.
+  /// The same where the closures of j alone count.
   [[nodiscard]] std::vector<KeyframeId> connected(const ClosureGraph& graph, KeyframeId j, Index loaded) {
     return connected(graph, j, {j.value, j.value + 1}, loaded);
   }

@@ -41,7 +41,7 @@ struct ProximityCandidates {
            (candidate.session != query.session || query.time - candidate.time >= min_interval);
   }
 
-  /// Candidates near the query, nearest first; see `ClosureCandidates`.
+  /// Candidates near the query, the most promising first; see `ClosureCandidates`.
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes,
                                                            const PositionIndex& index, KeyframeId query) const {
     const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];

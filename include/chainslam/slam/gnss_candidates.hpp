@@ -44,7 +44,7 @@ class GnssCandidates {
   /// Starts without keyframes.
   explicit GnssCandidates(const GnssCandidateOptions& options = {}) : options_(options) {}
 
-  /// Keyframes of other frames near the query by their fixes, nearest first.
+  /// Keyframes of other frames that may be near the query by their fixes, the most promising first.
   [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
     const SessionId here = frame(map, keyframe(map, query));
     return propose(map, query, [&](const Keyframe& one) { return frame(map, one) != here; });

@@ -46,7 +46,7 @@ struct RigidRange {
   SubmapRange range{};                    ///< the keyframes around it
   std::vector<SE3d> T_center_keyframe{};  ///< pose of each keyframe of the range
 
-  /// The keyframes of `around` as odometry has them to `middle`.
+  /// The keyframes of `around` as they are placed now, relative to `middle`.
   [[gnu::cold]] RigidRange(std::span<const Keyframe> keyframes, KeyframeId middle, SubmapRange around)
       : center(middle), range(around), T_center_keyframe(relative_poses(keyframes, middle, around)) {}
 
