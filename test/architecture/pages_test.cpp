@@ -73,7 +73,7 @@ std::set<std::string> first_cells(const std::string& text, const std::string& he
 TEST_SUITE("architecture/pages") {
   TEST_CASE("links and pictures of all pages lead somewhere") {
     std::vector<fs::path> pages{"README.md", "CHANGELOG.md"};
-    for (const char* folder : {"bench", "examples", "test"})
+    for (const char* folder : {"bench", "examples", "include", "test"})
       for (const auto& entry : fs::recursive_directory_iterator(checkout / folder))
         if (entry.path().extension() == ".md") pages.push_back(entry.path().lexically_relative(checkout));
     std::size_t count = 0;
