@@ -1,4 +1,5 @@
 // expect: breadth_first_search: Visitor needs one or more of
+// expect: see chainslam/graph/concepts.hpp
 // A visitor that wants to be told more about a node than a search knows.
 #include "chainslam/graph/adjacency_graph.hpp"
 #include "chainslam/graph/breadth_first_search.hpp"

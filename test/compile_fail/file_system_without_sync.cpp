@@ -1,4 +1,5 @@
 // expect: BasicAtomicFile: System needs create, write, sync, close, rename, rename_new, link, sync_directory and remove
+// expect: see chainslam/io/file_system.hpp
 // A file system that cannot make the disk keep what was written.
 #include "chainslam/io/atomic_file.hpp"
 

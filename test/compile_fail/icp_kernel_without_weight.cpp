@@ -1,4 +1,5 @@
 // expect: Icp: Kernel needs `double weight(double squared_residual) const`, as in Huber
+// expect: see chainslam/core/robust_kernels.hpp
 #include "chainslam/registration/icp.hpp"
 
 struct Kernel {

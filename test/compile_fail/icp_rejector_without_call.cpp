@@ -1,4 +1,5 @@
 // expect: Icp: Rejector needs `static constexpr bool needs_normals` and `void operator()(pairs) const`, as in OneToOne
+// expect: see chainslam/registration/rejectors.hpp
 #include "chainslam/registration/icp.hpp"
 
 struct Rejector {

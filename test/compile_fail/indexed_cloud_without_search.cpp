@@ -1,4 +1,5 @@
 // expect: IndexedCloud: Search needs knn, within, position and size, as in KdTree
+// expect: see chainslam/search/concepts.hpp
 #include "chainslam/search/indexed_cloud.hpp"
 
 struct MyIndex {

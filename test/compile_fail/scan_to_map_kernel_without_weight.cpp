@@ -1,4 +1,5 @@
 // expect: ScanToMap: Kernel needs `double weight(double squared_residual) const`
+// expect: see chainslam/core/robust_kernels.hpp
 // A robust kernel whose function has another name.
 #include "chainslam/odometry/scan_to_map.hpp"
 

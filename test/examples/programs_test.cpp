@@ -129,7 +129,7 @@ TEST_SUITE("examples/programs") {
       int near = 0;
       for (const Eigen::Vector3f& p : cloud.positions) near += (p - query).norm() <= 0.5f ? 1 : 0;
       CHECK(outcome.number("k-d tree ") == static_cast<double>(cloud.size()));
-    
+
       CHECK(outcome.says("           " + std::to_string(near) + " points within 0.5 m"));
       CHECK(outcome.says("taken, found as scan 2"));
       CHECK(outcome.number("erased ") == 1);
@@ -268,7 +268,7 @@ TEST_SUITE("examples/programs") {
     for (const auto& [name, drive] : {std::pair("a.cslam", generated::hall_drive(2.0, 0.002, 1)),
                                       std::pair("b.cslam", generated::hall_drive(-3.5, -0.002, 2))}) {
       SlamMap map;
-      map.sessions.push_back({.id = SessionId{0}, .name = name, .keyframes = 44, .frame = SessionId{0}, .prior = {}});
+      map.sessions.push_back({.id = SessionId{0}, .name = name, .keyframes = 44, .frame = SessionId{0}});
       for (Keyframe keyframe : drive) {
         keyframe.id = KeyframeId{static_cast<Index>(map.keyframes.size())};
         keyframe.session = SessionId{0};

@@ -24,8 +24,11 @@ namespace chainslam {
 /// `BetweenFactor<SE3d, Cauchy>` or a user's own model of `Factor`.
 template <class Group, class... Extra>
 class FactorGraph {
-  static_assert(LieGroup<Group>, "FactorGraph: Group needs exp, log, adjoint and Jacobians, as in SE3d");
-  static_assert((Factor<Extra> && ...), "FactorGraph: a factor needs keys(), residual(values) and linearize(values)");
+  static_assert(LieGroup<Group>,
+                "FactorGraph: Group needs exp, log, adjoint and Jacobians, as in SE3d; see chainslam/lie/concepts.hpp");
+  static_assert((Factor<Extra> && ...),
+                "FactorGraph: a factor needs keys(), residual(values) and linearize(values); see "
+                "chainslam/factor_graph/concepts.hpp");
 
  public:
   using Value = Group;                   ///< type of the variables

@@ -57,7 +57,8 @@ struct FilterReport {
 template <Manifold State, class Process>
 class Ieskf {
   static_assert(ProcessModel<Process, State>,
-                "Ieskf: Process needs `Transition<State> predict(const State&, const Input&, double dt) const`");
+                "Ieskf: Process needs `Transition<State> predict(const State&, const Input&, double dt) const`; see "
+                "chainslam/filter/concepts.hpp");
 
  public:
   using Tangent = typename State::Tangent;  ///< tangent of the state

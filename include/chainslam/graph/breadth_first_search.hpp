@@ -242,7 +242,7 @@ BfsResult breadth_first_search(const Graph& graph, Index start, Visitor&& visito
   static_assert(BfsVisitor<Events, Graph>,
                 "breadth_first_search: Visitor needs one or more of `void or bool discover(Index)`, `void or BfsAction "
                 "examine(Index)`, `bool follow(Index, const Arc&)`, `void tree_edge(Index, const Arc&)`, `void "
-                "finish(Index)`, and none of them with other types");
+                "finish(Index)`, and none of them with other types; see chainslam/graph/concepts.hpp");
   if constexpr (BfsVisitor<Events, Graph>) {
     if (start < 0 || start >= graph.node_count())
       throw std::invalid_argument("breadth_first_search: the start is not in the graph");

@@ -48,7 +48,7 @@ template <class System = RealFileSystem>
 class BasicAtomicFile {
   static_assert(FileSystem<System>,
                 "BasicAtomicFile: System needs create, write, sync, close, rename, rename_new, link, sync_directory "
-                "and remove, as RealFileSystem has them");
+                "and remove, as RealFileSystem has them; see chainslam/io/file_system.hpp");
 
  public:
   /// @throws IoError if the target is no plain file, is there and has to stay, or its folder is missing or cannot be

@@ -40,7 +40,7 @@ template <class Files = RealFileSystem>
 class InputJournal {
   static_assert(JournalFileSystem<Files>,
                 "InputJournal: Files needs `int sync_data(int file)` and `int lock(int file)` beside what "
-                "BasicAtomicFile's System has, as RealFileSystem has them");
+                "BasicAtomicFile's System has, as RealFileSystem has them; see chainslam/io/file_system.hpp");
 
  public:
   /// @param parameters  text of the configuration that the back end has.

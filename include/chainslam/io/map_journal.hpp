@@ -32,10 +32,9 @@ struct MapArchiveOptions {
 /// IoError the journal takes nothing more. Format: map_archive.hpp.
 template <class Files = RealFileSystem>
 class MapJournal {
-  static_assert(
-      JournalFileSystem<Files>,
-      "MapJournal: Files needs `int sync_data(int file)` and `int lock(int file)` beside what BasicAtomicFile's "
-      "System has, as RealFileSystem has them");
+  static_assert(JournalFileSystem<Files>,
+                "MapJournal: Files needs `int sync_data(int file)` and `int lock(int file)` beside what "
+                "BasicAtomicFile's System has, as RealFileSystem has them; see chainslam/io/file_system.hpp");
 
  public:
   /// @throws IoError if NAME exists and may not be overwritten, if another process writes it (named by its number), if

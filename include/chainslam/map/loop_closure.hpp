@@ -30,9 +30,9 @@ enum class ClosureVerdict {
 /// A measured relative pose between two keyframes that are not neighbours in time, or the record of one that was
 /// refused.
 struct LoopClosure {
-  KeyframeId from;  ///< j, the older keyframe, whose submap was the target
-  KeyframeId to;    ///< i, the keyframe whose scan was aligned
-  SE3d T_from_to;   ///< T_j_i = x_j^-1 x_i
+  KeyframeId from{};  ///< j, the older keyframe, whose submap was the target
+  KeyframeId to{};    ///< i, the keyframe whose scan was aligned
+  SE3d T_from_to{};   ///< T_j_i = x_j^-1 x_i
   /// Of T_from_to, tangent [translation; rotation]. Zero: known to no degree, and no factor in the graph.
   SqrtInformation<6> sqrt_information = zeros<SqrtInformation<6>>();
   ClosureKind kind = ClosureKind::direct;             ///< what the measurement came from

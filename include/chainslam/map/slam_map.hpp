@@ -12,9 +12,9 @@ namespace chainslam {
 
 /// Relative pose of two consecutive keyframes of a session, as odometry measured it.
 struct OdometryMeasurement {
-  KeyframeId from;                                                    ///< the earlier keyframe
-  KeyframeId to;                                                      ///< the later keyframe
-  SE3d T_from_to;                                                     ///< as odometry measured it
+  KeyframeId from{};                                                  ///< the earlier keyframe
+  KeyframeId to{};                                                    ///< the later keyframe
+  SE3d T_from_to{};                                                   ///< as odometry measured it
   SqrtInformation<6> sqrt_information = zeros<SqrtInformation<6>>();  ///< tangent [translation; rotation]
 };
 

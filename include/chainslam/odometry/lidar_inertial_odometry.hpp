@@ -64,7 +64,8 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   using Registration = detail::SweepRegistration<Map, Kernel>;
 
   static_assert(IncrementalSearch<Map>,
-                "LidarInertialOdometry: Map needs what grows, forgets and finds, as in VoxelMap");
+                "LidarInertialOdometry: Map needs what grows, forgets and finds, as in VoxelMap; see "
+                "chainslam/search/concepts.hpp");
 
  public:
   using Options = typename Registration::Options;  ///< its settings

@@ -71,7 +71,9 @@ struct LidarOdometryOptions {
 ///              layers of points, of which planes are poor; points at a spacing know no faces.
 template <class Map = VoxelMap<float>, class Kernel = GemanMcClure>
 class LidarOdometry {
-  static_assert(IncrementalSearch<Map>, "LidarOdometry: Map needs what grows, forgets and finds, as in VoxelMap");
+  static_assert(
+      IncrementalSearch<Map>,
+      "LidarOdometry: Map needs what grows, forgets and finds, as in VoxelMap; see chainslam/search/concepts.hpp");
 
  public:
   /// Its settings.

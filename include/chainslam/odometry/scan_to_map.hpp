@@ -50,7 +50,9 @@ struct ScanMatch {
 /// @tparam Kernel  its argument is the squared residual over the current scale.
 template <class Kernel = GemanMcClure>
 struct ScanToMap {
-  static_assert(RobustKernel<Kernel>, "ScanToMap: Kernel needs `double weight(double squared_residual) const`");
+  static_assert(
+      RobustKernel<Kernel>,
+      "ScanToMap: Kernel needs `double weight(double squared_residual) const`; see chainslam/core/robust_kernels.hpp");
   static constexpr std::size_t neighbors = 5;  ///< through which planes are fitted, as in FAST-LIO2
 
   Index max_iterations = 20;             ///< Gauss-Newton iterations, not counting repeated coarse ones

@@ -49,7 +49,7 @@ template <class Estimator = Ransac>
 struct FeatureRegistration {
   static_assert(ConsensusEstimator<Estimator>,
                 "FeatureRegistration: Estimator needs `GlobalAlignResult align(source, target, matches, executor) "
-                "const`, as in Ransac");
+                "const`, as in Ransac; see chainslam/registration/ransac.hpp");
 
   double voxel_size = 1.0;                                ///< metres
   NormalOptions normals{.neighbors = 30, .radius = 2.0};  ///< how normals are estimated

@@ -43,8 +43,9 @@ static_assert(DistributedCloud<GaussianCloud>);
 /// nearest points, where a `GaussianVoxelMap` matches voxels.
 template <class SearchType = KdTree<float>>
 class IndexedGaussians {
-  static_assert(NearestNeighborSearch<SearchType>,
-                "IndexedGaussians: Search needs knn, within, position and size, as in KdTree");
+  static_assert(
+      NearestNeighborSearch<SearchType>,
+      "IndexedGaussians: Search needs knn, within, position and size, as in KdTree; see chainslam/search/concepts.hpp");
 
  public:
   using Search = SearchType;  ///< the search over the points

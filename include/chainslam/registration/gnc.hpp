@@ -32,7 +32,8 @@ struct GncResult {
 template <class Rotation = AnyRotation>
 struct GncTls {
   static_assert(RotationModel<Rotation>,
-                "GncTls: Rotation needs `std::optional<SO3d> rotation(S) const` and `least_points`, as in AnyRotation");
+                "GncTls: Rotation needs `std::optional<SO3d> rotation(S) const` and `least_points`, as in AnyRotation; "
+                "see chainslam/registration/matched_points.hpp");
 
   double noise_bound = 0.5;                   ///< metres: pairs farther apart are wrong
   double factor = 1.4;                        ///< by which the cost becomes less convex in a step

@@ -48,17 +48,21 @@ struct PlainCloud;
 template <class Metric = PointToPlane, class Kernel = Trivial, class Rejector = KeepPairs,
           class Optimizer = GaussNewtonStep, class Prior = NoPrior>
 struct Icp {
-  static_assert(RobustKernel<Kernel>, "Icp: Kernel needs `double weight(double squared_residual) const`, as in Huber");
+  static_assert(RobustKernel<Kernel>,
+                "Icp: Kernel needs `double weight(double squared_residual) const`, as in Huber; see "
+                "chainslam/core/robust_kernels.hpp");
   static_assert(MatchRejector<Rejector>,
                 "Icp: Rejector needs `static constexpr bool needs_normals` and `void operator()(pairs) const`, as in "
-                "OneToOne");
+                "OneToOne; see chainslam/registration/rejectors.hpp");
   static_assert(PoseOptimizer<Optimizer>,
                 "Icp: Optimizer needs `initial_damping` and `std::optional<Vector6d> step(problem, damping) const`, as "
-                "in GaussNewtonStep");
-  static_assert(AlignPrior<Prior>, "Icp: Prior needs `PriorTerms evaluate(T_target_source) const`, as in PosePrior");
+                "in GaussNewtonStep; see chainslam/registration/optimizers.hpp");
+  static_assert(AlignPrior<Prior>,
+                "Icp: Prior needs `PriorTerms evaluate(T_target_source) const`, as in PosePrior; see "
+                "chainslam/registration/pose_prior.hpp");
   static_assert(std::same_as<Optimizer, GaussNewtonStep> || RobustCost<Kernel>,
                 "Icp: an optimizer that compares costs needs a Kernel with `double cost(double squared_residual) "
-                "const`, as in Huber");
+                "const`, as in Huber; see chainslam/core/robust_kernels.hpp");
   using MetricType = Metric;      ///< the metric
   using KernelType = Kernel;      ///< the kernel
   using RejectorType = Rejector;  ///< the rejector
@@ -144,7 +148,8 @@ struct Icp {
     constexpr bool target_normals = of_target == Surface::normal || Rejector::needs_normals;
     constexpr bool source_normals = of_source == Surface::normal || Rejector::needs_normals;
     static_assert(SurfaceMetric<Metric> || ErrorMetric<Metric, Target>,
-                  "Icp: Metric needs `evaluate(pair, terms)`, as in PointToPlane, or `error(target, match, p_target)`");
+                  "Icp: Metric needs `evaluate(pair, terms)`, as in PointToPlane, or `error(target, match, p_target)`; "
+                  "see chainslam/registration/concepts.hpp");
     static_assert(
         !target_normals || requires(const Target& t, Index i) { t.normal(i)[0]; },
         "Icp: PointToPlane needs a target with `normal(i)`, such as IndexedCloud; so do PlaneToPlane and "

@@ -41,10 +41,11 @@ namespace chainslam {
 template <class Local = Refit, class Bail = BoundedScoring>
 struct BasicRansac {
   static_assert(LocalOptimization<Local>,
-                "BasicRansac: Local needs `Hypothesis improve(points, hypothesis, max_distance) const`, as in Refit");
+                "BasicRansac: Local needs `Hypothesis improve(points, hypothesis, max_distance) const`, as in Refit; "
+                "see chainslam/registration/ransac_policies.hpp");
   static_assert(BailOut<Bail>,
                 "BasicRansac: Bail needs `bool give_up(seen, count, agreed, gain, largest_gain, least_gain) const`, as "
-                "in BoundedScoring");
+                "in BoundedScoring; see chainslam/registration/ransac_policies.hpp");
 
   double max_distance = 1.0;       ///< metres, of a match that agrees; of an inlier
   double edge_length_ratio = 0.9;  ///< least ratio of the shorter to the longer edge

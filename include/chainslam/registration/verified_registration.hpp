@@ -45,15 +45,16 @@ concept HypothesisEstimator = ConsensusEstimator<E> &&
 template <class Estimator = GraphConsensus<>, class Refinement = CoarseToFine<Icp<PointToPlane, Huber>>,
           class Check = Verifier>
 struct VerifiedRegistration {
-  static_assert(HypothesisEstimator<Estimator>,
-                "VerifiedRegistration: Estimator needs `gather(source, target, matches)`, `hypotheses(points, count, "
-                "executor, deadline)` and `max_distance`, as in GraphConsensus");
+  static_assert(
+      HypothesisEstimator<Estimator>,
+      "VerifiedRegistration: Estimator needs `gather(source, target, matches)`, `hypotheses(points, count, executor, "
+      "deadline)` and `max_distance`, as in GraphConsensus; see chainslam/registration/graph_consensus.hpp");
   static_assert(Registration<Refinement, PointCloud<float>, IndexedCloud<>>,
                 "VerifiedRegistration: Refinement needs `AlignResult align(source, target, guess, executor) const`, as "
-                "in Icp");
+                "in Icp; see chainslam/registration/concepts.hpp");
   static_assert(PoseVerifier<Check>,
                 "VerifiedRegistration: Check needs `Verification verify(source, target, T_target_source, viewpoints, "
-                "executor) const`, as in Verifier");
+                "executor) const`, as in Verifier; see chainslam/registration/verifier.hpp");
 
   /// Matching and description.
   FeatureRegistration<Estimator> features{.voxel_size = 0.5,

@@ -19,8 +19,9 @@ namespace chainslam {
 /// Searching needs no normals; `normal(i)` does.
 template <class SearchType = KdTree<float>>
 class IndexedCloud {
-  static_assert(NearestNeighborSearch<SearchType>,
-                "IndexedCloud: Search needs knn, within, position and size, as in KdTree");
+  static_assert(
+      NearestNeighborSearch<SearchType>,
+      "IndexedCloud: Search needs knn, within, position and size, as in KdTree; see chainslam/search/concepts.hpp");
 
  public:
   using Search = SearchType;                    ///< the search over the points

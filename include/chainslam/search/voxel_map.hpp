@@ -29,10 +29,9 @@ namespace chainslam {
 /// Const calls may run on several threads, but not during a change.
 template <class ScalarType = float, class Downsampling = VoxelMapOptions, int Dim = 3>
 class VoxelMap : public IncrementalSearchBase<VoxelMap<ScalarType, Downsampling, Dim>, ScalarType, Dim> {
-  static_assert(
-      std::is_same_v<Downsampling, VoxelMapOptions> || VoxelPolicy<Downsampling>,
-      "VoxelMap: Downsampling needs a voxel_size and its rule, as in NearestToCenter; to keep all points, take "
-      "VoxelMapOptions");
+  static_assert(std::is_same_v<Downsampling, VoxelMapOptions> || VoxelPolicy<Downsampling>,
+                "VoxelMap: Downsampling needs a voxel_size and its rule, as in NearestToCenter; to keep all points, "
+                "take VoxelMapOptions; see chainslam/search/downsampling.hpp");
   static constexpr bool many_a_voxel =
       std::is_same_v<Downsampling, VoxelMapOptions> || std::is_same_v<Downsampling, AtMost>;
   using Base = IncrementalSearchBase<VoxelMap, ScalarType, Dim>;

@@ -10,9 +10,9 @@ namespace chainslam {
 /// `cloud.time_offsets`, where present, are seconds from `time`, ascending or not, and lie within [0, end - time].
 /// Where absent, the scan is a snapshot taken at `time` (already corrected for motion), and `end == time`.
 struct LidarScan {
-  Timestamp time;           ///< of the first measurement, or of the snapshot
-  Timestamp end;            ///< of the last measurement
-  PointCloud<float> cloud;  ///< in the LiDAR's frame, metres
+  Timestamp time{};           ///< of the first measurement, or of the snapshot
+  Timestamp end{};            ///< of the last measurement
+  PointCloud<float> cloud{};  ///< in the LiDAR's frame, metres
 };
 
 }  // namespace chainslam

@@ -31,7 +31,8 @@ namespace chainslam {
 template <int BlockSize, class Order = Amd>
 class BlockCholesky {
   static_assert(Ordering<Order>,
-                "BlockCholesky: Order needs `std::vector<Index> operator()(const BlockPattern&) const`, as in Amd");
+                "BlockCholesky: Order needs `std::vector<Index> operator()(const BlockPattern&) const`, as in Amd; see "
+                "chainslam/sparse/concepts.hpp");
 
  public:
   static constexpr int block_size = BlockSize;  ///< rows and columns of a block
@@ -132,7 +133,6 @@ class BlockCholesky {
     Offset destination;  ///< in `panels_`
     bool transposed;
   };
-
   /// The supernodes, as `InverseFronts` asks for them.
   struct Fronts {
     const BlockCholesky& of;

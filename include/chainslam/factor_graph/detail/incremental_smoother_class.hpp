@@ -41,9 +41,12 @@ namespace chainslam {
 /// as a whole keep their linearization.
 template <class Group, class... Extra>
 class IncrementalSmoother {
-  static_assert(LieGroup<Group>, "IncrementalSmoother: Group needs exp, log, adjoint and Jacobians, as in SE3d");
+  static_assert(
+      LieGroup<Group>,
+      "IncrementalSmoother: Group needs exp, log, adjoint and Jacobians, as in SE3d; see chainslam/lie/concepts.hpp");
   static_assert((Factor<Extra> && ...),
-                "IncrementalSmoother: a factor needs keys(), residual(values) and linearize(values)");
+                "IncrementalSmoother: a factor needs keys(), residual(values) and linearize(values); see "
+                "chainslam/factor_graph/concepts.hpp");
 
  public:
   using Value = Group;                      ///< type of the variables
