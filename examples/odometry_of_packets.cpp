@@ -52,7 +52,7 @@ int main(int count, char** arguments) try {
   const auto counts = odometry.counts();
   std::printf("# frames %d, lost %d, degenerate %d\n", static_cast<int>(counts.frames),
               static_cast<int>(counts.lost_scans), static_cast<int>(counts.degenerate_scans));
-  if (!given) std::printf("# error %.3f m at the end of 8 m\n", error);
+  if (!given) std::printf("# error %.3f m at the end of 6 m\n", error);
 } catch (const std::exception& failure) {
   return std::fprintf(stderr, "%s\n", failure.what()), 2;
 }

@@ -16,7 +16,7 @@ using State = Product<SE2d, Rn<double, 2>>;  // T_map_body in the plane; forward
 
 struct Unicycle {
   struct Input {};  // nothing drives it: speed and turn rate are a random walk
-  double speed_noise = 0.5, turn_noise = 0.3;
+  double speed_noise = 0.1, turn_noise = 0.02;
 
   Transition<State> predict(const State& x, const Input&, double dt) const {
     const SE2d::Tangent step(x.get<1>().value()[0] * dt, 0, x.get<1>().value()[1] * dt);

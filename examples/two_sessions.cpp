@@ -14,8 +14,7 @@ int main(int count, char** arguments) try {
   for (int i = 1; i < count; ++i) sessions.push_back(load_map(arguments[i]).map.keyframes);
   if (count == 1) sessions = {generated::hall_drive(2.0, 0.002, 1), generated::hall_drive(-3.5, -0.002, 2)};
 
-  LoopCloser<> closer({.min_travel = 2.0});
-  BackEnd<> back_end({}, closer);
+  BackEnd<> back_end({}, LoopCloser<>({.min_travel = 2.0}));
   for (std::size_t i = 0; i < sessions.size(); ++i) {
     back_end.begin_session("session " + std::to_string(i + 1));
     for (Keyframe keyframe : sessions[i]) back_end.add(std::move(keyframe));

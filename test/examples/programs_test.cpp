@@ -163,15 +163,18 @@ TEST_SUITE("examples/programs") {
     CHECK(made_up.number("lost ") == 0);
     CHECK(made_up.number("# error ") < 0.05);
     std::vector<std::string> arguments{folder / "imu.txt"};
+    const auto hundredths = [](Timestamp time) {  // of a second, exact: the generated times are multiples of it
+      const std::string digits = std::to_string(1000 + time.nanoseconds() / 10'000'000);
+      return std::to_string(time.nanoseconds() / 1'000'000'000) + "." + digits.substr(digits.size() - 2);
+    };
     std::ofstream imu(folder / "imu.txt");
     imu.precision(17);
     for (const Packet& packet : generated::circle_drive()) {
       if (const auto* sample = std::get_if<ImuSample>(&packet))
-        imu << sample->time.to_seconds() << ' ' << sample->gyro.transpose() << ' ' << sample->accel.transpose() << '\n';
+        imu << hundredths(sample->time) << ' ' << sample->gyro.transpose() << ' ' << sample->accel.transpose() << '\n';
       const auto* scan = std::get_if<LidarScan>(&packet);
       if (scan == nullptr || arguments.size() > 20) continue;
-      const auto tenths = std::lround(scan->time.to_seconds() * 10);
-      arguments.push_back(folder / (std::to_string(tenths / 10) + "." + std::to_string(tenths % 10) + ".pcd"));
+      arguments.push_back(folder / (hundredths(scan->time) + ".pcd"));
       write_pcd(arguments.back(), scan->cloud);
     }
     imu.close();
@@ -244,7 +247,7 @@ TEST_SUITE("examples/programs") {
     const Outcome made_up = succeed(folder, "map_file");
     CHECK(made_up.number("written ") == 10);
     CHECK(made_up.says("refused "));
-    CHECK(made_up.says("no end: the run that wrote it did not finish"));
+    CHECK(made_up.says("a chunk's header that was cut short"));
     CHECK(made_up.number("recovered ") == 5);  // the sixth keyframe's commit is torn
     CHECK(made_up.number("saved ") == 5);
     SlamMap map;
@@ -264,7 +267,7 @@ TEST_SUITE("examples/programs") {
     CHECK(made_up.number("merges ") == 1);
     CHECK(made_up.number("closures ") >= 10);
     CHECK(made_up.number("direct, ") >= 10);
-    CHECK(made_up.number("error ") < 0.15);
+    CHECK(made_up.number("error ") < 0.2);  // each session's odometry is off by 0.2 m at its end
     for (const auto& [name, drive] : {std::pair("a.cslam", generated::hall_drive(2.0, 0.002, 1)),
                                       std::pair("b.cslam", generated::hall_drive(-3.5, -0.002, 2))}) {
       SlamMap map;

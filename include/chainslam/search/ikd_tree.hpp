@@ -84,7 +84,7 @@ class IkdTree : public IncrementalSearchBase<IkdTree<ScalarType, Policy, Dim, Pa
   IkdTree(const IkdTree&) = default;  ///< a copy is independent of its original
   /// Leaves `other` empty.
   IkdTree(IkdTree&& other) noexcept : thinning_(other.thinning_.policy()) { swap(other); }
-  /// Copies or moves, as usual.
+  /// Takes the other's points, copied or moved.
   IkdTree& operator=(IkdTree other) noexcept {
     swap(other);
     return *this;

@@ -59,7 +59,7 @@ class IncrementalSmoother {
   /// @throws std::invalid_argument if the options set a lag.
   IncrementalSmoother(const SmootherOptions& options, NoLag);
   IncrementalSmoother(IncrementalSmoother&&);             ///< takes over the other's state
-  IncrementalSmoother& operator=(IncrementalSmoother&&);  ///< copies or moves, as usual
+  IncrementalSmoother& operator=(IncrementalSmoother&&);  ///< takes over the other's state
   [[gnu::cold]] ~IncrementalSmoother();
 
   /// @returns the new variable's key: 0, 1, ...
