@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "architecture/wording.hpp"
 #include "chainslam/core/version.hpp"
 
 // What the README and the pages that it leads to promise, against the tree.
@@ -48,8 +49,9 @@ std::set<std::string> anchors_of(const std::string& text) {
   return anchors;
 }
 
-/// Addresses of links and pictures within the checkout.
-std::vector<std::string> links_of(const std::string& text) {
+/// Addresses of links and pictures within the checkout; lambdas in code are none.
+std::vector<std::string> links_of(const std::string& page) {
+  const std::string text = chainslam::test::without(page, "```", "```");
   std::vector<std::string> links;
   for (std::size_t at = text.find("]("); at != std::string::npos; at = text.find("](", at + 1)) {
     const std::string link = text.substr(at + 2, text.find(')', at) - at - 2);
@@ -117,5 +119,6 @@ TEST_SUITE("architecture/pages") {
   TEST_CASE("the checker of links knows headings and ids") {
     CHECK(anchors_of("# A `b` c-d\n| <a id=\"row-x\"></a>y |\n") == std::set<std::string>{"a-b-c-d", "row-x"});
     CHECK(links_of("[a](b.md#c) ![d](e.png) [f](https://g)") == std::vector<std::string>{"b.md#c", "e.png"});
+    CHECK(links_of("```cpp\n[](int i) {}\n```\n[a](b.md)") == std::vector<std::string>{"b.md"});
   }
 }

@@ -153,7 +153,7 @@ TEST_SUITE("examples/programs") {
     write_tum(folder / "fixes.tum", generated::arc_fixes(2.0, -0.1, 0.05));
     const Outcome of_file = succeed(folder, "own_filter", {folder / "fixes.tum"});
     CHECK(std::abs(of_file.number("speed ") - 2) < 3 * of_file.number("+- ", "speed"));
-    CHECK(of_file.number("turn rate ") < 0.2);
+    CHECK(of_file.number("turn rate ") < -0.02);
   }
 
   TEST_CASE("odometry_of_packets: the drive is followed, and files give what the packets gave") {
