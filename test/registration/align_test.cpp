@@ -14,8 +14,8 @@ namespace chainslam::test {
 namespace {
 
 struct PlainPair {
-  PointCloud<float> source, target;
-  SE3d truth, guess;
+  PointCloud<float> source{}, target{};
+  SE3d truth{}, guess{};
 };
 
 PlainPair plain_pair(std::uint64_t seed) {
@@ -29,7 +29,7 @@ PlainPair plain_pair(std::uint64_t seed) {
   return pair;
 }
 
-bool equal(const AlignResult& a, const AlignResult& b) {
+bool same_result(const AlignResult& a, const AlignResult& b) {
   return a.T_target_source.matrix() == b.T_target_source.matrix() && a.inliers == b.inliers && a.hessian == b.hessian;
 }
 
@@ -55,8 +55,8 @@ TEST_SUITE("registration/align") {
     const NormalOptions of_ten{.neighbors = 10};
     estimate_normals(pair.source, of_ten);
     estimate_normals(pair.target, of_ten);
-    CHECK(equal(at_once, Gicp{}.align(pair.source, IndexedCloud<>(pair.target), pair.guess)));
-    CHECK(equal(at_once, Gicp{}.align(pair.source, pair.target, pair.guess)));
+    CHECK(same_result(at_once, Gicp{}.align(pair.source, IndexedCloud<>(pair.target), pair.guess)));
+    CHECK(same_result(at_once, Gicp{}.align(pair.source, pair.target, pair.guess)));
   }
 
   TEST_CASE("normals that a cloud has are used") {
@@ -72,7 +72,7 @@ TEST_SUITE("registration/align") {
     const SE3d rest = pair.truth * pair.guess.inverse();
     CHECK(translation_error(rest, PointToPlaneIcp{}.align(near, pair.target).T_target_source) < 0.006);
     const IndexedCloud<> indexed(pair.target);
-    CHECK(equal(PointToPointIcp{}.align(near, indexed), PointToPointIcp{}.align(near, pair.target, SE3d())));
+    CHECK(same_result(PointToPointIcp{}.align(near, indexed), PointToPointIcp{}.align(near, pair.target, SE3d())));
   }
 
   TEST_CASE("empty clouds have a status") {
