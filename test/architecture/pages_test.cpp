@@ -109,6 +109,12 @@ TEST_SUITE("architecture/pages") {
                       entry.path().string());
   }
 
+  TEST_CASE("the small programs are small") {
+    for (const auto& entry : fs::directory_iterator(checkout / "examples"))
+      if (entry.path().extension() == ".cpp")
+        CHECK_MESSAGE(std::ranges::count(page(entry.path()), '\n') <= 60, entry.path().string());
+  }
+
   TEST_CASE("README and badge state the version that the library has") {
     const std::string version = std::to_string(CHAINSLAM_VERSION_MAJOR) + '.' +
                                 std::to_string(CHAINSLAM_VERSION_MINOR) + '.' + std::to_string(CHAINSLAM_VERSION_PATCH);
