@@ -102,7 +102,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "chain-bounds": ("chain.max_distance", "chain.min_separation", "chain.max_alignments"),
     "chain-contradiction": ("chain.max_translation", "chain.max_rotation"),
     "chain-correlation": ("chain.correlation",),
-    "merge-candidates": ("merge.gnss_", "merge.max_candidates", "merge.min_travel", "merge.min_period"),
+    "merge-candidates": ("merge.gnss_", "merge.max_candidates", "merge.max_places", "merge.place_", "merge.min_travel", "merge.min_period"),
     "merge-registration": (
         "merge.method",
         "merge.submap_",

@@ -282,6 +282,20 @@ void add_merge(Configuration& configuration, BackEndParts& parts) {
       {.unit = "m", .min = 0, .max = 1e9, .help = "Ignore fixes with a larger stated standard deviation."});
   configuration.add("merge.max_candidates", parts.gnss.max_count,
                     {.min = 1, .max = 1000, .help = "Maximum number of candidates tried for one keyframe."});
+  configuration.add(
+      "merge.max_places", parts.places.max_count,
+      {.min = 0,
+       .max = 1000,
+       .help = "Maximum number of places that a session without GNSS fixes is compared with, found by what "
+               "their scans look like from above. 0: merging by GNSS only."});
+  configuration.add("merge.place_length", parts.places.submap_length,
+                    {.unit = "m", .min = 1, .max = 1000, .help = "Length of the path whose scans form one place."});
+  configuration.add("merge.place_spacing", parts.places.spacing,
+                    {.unit = "m", .min = 1, .max = 1000, .help = "Length of the path between two places of a map."});
+  configuration.add("merge.place_cell_size", parts.places.image.cell_size,
+                    {.unit = "m", .min = 0.05, .max = 10, .help = "Pixel size of the view from above."});
+  configuration.add("merge.place_inliers", parts.places.index.min_inliers,
+                    {.min = 3, .max = 1000, .help = "Minimum number of corners that two views have in common."});
   configuration.add("merge.min_travel", merge.min_travel,
                     {.unit = "m", .min = 0, .max = 1e6, .help = "Minimum travel between merge attempts."});
   configuration.add("merge.min_period", merge.min_period,

@@ -15,6 +15,7 @@
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/pipeline.hpp"
+#include "chainslam/slam/place_candidates.hpp"
 #include "session_front_end.hpp"
 #include "support/summary.hpp"
 
@@ -23,13 +24,15 @@ namespace chainslam::mapper {
 namespace {
 
 using Closer = LoopCloser<ProximityCandidates, ClosureRegistration, ClosureNoise>;
-using Merger = MapMerger<GnssCandidates, MergeRegistration>;
+using Merger = MapMerger<FixesElsePlaces<>, MergeRegistration>;
 using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger>;
 
 MapperBackEnd make_back_end(const BackEndParts& parts) {
-  return MapperBackEnd(parts.back_end, Closer(parts.closures, parts.candidates, parts.registration, parts.noise),
-                       ChainedCloser(parts.chain), Merger(parts.merge, GnssCandidates(parts.gnss), parts.merging),
-                       parts.outliers);
+  return MapperBackEnd(
+      parts.back_end, Closer(parts.closures, parts.candidates, parts.registration, parts.noise),
+      ChainedCloser(parts.chain),
+      Merger(parts.merge, FixesElsePlaces(GnssCandidates(parts.gnss), PlaceCandidates(parts.places)), parts.merging),
+      parts.outliers);
 }
 
 /// The back end with a clock, and with figures that the front end's thread may read.

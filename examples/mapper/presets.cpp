@@ -98,6 +98,7 @@ constexpr PresetValue preset_values[] = {
     alike("merge.gnss_radius", "10", "paper III-D: proximity; code: 10 m"),
     differ("merge.gnss_with_height", "false", "true", "paper III-D: proximity; code: a k-d tree of three coordinates"),
     alike("merge.gnss_max_height", no_bound, "paper III-D: no such test"),
+    alike("merge.max_places", "0", "paper III-D: places by GNSS"),
     alike("merge.gnss_max_sigma", no_bound, "paper III-D: no such test; code: covariance ignored"),
     alike("merge.max_candidates", "1", "paper III-D: the candidate pair; code: the nearest"),
     alike("merge.min_travel", "0", "paper III-D: no such rule; code: each new keyframe"),

@@ -9,6 +9,7 @@
 #include "chainslam/registration/coarse_to_fine.hpp"
 #include "chainslam/registration/verified_registration.hpp"
 #include "chainslam/slam/back_end.hpp"
+#include "chainslam/slam/place_candidates.hpp"
 
 namespace chainslam::mapper {
 
@@ -77,6 +78,7 @@ struct BackEndParts {
   ClosureNoise noise;
   ChainOptions chain;
   GnssCandidateOptions gnss;
+  PlaceCandidateOptions places;
   MergeOptions merge;
   MergeRegistration merging;
   BackEndOptions back_end;

@@ -91,7 +91,7 @@ double degrees_between(const SO3d& a, const SO3d& b) { return a.local(b).norm() 
 TEST_SUITE("program/imu") {
   TEST_CASE("an IMU's clock that is 200 ms late is found, corrected and told, and the setting that is named mends it" *
             doctest::skip(quick())) {
-    const auto drive = kitti00_keyframes(PointTimes::none);
+    const auto drive = kitti00_keyframes(test::PointTimes::none);
     if (!drive) return;
     const ScratchFolder scratch("imu_clock");
     const SE3d& T = drive->T_body_lidar;
@@ -125,7 +125,7 @@ TEST_SUITE("program/imu") {
 
   TEST_CASE("an IMU turned by 90 deg, not told: its axes are found, corrected and told, and inspect finds them, too" *
             doctest::skip(quick())) {
-    const auto drive = kitti00_keyframes(PointTimes::none);
+    const auto drive = kitti00_keyframes(test::PointTimes::none);
     if (!drive) return;
     const ScratchFolder scratch("imu_axes");
     const SO3d turn = SO3d::exp({0, 0, 90 * degree});

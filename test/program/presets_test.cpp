@@ -111,6 +111,7 @@ chain.correlation                    0
 merge.gnss_radius                    10
 merge.gnss_with_height               false false true true
 merge.gnss_max_height                1e9
+merge.max_places                     0
 merge.gnss_max_sigma                 1e9
 merge.max_candidates                 1
 merge.min_travel                     0

@@ -92,6 +92,7 @@ PlaceCandidateOptions for_courtyard() {
   options.submap_length = 10;
   options.spacing = 2;
   options.max_count = 1;
+  options.max_drawn = 0;  // queries are not made at each keyframe
   options.image = {.cell_size = 0.25, .max_range = 50};
   options.index.consensus.max_distance = 0.75;
   return options;
@@ -199,6 +200,34 @@ TEST_SUITE("slam/place_candidates") {
     CHECK(candidates.find(sessions->map, last).empty());
   }
 
+  TEST_CASE("nothing is sought before a fifth of a submap was seen, or when no place may be proposed") {
+    const std::optional<TwoSessions> sessions = two_walks(0.0);
+    if (!sessions) return;
+    PlaceCandidateOptions options = for_courtyard();
+    PlaceCandidates candidates(options);
+    const KeyframeId first = KeyframeId{sessions->map.sessions[1].first_keyframe};
+    CHECK(candidates.find(sessions->map, first).empty());
+    CHECK(!candidates.places().empty());
+    options.max_count = 0;
+    PlaceCandidates none(options);
+    CHECK(none.find(sessions->map, sessions->map.keyframes.back().id).empty());
+    CHECK(none.places().empty());
+  }
+
+  TEST_CASE("a session with fixes is compared by them alone, one without by its places") {
+    std::optional<TwoSessions> sessions = two_walks(0.0);
+    if (!sessions) return;
+    const KeyframeId last = sessions->map.keyframes.back().id;
+    FixesElsePlaces<> candidates{GnssCandidates(), PlaceCandidates(for_courtyard())};
+    const std::vector<KeyframeId> found = candidates.find(sessions->map, last);
+    REQUIRE(!found.empty());
+    CHECK(candidates.guess(found.front(), last));
+    FixesElsePlaces<> with_fixes{GnssCandidates(), PlaceCandidates(for_courtyard())};
+    sessions->map.keyframes.back().gnss = GnssFix{};
+    CHECK(with_fixes.find(sessions->map, last).empty());
+    CHECK(!with_fixes.guess(found.front(), last));
+  }
+
   TEST_CASE("places are remembered once the path is half a submap long, and then with every spacing") {
     TwoSessions sessions;
     for (int session = 0; session < 2; ++session) {
@@ -209,8 +238,11 @@ TEST_SUITE("slam/place_candidates") {
         sessions.add(keyframe);
       }
     }
-    PlaceCandidates candidates;                                                      // submaps of 60 m, one every 15 m
-    CHECK(candidates.find(sessions.map, sessions.map.keyframes.back().id).empty());  // no scans, so nothing to see
+    PlaceCandidates candidates;  // submaps of 60 m, one every 15 m
+    const KeyframeId last = sessions.map.keyframes.back().id;
+    CHECK(candidates.find(sessions.map, last).empty());  // no scans, so nothing to see
+    CHECK(candidates.places().size() == 8);              // the rest is remembered by the next call
+    CHECK(candidates.find(sessions.map, last).empty());
     const auto places = candidates.places();
     REQUIRE(places.size() == 10);
     CHECK(places[0].begin == 0);

@@ -52,7 +52,8 @@ namespace detail {
 struct PlaceCandidateOptions {
   double submap_length = 60.0;  ///< metres along the path: what is drawn as one place
   double spacing = 15.0;        ///< metres along the path between two places that are remembered
-  Index max_count = 2;          ///< proposals
+  Index max_count = 2;          ///< proposals; 0: places are neither remembered nor sought
+  Index max_drawn = 8;          ///< places that one call remembers at most: a loaded map's are remembered bit by bit
   Index min_separation = 10;    ///< keyframes between two proposals of one session
   HeightImageOptions image{};
   ImageKeypointOptions keypoints{};
@@ -76,6 +77,12 @@ class PlaceCandidates {
   /// Keyframes of other frames.
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
     const SessionId here = frame(map, session(map.keyframes, query));
+    const auto is_elsewhere = [&](const Session& one) { return one.keyframes > 0 && one.frame != here; };
+    if (std::none_of(map.sessions.begin(), map.sessions.end(), is_elsewhere)) {
+      proposals_.clear();
+      remember(map.keyframes, query.value + 1);
+      return {};
+    }
     return find(map.keyframes, query,
                 [&](const Place& place) { return frame(map, session(map.keyframes, place.center)) != here; });
   }
@@ -95,6 +102,7 @@ class PlaceCandidates {
   }
 
   [[nodiscard]] const PlaceIndex& index() const { return index_; }
+  [[nodiscard]] const PlaceCandidateOptions& options() const { return options_; }
 
   /// A piece of path that is remembered, or asked about.
   struct Place {
@@ -156,10 +164,15 @@ static_assert(MergeCandidates<PlaceCandidates>);
 template <class Wanted>
 std::vector<KeyframeId> PlaceCandidates::find(std::span<const Keyframe> keyframes, KeyframeId query,
                                               const Wanted& wanted) {
+  constexpr double least_share = 0.2;  // of a submap's length
   remember(keyframes, query.value + 1);
   proposals_.clear();
   std::vector<KeyframeId> found;
+  if (options_.max_count == 0) return found;
   const Place here{.center = query, .begin = begin_of_submap(keyframes, query.value), .end = query.value + 1};
+  double length = 0;
+  for (Index i = here.begin + 1; i < here.end; ++i) length += step(keyframes, i);
+  if (length < least_share * options_.submap_length) return found;  // too little was seen so far
   const std::vector<ImageKeypoint> seen = draw(keyframes, here);
   for (const PlaceMatch& match : index_.find(seen, [&](Index place) { return wanted(places_[place]); })) {
     if (to_index(found.size()) >= options_.max_count) break;
@@ -185,7 +198,8 @@ inline Index PlaceCandidates::begin_of_submap(std::span<const Keyframe> keyframe
 }
 
 inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end) {
-  for (; next_ < end; ++next_) {
+  if (options_.max_count == 0) return;
+  for (Index drawn = 0; next_ < end && (options_.max_drawn <= 0 || drawn < options_.max_drawn); ++next_) {
     const bool is_first = next_ == 0 || at(keyframes, next_ - 1).session != at(keyframes, next_).session;
     if (is_first)
       since_ = options_.spacing - 0.5 * options_.submap_length;  // the first place is half a submap's
@@ -197,6 +211,7 @@ inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index
     const Place place{.center = KeyframeId{(begin + after) / 2}, .begin = begin, .end = after};
     places_.push_back(place);
     index_.add(draw(keyframes, place));
+    ++drawn;
   }
 }
 
@@ -232,7 +247,7 @@ inline PlaceCandidates::Proposal PlaceCandidates::propose(std::span<const Keyfra
   return {there.id, here.id, ahead(nearest).inverse() * T_place_body};
 }
 
-/// What fixes propose, and places where these have nothing to say.
+/// What fixes propose, and places for a session that has no fixes.
 template <MergeCandidates Fixes = GnssCandidates, MergeCandidates Places = PlaceCandidates>
 class FixesElsePlaces {
  public:
@@ -240,9 +255,8 @@ class FixesElsePlaces {
       : fixes_(std::move(fixes)), places_(std::move(places)) {}
 
   [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
-    std::vector<KeyframeId> found = fixes_.find(map, query);
-    by_place_ = found.empty();
-    return by_place_ ? places_.find(map, query) : found;
+    by_place_ = !has_fixes(map, map.keyframes[static_cast<std::size_t>(query.value)].session);
+    return by_place_ ? places_.find(map, query) : fixes_.find(map, query);
   }
   [[nodiscard]] std::vector<KeyframeId> misplaced(const SlamMap& map, KeyframeId query) {
     return fixes_.misplaced(map, query);
@@ -252,9 +266,24 @@ class FixesElsePlaces {
   }
 
  private:
+  /// Asked for each keyframe: fixes of a drive begin near its start, or do not come.
+  [[nodiscard]] bool has_fixes(const SlamMap& map, SessionId id) {
+    const Session& session = map.sessions[static_cast<std::size_t>(id.value)];
+    if (session_ != id) looked_at_ = session.first_keyframe;
+    if (std::exchange(session_, id) != id) has_fixes_ = false;
+    for (; !has_fixes_ && looked_at_ < session.end_keyframe(); ++looked_at_)
+      has_fixes_ = map.keyframes[static_cast<std::size_t>(looked_at_)].gnss.has_value();
+    looked_at_ = std::max(session.first_keyframe, looked_at_ - recent);  // fixes come after their keyframe
+    return has_fixes_;
+  }
+
+  static constexpr Index recent = 20;  ///< keyframes that may still get a fix
   Fixes fixes_;
   Places places_;
   bool by_place_ = false;
+  SessionId session_{};  ///< of which this is known: whether it has a fix among its keyframes before one
+  bool has_fixes_ = false;
+  Index looked_at_ = 0;
 };
 static_assert(MergeCandidates<FixesElsePlaces<>>);
 
