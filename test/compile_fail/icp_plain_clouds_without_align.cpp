@@ -1,4 +1,5 @@
 // expect: to align plain clouds, include chainslam/registration/align.hpp
+// alone: the whole library has that header
 #include <vector>
 
 #include "chainslam/registration/icp.hpp"

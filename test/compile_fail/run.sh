@@ -18,11 +18,11 @@ for compiler in ${CXX:-g++ clang++-14}; do command -v "$compiler" >/dev/null && 
 [ ${#compilers[@]} -gt 0 ] || { echo "compile_fail: no compiler: ${CXX:-g++ clang++-14}" >&2; exit 2; }
 
 # ask COMPILER ARGUMENTS...: clang gets the whole library precompiled, what its functions instantiate included: a case takes
-# half a second then.
+# half a second then. Not so a case with a line `// alone: REASON`.
 ask() {
   local compiler="$1" library=()
   shift
-  [ -e "$scratch/library.$compiler.pch" ] && library=(-include-pch "$scratch/library.$compiler.pch")
+  [ -e "$scratch/library.$compiler.pch" ] && ! grep -q '^// alone: ' "${@: -1}" && library=(-include-pch "$scratch/library.$compiler.pch")
   "$compiler" "${flags[@]}" ${library[@]+"${library[@]}"} -fsyntax-only "$@"
 }
 
