@@ -31,11 +31,11 @@ struct TimeOrderOptions {
 struct TimeBreak {
   /// What is wrong with the times.
   enum class Kind { gap, backward_jump };
-  Kind kind = Kind::gap;                   ///< what is wrong
-  SensorKind sensor = SensorKind::imu;     ///< whose packets they are
-  Index number = 0;                        ///< of the sensor among those of its kind
-  Timestamp before;                        ///< latest time the sensor had stated
-  Timestamp after;                         ///< time it stated next
+  Kind kind = Kind::gap;                ///< what is wrong
+  SensorKind sensor = SensorKind::imu;  ///< whose packets they are
+  Index number = 0;                     ///< of the sensor among those of its kind
+  Timestamp before;                     ///< latest time the sensor had stated
+  Timestamp after;                      ///< time it stated next
 };
 
 /// What `TimeOrder` met so far. Arrays count by `SensorKind`.
