@@ -14,6 +14,7 @@
 
 namespace chainslam {
 
+/// How a height image is drawn.
 struct HeightImageOptions {
   double cell_size = 0.5;    ///< metres, of a pixel's side
   double max_range = 100.0;  ///< metres from the origin along x and y: points farther away are not drawn
@@ -27,13 +28,15 @@ struct HeightImageOptions {
 /// Cloud Density Maps") it changes neither with the distance to the sensor nor with the number of scans: two points are
 /// enough to show a wall.
 struct HeightImage {
-  Index width = 0;   ///< pixels along x
-  Index height = 0;  ///< pixels along y
-  double cell_size = 0;
+  Index width = 0;                                   ///< pixels along x
+  Index height = 0;                                  ///< pixels along y
+  double cell_size = 0;                              ///< metres, of a pixel's side
   Eigen::Vector2d corner = Eigen::Vector2d::Zero();  ///< of pixel (0, 0), metres
   std::vector<float> values;                         ///< rows of equal y; 0 to 1
 
+  /// Whether there is such a pixel.
   [[nodiscard]] bool contains(Index x, Index y) const { return x >= 0 && y >= 0 && x < width && y < height; }
+  /// Where a pixel is in `values`.
   [[nodiscard]] std::size_t at(Index x, Index y) const {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
   }

@@ -23,9 +23,10 @@ namespace chainslam {
 struct ImageKeypoint {
   Eigen::Vector2f position{0, 0};  ///< metres, in the frame of the image's cloud
   float angle = 0;                 ///< radians, of the direction in which its surroundings are brighter
-  BinaryDescriptor descriptor{};
+  BinaryDescriptor descriptor{};   ///< of its surroundings, turned to its orientation
 };
 
+/// Which corners are found, and how they are described.
 struct ImageKeypointOptions {
   double smoothing = 1.0;      ///< pixels: deviation of the Gaussian by which corners are sought
   double window = 1.5;         ///< pixels: deviation of the Gaussian that weights gradients around a corner

@@ -20,6 +20,7 @@ struct PlanarMatch {
   double turned = 0;             ///< radians: direction in the target's frame minus that in the source's
 };
 
+/// When matches agree on one motion.
 struct PlanarConsensusOptions {
   double max_distance = 1.5;    ///< metres between the two of a match that the pose brings together
   double max_angle = 0.35;      ///< radians between a match's directions, turned by the pose
@@ -28,8 +29,8 @@ struct PlanarConsensusOptions {
 
 /// The motion of the plane that most matches agree on.
 struct PlanarConsensus {
-  SE2<double> T_target_source;
-  Index inliers = 0;  ///< matches that it brings together
+  SE2<double> T_target_source;  ///< the motion that most matches agree on
+  Index inliers = 0;            ///< matches that it brings together
 };
 
 namespace detail {

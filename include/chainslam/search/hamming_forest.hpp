@@ -16,12 +16,13 @@
 
 namespace chainslam {
 
+/// How descriptors are divided among leaves.
 struct HammingForestOptions {
   Index trees = 6;            ///< more find more of what is near, in proportional time
   Index leaf_size = 32;       ///< descriptors of a leaf before it is split
   Index bits_tried = 16;      ///< random bits of which a leaf is split by the most balanced one
   Index max_leaf_size = 128;  ///< what no bit parts is common, and forgotten beyond so many
-  std::uint64_t seed = 1;
+  std::uint64_t seed = 1;     ///< of the bits that are looked at
 };
 
 /// Finds descriptors at a small Hamming distance, most of them, in logarithmic time.
@@ -53,13 +54,15 @@ class HammingForest {
     return id;
   }
 
-  [[nodiscard]] std::size_t size() const { return descriptors_.size(); }
+  [[nodiscard]] std::size_t size() const { return descriptors_.size(); }  ///< descriptors that were inserted
+  /// A descriptor by its number.
   [[nodiscard]] const BinaryDescriptor& descriptor(Index id) const {
     return descriptors_[static_cast<std::size_t>(id)];
   }
 
+  /// A similar descriptor.
   struct Found {
-    Index id = 0;
+    Index id = 0;        ///< number of the descriptor
     Index distance = 0;  ///< bits
   };
 

@@ -23,6 +23,7 @@ namespace chainslam {
 template <class Gnc>
 class GravityFactors {
  public:
+  /// Starts without keyframes.
   explicit GravityFactors(const GravityFactorOptions& options) : options_(options) {}
 
   /// The keyframe will be looked at by the next `add`; keyframes of a session come in their order.

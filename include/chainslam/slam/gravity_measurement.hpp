@@ -18,7 +18,7 @@ namespace chainslam {
 
 /// How gravity, as the accelerometer measures it, holds the map upright.
 struct GravityFactorOptions {
-  bool enabled = true;
+  bool enabled = true;           ///< else gravity does not count
   double window = 10.0;          ///< seconds of measurements that give one direction
   double speed_deviation = 0.1;  ///< m/s that odometry's velocity may be off at each end of a window
   /// Radians that a direction may be off beyond that: the accelerometer's bias and how the IMU is mounted.

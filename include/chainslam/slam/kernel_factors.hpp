@@ -42,9 +42,9 @@ class KernelFactors {
 
   /// Fixes do not hold a map with kernels.
   void wait(const Keyframe& /*keyframe*/) {}
-  void wait_for_fix(const Keyframe& /*keyframe*/) {}
-  void carry(std::span<const Key> /*keyframes*/) {}  ///< nothing: keyframes are carried by the smoother alone
-  [[nodiscard]] Index waiting() const { return 0; }  ///< always 0
+  void wait_for_fix(const Keyframe& /*keyframe*/) {}  ///< nothing
+  void carry(std::span<const Key> /*keyframes*/) {}   ///< nothing: keyframes are carried by the smoother alone
+  [[nodiscard]] Index waiting() const { return 0; }   ///< always 0
 
   /// Nothing waits.
   [[nodiscard]] bool admit() { return false; }

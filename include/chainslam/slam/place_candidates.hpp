@@ -49,15 +49,16 @@ namespace detail {
 
 }  // namespace detail
 
+/// What makes a place, and how many are proposed.
 struct PlaceCandidateOptions {
   double submap_length = 60.0;  ///< metres along the path: what is drawn as one place
   double spacing = 15.0;        ///< metres along the path between two places that are remembered
   Index max_count = 2;          ///< proposals; 0: places are neither remembered nor sought
   Index max_drawn = 8;          ///< places that one call remembers at most: a loaded map's are remembered bit by bit
   Index min_separation = 10;    ///< keyframes between two proposals of one session
-  HeightImageOptions image{};
-  ImageKeypointOptions keypoints{};
-  PlaceIndexOptions index{};
+  HeightImageOptions image{};   ///< how a place is drawn
+  ImageKeypointOptions keypoints{};  ///< which corners of the image count
+  PlaceIndexOptions index{};         ///< how similar places are found
 };
 
 /// Keyframes whose surroundings look like the query's, wherever the map has them and without GNSS: each with a guess
@@ -101,15 +102,16 @@ class PlaceCandidates {
     return std::nullopt;
   }
 
-  [[nodiscard]] const PlaceIndex& index() const { return index_; }
-  [[nodiscard]] const PlaceCandidateOptions& options() const { return options_; }
+  [[nodiscard]] const PlaceIndex& index() const { return index_; }                 ///< descriptors of all places so far
+  [[nodiscard]] const PlaceCandidateOptions& options() const { return options_; }  ///< its settings
 
   /// A piece of path that is remembered, or asked about.
   struct Place {
     KeyframeId center;  ///< at whose position the image has its origin
     Index begin = 0;    ///< keyframes [begin, end)
-    Index end = 0;
+    Index end = 0;      ///< one past the last keyframe
   };
+  /// All places that are remembered.
   [[nodiscard]] std::span<const Place> places() const { return places_.all(); }
 
  private:
@@ -251,16 +253,20 @@ inline PlaceCandidates::Proposal PlaceCandidates::propose(std::span<const Keyfra
 template <MergeCandidates Fixes = GnssCandidates, MergeCandidates Places = PlaceCandidates>
 class FixesElsePlaces {
  public:
+  /// Starts without places.
   explicit FixesElsePlaces(Fixes fixes = Fixes{}, Places places = Places{})
       : fixes_(std::move(fixes)), places_(std::move(places)) {}
 
+  /// Keyframes of other frames: see `MergeCandidates`.
   [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
     by_place_ = !has_fixes(map, map.keyframes[static_cast<std::size_t>(query.value)].session);
     return by_place_ ? places_.find(map, query) : fixes_.find(map, query);
   }
+  /// As `GnssCandidates::misplaced`.
   [[nodiscard]] std::vector<KeyframeId> misplaced(const SlamMap& map, KeyframeId query) {
     return fixes_.misplaced(map, query);
   }
+  /// As `PlaceCandidates::guess`; nothing if fixes made the proposal.
   [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const {
     return by_place_ ? places_.guess(from, to) : std::nullopt;
   }

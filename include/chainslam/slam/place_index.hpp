@@ -21,18 +21,19 @@
 
 namespace chainslam {
 
+/// How places are found by their keypoints.
 struct PlaceIndexOptions {
-  HammingForestOptions forest{};
-  Index max_distance = 70;   ///< bits, of 256, between the descriptors of a match
-  Index vote_distance = 55;  ///< bits: more similar ones vote for a place
-  Index shortlist = 12;      ///< places with most similar descriptors, whose keypoints are matched one by one
-  Index min_inliers = 6;     ///< matches that agree on one motion
-  PlanarConsensusOptions consensus{};
+  HammingForestOptions forest{};       ///< the index of descriptors
+  Index max_distance = 70;             ///< bits, of 256, between the descriptors of a match
+  Index vote_distance = 55;            ///< bits: more similar ones vote for a place
+  Index shortlist = 12;                ///< places with most similar descriptors, whose keypoints are matched one by one
+  Index min_inliers = 6;               ///< matches that agree on one motion
+  PlanarConsensusOptions consensus{};  ///< when matches agree on a motion
 };
 
 /// A place that looks like the query.
 struct PlaceMatch {
-  Index place = 0;
+  Index place = 0;     ///< its number
   SE2d T_place_query;  ///< between the frames of the images, seen from above
   Index inliers = 0;   ///< matches that agree on the motion
 };
@@ -64,8 +65,8 @@ class PlaceIndex {
     return place;
   }
 
-  [[nodiscard]] std::size_t size() const { return ends_.size(); }
-  [[nodiscard]] const PlaceIndexOptions& options() const { return options_; }
+  [[nodiscard]] std::size_t size() const { return ends_.size(); }              ///< number of places
+  [[nodiscard]] const PlaceIndexOptions& options() const { return options_; }  ///< its settings
 
   /// Places that look like the query, those with most inliers first, equal ones by number.
   /// @param wanted  which places to look at: those that it is true for.
@@ -81,6 +82,7 @@ class PlaceIndex {
     });
     return found;
   }
+  /// Places that look like the query, those with most inliers first.
   [[nodiscard]] std::vector<PlaceMatch> find(std::span<const ImageKeypoint> query) const {
     return find(query, [](Index) { return true; });
   }

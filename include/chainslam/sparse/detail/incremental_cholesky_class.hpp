@@ -31,6 +31,7 @@ struct FactorizationWork {
   Index substituted = 0;         ///< variables whose solution was computed anew
   double multiplications = 0.0;  ///< of the factorisation
 
+  /// Adds the work of another factorization.
   FactorizationWork& operator+=(const FactorizationWork& more) {
     reordered += more.reordered;
     refactorized += more.refactorized;
