@@ -33,7 +33,7 @@ std::vector<Eigen::Vector3d> neighbourhood(Rng rng) {
   return cloud;
 }
 
-/// Keypoints that lie `distance` metres off along each axis, with bits drawn anew.
+/// Keypoints that lie `distance` metres off along each axis, with other random bits.
 std::vector<ImageKeypoint> disturbed(std::vector<ImageKeypoint> keypoints, double distance, int bits, Rng& rng) {
   for (ImageKeypoint& keypoint : keypoints) {
     keypoint.position += Eigen::Vector2d(rng.normal(0, distance), rng.normal(0, distance)).cast<float>();

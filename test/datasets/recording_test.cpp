@@ -2,7 +2,6 @@
 #include <limits>
 #include <memory>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -118,17 +117,6 @@ std::string open_and_read(const std::filesystem::path& folder) {
     return error.what();
   }
   return "";
-}
-
-/// A table of frames as earlier versions wrote it: without the last three columns.
-std::string without_delta_velocity(const std::string& table) {
-  std::string earlier;
-  std::istringstream lines(table);
-  for (std::string line; std::getline(lines, line);) {
-    for (int column = 0; column < 3; ++column) line.erase(line.rfind(','));
-    earlier += line + '\n';
-  }
-  return earlier;
 }
 
 std::string replaced(std::string text, const std::string& what, const std::string& with) {

@@ -5,7 +5,6 @@
 #include <memory>
 #include <numbers>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -13,6 +12,7 @@
 #include "datasets/odometry_recording.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"
+#include "support/files.hpp"
 
 // Settings of the back end, by what they do to a map.
 
@@ -66,7 +66,7 @@ class LeaningMap {
     fs::create_directories(data());
     record();
     fs::copy(data(), earlier(), fs::copy_options::recursive);
-    write_text(earlier() / "frames.csv", without_accelerations(read_text(data() / "frames.csv")));
+    write_text(earlier() / "frames.csv", without_delta_velocity(read_text(data() / "frames.csv")));
   }
 
   [[nodiscard]] std::vector<SE3d> poses(const std::string& settings) const {
@@ -137,16 +137,6 @@ class LeaningMap {
       recording.add(frame, keyframe);
     }
     recording.finish({.session = "leaning", .odometry = "lidar_inertial", .scans = frames}, {});
-  }
-
-  static std::string without_accelerations(const std::string& table) {
-    std::string earlier;
-    std::istringstream lines(table);
-    for (std::string line; std::getline(lines, line);) {
-      for (int column = 0; column < 3; ++column) line.erase(line.rfind(','));
-      earlier += line + '\n';
-    }
-    return earlier;
   }
 
   ScratchFolder scratch_;

@@ -11,6 +11,7 @@
 #include <fstream>
 #include <functional>
 #include <iterator>
+#include <sstream>
 #include <string>
 #include <string_view>
 
@@ -92,5 +93,16 @@ std::string io_error(const Action& action) {
 
 /// Whether `text` contains `part`.
 inline bool says(const std::string& text, std::string_view part) { return text.find(part) != std::string::npos; }
+
+/// A recording's table of frames as earlier versions wrote it: without the last three columns, the delta velocities.
+inline std::string without_delta_velocity(const std::string& table) {
+  std::string earlier;
+  std::istringstream lines(table);
+  for (std::string line; std::getline(lines, line);) {
+    for (int column = 0; column < 3; ++column) line.erase(line.rfind(','));
+    earlier += line + '\n';
+  }
+  return earlier;
+}
 
 }  // namespace chainslam::test

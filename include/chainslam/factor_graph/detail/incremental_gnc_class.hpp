@@ -99,7 +99,7 @@ class IncrementalGnc {
   /// Leaders of groups that the graph did not expect and that are still out, the newest last.
   [[nodiscard]] std::span<const Index> unexpected() const { return unexpected_.all(); }
   /// Lets an unexpected group count in full, for reasons of the caller's own, and all that speaks against it, trusted
-  /// or not, be decided anew by the next update.
+  /// or not, be decided again by the next update.
   void vouch_for(Index leader) { vouched_for_.push_back(leader); }
 
   /// Updates the smoother until each suspect is in or out. If the first update fails, the suspects added since the last
@@ -120,7 +120,7 @@ class IncrementalGnc {
     return report;
   }
 
-  /// Measures all suspects anew and decides: after the estimate was moved otherwise.
+  /// Measures all suspects again and decides: after the estimate was moved otherwise.
   [[gnu::cold]] IncrementalGncReport reconsider() {
     IncrementalGncReport report;
     changed_.clear();
@@ -165,7 +165,7 @@ class IncrementalGnc {
     }
   }
 
-  /// Trusted factors are judged only while all is decided anew, and where they are out already.
+  /// Trusted factors are judged only while all is decided again, and where they are out already.
   [[nodiscard]] bool is_judged(const Entry& one) const {
     return smoother_.contains(one.id) && !(trusting_ && one.trusted && smoother_.weight(one.id) == 1.0);
   }
@@ -210,7 +210,7 @@ class IncrementalGnc {
   /// Tries what follows from groups that were vouched for, and from unexpected ones of which enough agree with a new
   /// one.
   [[gnu::cold]] void try_unexpected(IncrementalGncReport& report);
-  /// Lets groups count in full and decides anew on what speaks against them, first with what is trusted, then without;
+  /// Lets groups count in full and decides again on what speaks against them, first with what is trusted, then without;
   /// takes that back unless the truncated squares fall.
   [[gnu::cold]] void try_in(std::span<const Index> leaders, IncrementalGncReport& report);
   [[nodiscard]] [[gnu::cold]] double truncated_squares() const;
