@@ -139,10 +139,18 @@ class GnssFactors {
     const Eigen::Vector3d antenna = T_frame_ecef * keyframe.gnss->position_ecef - biases_[keyframe.session.value];
     const PriorFactor<SE3d> prior =
         position_prior(i, antenna, *keyframe.gnss, T_frame_ecef.rotation(), keyframe.T_map_body.rotation(), options_);
-    if (priors_[i] >= 0)
-      gnc.replace(priors_[i], prior.mean, prior.sqrt_information);
-    else
+    if (priors_[i] < 0)
       priors_[i] = gnc.add(prior, {.threshold = options_.threshold});
+    else if (differs(gnc.factor(priors_[i]), prior))
+      gnc.replace(priors_[i], prior.mean, prior.sqrt_information);
+  }
+
+  /// Whether it is worth the linearization of all that hangs on it to put one prior in place of another.
+  template <class Prior>
+  [[nodiscard]] static bool differs(const Prior& present, const PriorFactor<SE3d>& next) {
+    constexpr double negligible = 0.1;  // standard deviations
+    const Vector6d off = (present.measurement.inverse() * next.mean).log();
+    return whitened<6, 1>(present.sqrt_information, off).squaredNorm() > negligible * negligible;
   }
 
   GnssFactorOptions options_;
