@@ -80,4 +80,44 @@ TEST_SUITE("factor_graph/incremental_gnc") {
       CHECK_FALSE(gnc.is_in(one));
     }
   }
+
+  TEST_CASE("behind a step that failed, one closure alone is not believed; a second that agrees lets both in") {
+    for (const bool failed : {false, true}) {
+      CAPTURE(failed);
+      GncSmoother smoother(SmootherOptions{.patience = 0.0}, NoLag{});
+      IncrementalGnc<GncSmoother> gnc(smoother);
+      Vector6d sigmas;
+      sigmas << Eigen::Vector3d::Constant(0.05), Eigen::Vector3d::Constant(0.003);
+      const auto noise = NoiseModel<6>::from_sigmas(sigmas).sqrt_information();
+      smoother.add_value(SE3d());
+      smoother.add_prior(0, SE3d(), NoiseModel<6>::from_sigma(0.01));
+      Index last = gnc.none;
+      const SE3d step(SO3d(), {5, 0, 0}), off(SO3d(), failed ? Eigen::Vector3d(6, 3, 0) : Eigen::Vector3d(0, 0, 0));
+      for (Key key = 1; key < 60; ++key) {
+        smoother.add_value(smoother[key - 1] * step);
+        const SE3d there = SE3d(SO3d(), {5.0 * key, 0, 0}) * (key < 40 ? SE3d() : off);
+        gnc.add(PriorFactor<SE3d>{key, there, NoiseModel<6>::from_sigma(2).sqrt_information()});
+        last = gnc.add({key - 1, key, step, noise}, {.threshold = 28,
+                                                     .price = 70,
+                                                     .outlier_weight = 1e-8,
+                                                     .begins_in = !(failed && key == 40),
+                                                     .trusted = true,
+                                                     .previous = last});
+      }
+      REQUIRE(gnc.update().last.ok());
+      // Priors of 2 m know roughly how far the step was off.
+      const SE3d seen = failed ? off * SE3d(SO3d(), {1, -1, 0}) : off;
+      const auto close = [&](Key from, Key to) {
+        const Index one = gnc.add({from, to, SE3d(SO3d(), {5.0 * (to - from), 0, 0}) * seen, noise},
+                                  {.threshold = 40, .outlier_weight = 1e-8, .forecast = true});
+        REQUIRE(gnc.update().last.ok());
+        return one;
+      };
+      const Index first = close(30, 45);
+      CHECK(gnc.is_in(first) == !failed);
+      const Index second = close(32, 47);
+      CHECK(gnc.is_in(second));
+      CHECK(gnc.is_in(first));
+    }
+  }
 }

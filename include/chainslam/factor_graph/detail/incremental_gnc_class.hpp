@@ -184,7 +184,8 @@ class IncrementalGnc {
       suspects_[number].ratio = smoother_.what_if(suspects_[number].factor).rise / suspects_[number].threshold;
     for (const Index number : waiting_) {
       const Index leader = suspects_[number].leader;
-      const bool in = weight_of(suspects_[number], suspects_.group_ratio(leader), decisive_mu) == 1.0;
+      const bool in = weight_of(suspects_[number], suspects_.group_ratio(leader), decisive_mu) == 1.0 &&
+                      !is_adrift(suspects_[number].factor);
       put(number, in);
       if (!in && leader == number) {
         unexpected_.push_back(leader);
@@ -193,6 +194,19 @@ class IncrementalGnc {
     }
     waiting_.clear();
   }
+
+  /// Whether a suspect would be the only one that holds a stretch of a sequence behind an outlier of it. Anything is
+  /// expected there: a single opinion is none, and waits for another that agrees.
+  [[nodiscard]] bool is_adrift(const Suspect& factor) const {
+    return factor.from != none && (is_adrift(factor.to) || is_adrift(factor.from));
+  }
+  [[nodiscard]] [[gnu::cold]] bool is_adrift(Key key) const;
+  /// What a variable has of the sequence before and after it, and whether another suspect between two holds it.
+  struct Surroundings {
+    Index before = none, after = none;
+    bool held = false;
+  };
+  [[nodiscard]] [[gnu::cold]] Surroundings around(Key key) const;
 
   /// Trusted factors are tried where they are out and next to those.
   [[nodiscard]] bool may_be_tried(Index leader) const {
@@ -211,8 +225,8 @@ class IncrementalGnc {
   /// one.
   [[gnu::cold]] void try_unexpected(IncrementalGncReport& report);
   /// Lets groups count in full and decides again on what speaks against them, first with what is trusted, then without;
-  /// takes that back unless the truncated squares fall.
-  [[gnu::cold]] void try_in(std::span<const Index> leaders, IncrementalGncReport& report);
+  /// takes that back unless the truncated squares fall by more than `margin`.
+  [[gnu::cold]] void try_in(std::span<const Index> leaders, double margin, IncrementalGncReport& report);
   [[nodiscard]] [[gnu::cold]] double truncated_squares() const;
   [[nodiscard]] bool is_out(Index number) const {
     return number != none && smoother_.contains(id(number)) && !is_in(number);

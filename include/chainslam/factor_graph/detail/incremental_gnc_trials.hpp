@@ -28,9 +28,34 @@ void IncrementalGnc<Smoother>::try_others(IncrementalGncReport& report, Index ro
 }
 
 template <class Smoother>
+typename IncrementalGnc<Smoother>::Surroundings IncrementalGnc<Smoother>::around(Key key) const {
+  Surroundings found;
+  suspects_.for_each_at(key, [&](Index number) {
+    const Entry& one = suspects_[number];
+    if (one.trusted)
+      (one.factor.to == key ? found.before : found.after) = number;
+    else
+      found.held |= one.factor.from != none && smoother_.contains(one.id) && is_in(number);
+  });
+  return found;
+}
+
+template <class Smoother>
+bool IncrementalGnc<Smoother>::is_adrift(Key key) const {
+  const Surroundings start = around(key);
+  Surroundings at = start;
+  while (!at.held && at.after != none && !is_out(at.after)) at = around(factor(at.after).to);
+  if (at.held) return false;
+  at = start;
+  while (!at.held && at.before != none && !is_out(at.before)) at = around(factor(at.before).from);
+  return !at.held && at.before != none;
+}
+
+template <class Smoother>
 bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
   if (suspects_[leader].turned || !may_be_tried(leader)) return false;
   const bool in = is_in(leader);
+  if (!in && !suspects_[leader].trusted && is_adrift(factor(leader))) return false;
   detail::Table<Suspect> members;
   double squares = 0.0;
   const auto for_each_alike = [&](auto&& visit) {
@@ -72,7 +97,8 @@ void IncrementalGnc<Smoother>::try_unexpected(IncrementalGncReport& report) {
     unexpected_ = detail::Table<Index>(unexpected_.range(forgotten, unexpected_.size()));
   const detail::Table<Index> newest(
       unexpected_.range(std::max<Offset>(unexpected_.size() - std::exchange(news_, 0), 0), unexpected_.size()));
-  for (const Index leader : std::exchange(vouched_for_, {})) try_in(std::span(&leader, 1), report);
+  for (const Index leader : std::exchange(vouched_for_, {}))
+    try_in(std::span(&leader, 1), 0.5 * suspects_[leader].price, report);
   detail::Table<Index> agreeing;
   for (const Index leader : newest) {
     agreeing.clear();
@@ -80,12 +106,12 @@ void IncrementalGnc<Smoother>::try_unexpected(IncrementalGncReport& report) {
       if (!is_in(other) && (other == leader || pairwise_consistent(smoother_, factor(other), factor(leader),
                                                                    suspects_[leader].threshold, options_.max_blur)))
         agreeing.push_back(other);
-    if (agreeing.size() >= options_.support) try_in(agreeing.all(), report);
+    if (agreeing.size() >= options_.support) try_in(agreeing.all(), 0.0, report);
   }
 }
 
 template <class Smoother>
-void IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, IncrementalGncReport& report) {
+void IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, double margin, IncrementalGncReport& report) {
   if (!report.last.ok()) return;
   const double before = truncated_squares();
   detail::Table<double> weights;
@@ -101,7 +127,7 @@ void IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, Incrementa
     report.steps += trial.steps;
     report.work += trial.work;
     report.last = trial.last;
-    if (!trial.last.ok() || truncated_squares() < before) return;
+    if (!trial.last.ok() || truncated_squares() < before - margin) return;
     for (Index number = 0; number < suspects_.size(); ++number)
       if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
         smoother_.set_weight(id(number), weights[number]);
