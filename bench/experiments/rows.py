@@ -91,6 +91,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
         "closures.radius",
         "closures.start_",
         "closures.max_candidates",
+        "closures.max_places",
         "closures.heading_weight",
         "closures.min_interval",
         "closures.max_alignments",

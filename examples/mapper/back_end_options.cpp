@@ -71,6 +71,12 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                      .max = 1000000,
                      .help = "Number of consecutive unsuccessful searches after which guesses in all horizontal "
                              "directions are tried."});
+  configuration.add(
+      "closures.max_places", parts.closure_places,
+      {.min = 0,
+       .max = 1000,
+       .help = "Maximum number of places, found by what their scans look like from above, that are tried in a session "
+               "without GNSS fixes where nothing near closes the loop. 0: none. See also merge.place_length."});
   configuration.add("closures.heading_weight", candidates.heading_weight,
                     {.unit = "m/rad",
                      .min = 0,

@@ -23,13 +23,17 @@ namespace chainslam::mapper {
 
 namespace {
 
-using Closer = LoopCloser<ProximityCandidates, ClosureRegistration, ClosureNoise>;
+using Closer = LoopCloser<NearElsePlaces, ClosureRegistration, ClosureNoise>;
 using Merger = MapMerger<FixesElsePlaces<>, MergeRegistration>;
 using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger>;
 
 MapperBackEnd make_back_end(const BackEndParts& parts) {
+  PlaceCandidateOptions within = parts.places;
+  within.max_count = parts.closure_places;
   return MapperBackEnd(
-      parts.back_end, Closer(parts.closures, parts.candidates, parts.registration, parts.noise),
+      parts.back_end,
+      Closer(parts.closures, NearElsePlaces(parts.candidates, PlaceCandidates(within)), parts.registration,
+             parts.noise),
       ChainedCloser(parts.chain),
       Merger(parts.merge, FixesElsePlaces(GnssCandidates(parts.gnss), PlaceCandidates(parts.places)), parts.merging),
       parts.outliers);

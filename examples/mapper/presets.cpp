@@ -54,6 +54,7 @@ constexpr PresetValue preset_values[] = {
      {"0", "0"},
      {"3.3333333333333335", "2.5"},
      "code: loopClosureFrequency 0.3 Hz, 0.4 Hz, whatever the pace"},
+    alike("closures.max_places", "0", "paper III-B: spatial proximity"),
     alike("closures.max_alignments", "0", "paper III-D: the graph is rebuilt at once"),
     differ("closures.before_merge", "true", "false", "code: with a map loaded, none before the merge"),
     alike("closures.submap_radius", "20", "paper III-E: n; code: 20"),

@@ -79,6 +79,7 @@ struct BackEndParts {
   ChainOptions chain;
   GnssCandidateOptions gnss;
   PlaceCandidateOptions places;
+  Index closure_places = 2;  ///< `max_count` of places within a frame; what else they are is as for merging
   MergeOptions merge;
   MergeRegistration merging;
   BackEndOptions back_end;

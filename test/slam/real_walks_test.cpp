@@ -16,6 +16,7 @@
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/slam/back_end.hpp"
+#include "chainslam/slam/place_candidates.hpp"
 #include "support/real_data.hpp"
 
 using namespace chainslam;
@@ -63,6 +64,15 @@ std::shared_ptr<const SlamMap> mapped(const std::vector<Keyframe>& keyframes) {
   BackEnd<LoopCloser<>, NoChaining, NoMerging> back_end;
   for (const Keyframe& keyframe : keyframes) back_end.add(keyframe);
   return back_end.finish();
+}
+
+/// Odometry that slips by 40 m and a radian in one step, half-way.
+std::vector<Keyframe> broken(std::vector<Keyframe> keyframes) {
+  const SE3d T_first = keyframes[keyframes.size() / 2].T_odom_body;
+  const SE3d slip = T_first * SE3d(SO3d::exp({0, 0, 1}), {40, 0, 0}) * T_first.inverse();
+  for (std::size_t i = keyframes.size() / 2; i < keyframes.size(); ++i)
+    keyframes[i].T_odom_body = slip * keyframes[i].T_odom_body;
+  return keyframes;
 }
 
 /// Mean distance, metres, of the last 30 scans from the planes of the first 30, where the walk has come back to its
@@ -138,6 +148,35 @@ TEST_SUITE("slam on real walks") {
       MESSAGE(name, ": end ", drift, " m off, ", left, " m after ", map->closures.size(), " closures");
       CHECK(drift > 1.0);
       CHECK(left < 0.2 * drift);
+    }
+  }
+
+  TEST_CASE("where odometry slipped by 40 m, what the end looks like leads back to the start") {
+    PlaceCandidateOptions places;  // finer than outdoors
+    places.submap_length = 10;
+    places.spacing = 2;
+    places.max_drawn = 0;
+    places.image = {.cell_size = 0.25, .max_range = 50};
+    places.index.consensus.max_distance = 0.75;
+    for (const std::string name : {"session1", "session2"}) {
+      const auto folder = test::real_data("hku_square_two_sessions/" + name);
+      if (!folder) return;
+      const Walk walk = read_walk(*folder);
+      const std::size_t n = walk.keyframes.size();
+      const SE3d truth = start_to_end(n, [&](std::size_t i) { return walk.keyframes[i].T_odom_body; });
+      for (const Index count : {0, 2}) {
+        places.max_count = count;
+        using Closer = LoopCloser<NearElsePlaces>;
+        BackEnd<Closer, NoChaining, NoMerging> back_end({}, Closer({}, NearElsePlaces({}, PlaceCandidates(places))));
+        for (const Keyframe& keyframe : broken(walk.keyframes)) back_end.add(keyframe);
+        const auto map = back_end.finish();
+        const SE3d end = start_to_end(n, [&](std::size_t i) { return map->keyframes[i].T_map_body; });
+        const double off = (truth.inverse() * end).translation().norm();
+        MESSAGE(name, ", ", count, " places: end ", off, " m off, ", map->closures.size(), " closures, ",
+                map->refusals.size(), " refusals");
+        if (count == 0) CHECK(off > 20);
+        if (count == 2) CHECK(off < 0.5);
+      }
     }
   }
 }

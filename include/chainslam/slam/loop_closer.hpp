@@ -183,6 +183,13 @@ std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::searc
     if (accepted()) break;
   }
   if (!tried.empty() && !accepted()) search_wider(keyframes, index, tried, executor);
+  if constexpr (requires { candidates_.recognize(keyframes, index, query); }) {
+    if (!accepted())
+      for (const KeyframeId candidate : candidates_.recognize(keyframes, index, query)) {
+        tried.push_back(align(keyframes, candidate, query, candidates_.guess(candidate, query).value(), executor));
+        if (accepted()) break;
+      }
+  }
   if (accepted()) refused_ = 0;
   return tried;
 }

@@ -19,6 +19,7 @@
 #include "chainslam/features/height_image.hpp"
 #include "chainslam/features/image_keypoints.hpp"
 #include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/place_index.hpp"
 
@@ -249,6 +250,37 @@ inline PlaceCandidates::Proposal PlaceCandidates::propose(std::span<const Keyfra
   return {there.id, here.id, ahead(nearest).inverse() * T_place_body};
 }
 
+namespace detail {
+
+/// Whether the session of a keyframe has GNSS fixes.
+class FixesOfSession {
+ public:
+  /// Asked for each keyframe: fixes of a drive begin near its start, or do not come.
+  [[nodiscard]] [[gnu::cold]] bool any(std::span<const Keyframe> keyframes, KeyframeId query) {
+    const auto at = [&](Index i) -> const Keyframe& { return keyframes[static_cast<std::size_t>(i)]; };
+    const SessionId session = at(query.value).session;
+    if (std::exchange(session_, session) != session) {
+      first_ = query.value;
+      while (first_ > 0 && at(first_ - 1).session == session) --first_;
+      looked_at_ = first_;
+      any_ = false;
+    }
+    const Index end = to_index(keyframes.size());
+    for (; !any_ && looked_at_ < end && at(looked_at_).session == session; ++looked_at_)
+      any_ = at(looked_at_).gnss.has_value();
+    looked_at_ = std::max(first_, looked_at_ - recent);  // fixes come after their keyframe
+    return any_;
+  }
+
+ private:
+  static constexpr Index recent = 20;  ///< keyframes that may still get a fix
+  SessionId session_{};
+  Index first_ = 0, looked_at_ = 0;
+  bool any_ = false;
+};
+
+}  // namespace detail
+
 /// What fixes propose, and places for a session that has no fixes.
 template <MergeCandidates Fixes = GnssCandidates, MergeCandidates Places = PlaceCandidates>
 class FixesElsePlaces {
@@ -259,7 +291,7 @@ class FixesElsePlaces {
 
   /// Keyframes of other frames: see `MergeCandidates`.
   [[nodiscard]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
-    by_place_ = !has_fixes(map, map.keyframes[static_cast<std::size_t>(query.value)].session);
+    by_place_ = !of_session_.any(map.keyframes, query);
     return by_place_ ? places_.find(map, query) : fixes_.find(map, query);
   }
   /// As `GnssCandidates::misplaced`.
@@ -272,25 +304,56 @@ class FixesElsePlaces {
   }
 
  private:
-  /// Asked for each keyframe: fixes of a drive begin near its start, or do not come.
-  [[nodiscard]] bool has_fixes(const SlamMap& map, SessionId id) {
-    const Session& session = map.sessions[static_cast<std::size_t>(id.value)];
-    if (session_ != id) looked_at_ = session.first_keyframe;
-    if (std::exchange(session_, id) != id) has_fixes_ = false;
-    for (; !has_fixes_ && looked_at_ < session.end_keyframe(); ++looked_at_)
-      has_fixes_ = map.keyframes[static_cast<std::size_t>(looked_at_)].gnss.has_value();
-    looked_at_ = std::max(session.first_keyframe, looked_at_ - recent);  // fixes come after their keyframe
-    return has_fixes_;
-  }
-
-  static constexpr Index recent = 20;  ///< keyframes that may still get a fix
   Fixes fixes_;
   Places places_;
   bool by_place_ = false;
-  SessionId session_{};  ///< of which this is known: whether it has a fix among its keyframes before one
-  bool has_fixes_ = false;
-  Index looked_at_ = 0;
+  detail::FixesOfSession of_session_;
 };
 static_assert(MergeCandidates<FixesElsePlaces<>>);
+
+/// Keyframes near the query; and for a session without fixes, where those do not close, keyframes that the graph puts
+/// elsewhere though their surroundings look like the query's: drift may have led far beyond any radius.
+class NearElsePlaces {
+ public:
+  /// Starts without places.
+  explicit NearElsePlaces(const ProximityCandidates& near = {}, PlaceCandidates places = PlaceCandidates{})
+      : near_(near), places_(std::move(places)) {}
+
+  /// As `ProximityCandidates`.
+  [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
+    return near_.eligible(candidate, query);
+  }
+  /// As `ProximityCandidates`.
+  [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                             KeyframeId query) const {
+    return near_.find(keyframes, index, query);
+  }
+
+  /// Keyframes of the query's frame that look like the query and are not near; asked once for each spacing of places.
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes,
+                                                                const PositionIndex& index, KeyframeId query) {
+    const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
+    const Keyframe& here = at(query);
+    if (places_.options().max_count == 0 || of_session_.any(keyframes, query)) return {};
+    if (asked_.valid() && at(asked_).session == here.session &&
+        (at(asked_).T_odom_body.translation() - here.T_odom_body.translation()).norm() < places_.options().spacing)
+      return {};
+    asked_ = query;
+    return places_.find(keyframes, query, [&](const PlaceCandidates::Place& place) {
+      const Keyframe& there = at(place.center);
+      return index.contains(there.id) && near_.eligible(there, here) &&
+             (there.T_map_body.translation() - here.T_map_body.translation()).norm() > near_.radius;
+    });
+  }
+  /// T_from_to of what the last call of `recognize` gave: see `PlaceCandidates::guess`.
+  [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const { return places_.guess(from, to); }
+
+ private:
+  ProximityCandidates near_;
+  PlaceCandidates places_;
+  detail::FixesOfSession of_session_;
+  KeyframeId asked_{};
+};
+static_assert(ClosureCandidates<NearElsePlaces>);
 
 }  // namespace chainslam

@@ -80,6 +80,8 @@ class PositionIndex {
     return found;
   }
 
+  /// Whether it holds a keyframe.
+  [[nodiscard]] bool contains(KeyframeId id) const { return std::binary_search(ids_.begin(), ids_.end(), id); }
   /// Number of positions.
   [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(positions_.size()); }
 
