@@ -10,5 +10,5 @@ add_executable(lamm
   ${lamm_mapper}/run_summary.cpp)
 target_include_directories(lamm PRIVATE experiments/lamm ${lamm_mapper} ${PROJECT_SOURCE_DIR}/examples)
 target_compile_options(lamm PRIVATE -Wno-maybe-uninitialized -Wno-free-nonheap-object)
-target_link_libraries(lamm PRIVATE chainslam_private chainslam_datasets chainslam_support chainslam_archive CLI11::CLI11
-  nlohmann_json::nlohmann_json)
+target_link_libraries(lamm PRIVATE chainslam_private chainslam_datasets chainslam_support chainslam_archive
+  chainslam_cholmod CLI11::CLI11 nlohmann_json::nlohmann_json)

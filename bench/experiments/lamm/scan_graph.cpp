@@ -8,6 +8,7 @@
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/graph/connected_components.hpp"
+#include "chainslam/sparse/cholmod.hpp"
 
 namespace chainslam::lamm {
 
@@ -166,8 +167,10 @@ OptimizedDrives optimize_drives(std::span<const Drive> drives, std::span<const L
   add_priors(drives, result.frame_of, keys, options, graph);
   result.variables = graph.values().size();
   result.factors = graph.factor_count();
-  result.report = options.damped ? optimise(graph, LevenbergMarquardt{.max_iterations = options.max_iterations})
-                                 : optimise(graph, GaussNewton{.max_iterations = options.max_iterations});
+  // Ten factors a loop tie the sessions together in sheets, which minimum degree does not see.
+  BlockCholesky<6, NestedDissection> solver;
+  result.report = options.damped ? optimise(graph, LevenbergMarquardt{.max_iterations = options.max_iterations}, solver)
+                                 : optimise(graph, GaussNewton{.max_iterations = options.max_iterations}, solver);
   for (std::size_t i = 0; i < drives.size(); ++i) {
     std::vector<SE3d>& poses = result.poses.emplace_back();
     for (const Scan& scan : drives[i].scans) poses.push_back(graph[keys[i].at(scan.frame)]);

@@ -3,9 +3,12 @@
 #include <cholmod.h>
 
 #include <algorithm>
+#include <cstddef>
 #include <memory>
+#include <new>
 #include <span>
 #include <stdexcept>
+#include <vector>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -132,5 +135,42 @@ class Cholmod {
   cholmod_factor* factor_ = nullptr;
 };
 static_assert(LinearSolver<Cholmod<6>>);
+
+/// Nested dissection by METIS, as CHOLMOD calls it: takes longer than `Amd`, and leaves a fraction of its fill where
+/// many long paths are tied together, such as the scans of several sessions over the same streets.
+///
+/// Opt-in, as `Cholmod`. @throws std::bad_alloc, std::runtime_error if CHOLMOD was built without METIS.
+/// Karypis and Kumar 1998, "A fast and high quality multilevel scheme for partitioning irregular graphs".
+struct NestedDissection {
+  /// An order of the pattern's columns.
+  [[nodiscard]] std::vector<Index> operator()(const BlockPattern& pattern) const {
+    std::vector<Index> order(static_cast<std::size_t>(pattern.size()));
+    if (order.empty()) return order;
+    cholmod_common common;
+    cholmod_start(&common);
+    common.print = 0;
+    std::vector<int> starts{0}, rows;
+    for (Index column = 0; column < pattern.size(); ++column) {
+      for (Offset k = pattern.begin(column); k < pattern.end(column); ++k) rows.push_back(pattern.row(k));
+      starts.push_back(static_cast<int>(rows.size()));
+    }
+    cholmod_sparse graph{};
+    graph.nrow = graph.ncol = order.size();
+    graph.nzmax = rows.size();
+    graph.p = starts.data();
+    graph.i = rows.data();
+    graph.stype = -1;
+    graph.itype = CHOLMOD_INT;
+    graph.xtype = CHOLMOD_PATTERN;
+    graph.sorted = graph.packed = 1;
+    const bool found = cholmod_metis(&graph, nullptr, 0, 1, order.data(), &common) != 0;
+    const bool out_of_memory = common.status == CHOLMOD_OUT_OF_MEMORY;
+    cholmod_finish(&common);
+    if (out_of_memory) throw std::bad_alloc();
+    if (!found) throw std::runtime_error("NestedDissection: CHOLMOD was built without METIS; take Amd instead");
+    return order;
+  }
+};
+static_assert(Ordering<NestedDissection>);
 
 }  // namespace chainslam

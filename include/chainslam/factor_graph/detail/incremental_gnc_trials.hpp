@@ -97,8 +97,8 @@ void IncrementalGnc<Smoother>::try_unexpected(IncrementalGncReport& report) {
     unexpected_ = detail::Table<Index>(unexpected_.range(forgotten, unexpected_.size()));
   const detail::Table<Index> newest(
       unexpected_.range(std::max<Offset>(unexpected_.size() - std::exchange(news_, 0), 0), unexpected_.size()));
-  for (const Index leader : std::exchange(vouched_for_, {}))
-    try_in(std::span(&leader, 1), 0.5 * suspects_[leader].price, report);
+  for (const Index leader : std::exchange(vouched_for_, {}))  // alone: the rest must be explained as well as before
+    try_in(std::span(&leader, 1), price(leader, suspects_[leader].members), report);
   detail::Table<Index> agreeing;
   for (const Index leader : newest) {
     agreeing.clear();
