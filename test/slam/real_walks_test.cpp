@@ -158,25 +158,22 @@ TEST_SUITE("slam on real walks") {
     places.max_drawn = 0;
     places.image = {.cell_size = 0.25, .max_range = 50};
     places.index.consensus.max_distance = 0.75;
-    for (const std::string name : {"session1", "session2"}) {
-      const auto folder = test::real_data("hku_square_two_sessions/" + name);
-      if (!folder) return;
-      const Walk walk = read_walk(*folder);
-      const std::size_t n = walk.keyframes.size();
-      const SE3d truth = start_to_end(n, [&](std::size_t i) { return walk.keyframes[i].T_odom_body; });
-      for (const Index count : {0, 2}) {
-        places.max_count = count;
-        using Closer = LoopCloser<NearElsePlaces>;
-        BackEnd<Closer, NoChaining, NoMerging> back_end({}, Closer({}, NearElsePlaces({}, PlaceCandidates(places))));
-        for (const Keyframe& keyframe : broken(walk.keyframes)) back_end.add(keyframe);
-        const auto map = back_end.finish();
-        const SE3d end = start_to_end(n, [&](std::size_t i) { return map->keyframes[i].T_map_body; });
-        const double off = (truth.inverse() * end).translation().norm();
-        MESSAGE(name, ", ", count, " places: end ", off, " m off, ", map->closures.size(), " closures, ",
-                map->refusals.size(), " refusals");
-        if (count == 0) CHECK(off > 20);
-        if (count == 2) CHECK(off < 0.5);
-      }
+    const auto folder = test::real_data("hku_square_two_sessions/session1");
+    if (!folder) return;
+    const Walk walk = read_walk(*folder);
+    const std::size_t n = walk.keyframes.size();
+    const SE3d truth = start_to_end(n, [&](std::size_t i) { return walk.keyframes[i].T_odom_body; });
+    for (const Index count : {0, 2}) {
+      places.max_count = count;
+      using Closer = LoopCloser<NearElsePlaces>;
+      BackEnd<Closer, NoChaining, NoMerging> back_end({}, Closer({}, NearElsePlaces({}, PlaceCandidates(places))));
+      for (const Keyframe& keyframe : broken(walk.keyframes)) back_end.add(keyframe);
+      const auto map = back_end.finish();
+      const SE3d end = start_to_end(n, [&](std::size_t i) { return map->keyframes[i].T_map_body; });
+      const double off = (truth.inverse() * end).translation().norm();
+      MESSAGE(count, " places: end ", off, " m off, ", map->closures.size(), " closures, ", map->refusals.size(),
+              " refusals");
+      CHECK((count == 0 ? off > 20 : off < 0.5));
     }
   }
 }
