@@ -2,10 +2,6 @@
 
 #include <doctest/doctest.h>
 
-#include <limits>
-
-#include "chainslam/cloud/crop.hpp"
-
 namespace chainslam {
 namespace {
 
@@ -39,34 +35,6 @@ TEST_SUITE("cloud/transform") {
     CHECK_FALSE(moved.has_normals());
     CHECK_FALSE(moved.has_times());
     CHECK(transformed(std::vector<Eigen::Vector3f>{}, SE3d()).empty());
-  }
-}
-
-TEST_SUITE("cloud/crop") {
-  TEST_CASE("range keeps the closed ring, with all columns") {
-    const PointCloud<float> ring = crop_range(three_points(), 2.0, 3.0);
-    REQUIRE(ring.size() == 2);
-    CHECK(ring.positions[0] == Eigen::Vector3f(0, 2, 0));
-    CHECK(ring.normals[1] == Eigen::Vector3f(0, 0, 1));
-    CHECK(ring.time_offsets[0] == 0.1f);
-    CHECK(ring.intensities[1] == 3);
-  }
-
-  TEST_CASE("a box splits the finite points in two") {
-    PointCloud<float> cloud;
-    const float nan = std::numeric_limits<float>::quiet_NaN();
-    cloud.positions = {{0, 0, 0}, {1, 1, 1}, {1.5f, 0, 0}, {nan, 0, 0}};
-    const Eigen::AlignedBox3d box(Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(1, 1, 1));
-    CHECK(crop_box(cloud, box).positions == std::vector<Eigen::Vector3f>{{0, 0, 0}, {1, 1, 1}});
-    CHECK(crop_outside_box(cloud, box).positions == std::vector<Eigen::Vector3f>{{1.5f, 0, 0}});
-  }
-
-  TEST_CASE("NaN and infinite points are in no range") {
-    const float nan = std::numeric_limits<float>::quiet_NaN();
-    const float inf = std::numeric_limits<float>::infinity();
-    const std::vector<Eigen::Vector3f> points{{nan, 0, 0}, {inf, 0, 0}, {3, 4, 0}};
-    const double all = std::numeric_limits<double>::infinity();
-    CHECK(crop_range(points, 0, all).size() == 1);
   }
 }
 

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "chainslam/factor_graph/anchored_between_factor.hpp"
 #include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/gnss_factor.hpp"
 #include "chainslam/factor_graph/gravity_factor.hpp"
@@ -57,10 +56,6 @@ TEST_SUITE("factor_graph/factors") {
       check_jacobians(BetweenFactor<Group>{0, 1, T_from_to * offset, root}, values);
       check_jacobians(BetweenFactor<Group>{1, 0, T_from_to.inverse() * offset, root}, values);
       check_jacobians(PriorFactor<Group>{1, values[1] * offset, root}, values);
-      values.add(random_pose<Group>(rng));
-      values.add(random_pose<Group>(rng));
-      const Group across = (values[2] * values[0]).inverse() * (values[3] * values[1]);
-      check_jacobians(AnchoredBetweenFactor<Group>{2, 0, 3, 1, across * offset, root}, values);
     });
   }
 

@@ -9,7 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/graph/bfs_tree.hpp"
 #include "graph/random_graphs.hpp"
 
 namespace chainslam {
@@ -165,31 +164,6 @@ TEST_SUITE("graph/breadth_first_search") {
       CHECK(reachable(graph, start, keep) == PlainSearch(graph, start, 1000, keep).order);
       CHECK(reachable(graph, start, keep, {.max_depth = 2}) == PlainSearch(graph, start, 2, keep).order);
       CHECK(reachable(graph, start, [](Index) { return false; }) == std::vector<Index>{start});
-    });
-  }
-
-  TEST_CASE("a search's tree has shortest paths along edges of the graph, parents before children") {
-    BfsWorkspace workspace;
-    for_all(100, [&](Rng& rng, int size) {
-      const std::vector<test::Ends> edges = test::random_edges(rng, size);
-      const Graph graph = test::graph_of(size, edges);
-      const Index start = rng.uniform_index(size);
-      const PlainSearch plain(graph, start);
-      BfsTree<Index> tree;
-      breadth_first_search(graph, start, tree, {}, workspace);
-      REQUIRE(tree.steps().size() == plain.order.size());
-      for (Index i = 0; i < workspace.count(); ++i) {
-        const auto& step = tree.steps()[static_cast<std::size_t>(i)];
-        CHECK(step.node == workspace[i]);
-        const std::vector<Index> path = tree.path_to(i);
-        CHECK(static_cast<Index>(path.size()) == plain.depth[static_cast<std::size_t>(step.node)] + 1);
-        CHECK(path.front() == 0);
-        if (i == 0) continue;
-        REQUIRE(step.parent < i);
-        const Index parent = tree.steps()[static_cast<std::size_t>(step.parent)].node;
-        const test::Ends& edge = edges[static_cast<std::size_t>(step.edge)];
-        CHECK(((edge.a == parent && edge.b == step.node) || (edge.b == parent && edge.a == step.node)));
-      }
     });
   }
 

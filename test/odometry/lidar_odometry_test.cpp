@@ -325,18 +325,4 @@ TEST_SUITE("odometry/recorded_odometry") {
     CHECK(odometry.out_of_order() == 1);
     CHECK_FALSE(odometry.next().has_value());
   }
-
-  TEST_CASE("packets through an odometry are a source of frames") {
-    int i = 0;
-    const auto next_packet = [&]() -> std::optional<Packet> {
-      if (i == 4) return std::nullopt;
-      return Packet(sweep_at(hall(), 0.1 * i++, standing));
-    };
-    PacketOdometry source(LidarOdometry<>{}, next_packet);
-    static_assert(OdometrySource<decltype(source)>);
-    int frames = 0;
-    while (source.next()) ++frames;
-    CHECK(frames == 4);
-    CHECK(source.odometry().counts().frames == 4);
-  }
 }

@@ -24,11 +24,4 @@ concept Observer = requires(O& observer, const StageProgress& progress, std::str
   observer.warning(text);
 };
 
-/// No-op callbacks, at no cost.
-struct NullObserver {
-  void progress(const StageProgress& /*progress*/) const {}  ///< does nothing
-  void warning(std::string_view /*text*/) const {}           ///< does nothing
-};
-static_assert(Observer<NullObserver>);
-
 }  // namespace chainslam
