@@ -188,6 +188,29 @@ TEST_SUITE("slam/place_candidates") {
     CHECK(wrong == 0);
   }
 
+  TEST_CASE("what is recognized within a session lies far enough back, and nothing is where there are fixes") {
+    std::optional<TwoSessions> sessions = two_walks(0.0);
+    if (!sessions) return;
+    std::vector<Keyframe> keyframes(sessions->map.keyframes.begin(),
+                                    sessions->map.keyframes.begin() + sessions->map.sessions[0].keyframes);
+    PositionIndex index;
+    index.rebuild(keyframes);
+    const ProximityCandidates near{.radius = 1.0};
+    for (const bool fixed : {false, true}) {
+      if (fixed) keyframes[3].gnss = GnssFix{};
+      NearElsePlaces candidates(near, PlaceCandidates(for_courtyard()));
+      int recognized = 0;
+      for (Index query = 0; query < to_index(keyframes.size()); ++query)
+        for (const KeyframeId from : candidates.recognize(keyframes, index, KeyframeId{query})) {
+          ++recognized;
+          CHECK(near.eligible(keyframes[static_cast<std::size_t>(from.value)],
+                              keyframes[static_cast<std::size_t>(query)]));
+          CHECK(candidates.guess(from, KeyframeId{query}).has_value());
+        }
+      CHECK((fixed ? recognized == 0 : recognized >= 3));
+    }
+  }
+
   TEST_CASE("keyframes of the query's own frame and of places that are not wanted are not proposed") {
     std::optional<TwoSessions> sessions = two_walks(0.0);
     if (!sessions) return;

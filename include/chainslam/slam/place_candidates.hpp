@@ -340,8 +340,8 @@ class NearElsePlaces {
       return {};
     asked_ = query;
     return places_.find(keyframes, query, [&](const PlaceCandidates::Place& place) {
-      const Keyframe& there = at(place.center);
-      return index.contains(there.id) && near_.eligible(there, here) &&
+      const Keyframe &there = at(place.center), &last = at(KeyframeId{place.end - 1});  // any of them may be proposed
+      return index.contains(there.id) && near_.eligible(last, here) &&
              (there.T_map_body.translation() - here.T_map_body.translation()).norm() > near_.radius;
     });
   }
