@@ -75,8 +75,9 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
       "closures.max_places", parts.closure_places,
       {.min = 0,
        .max = 1000,
-       .help = "Maximum number of places, found by what their scans look like from above, that are tried in a session "
-               "without GNSS fixes where nothing near closes the loop. 0: none. See also merge.place_length."});
+       .help =
+           "Maximum number of places, found by what their scans look like from above, that are tried for a keyframe "
+           "where nothing near closes the loop. 0: none. See also merge.place_length."});
   configuration.add("closures.heading_weight", candidates.heading_weight,
                     {.unit = "m/rad",
                      .min = 0,

@@ -30,6 +30,7 @@ using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger>;
 MapperBackEnd make_back_end(const BackEndParts& parts) {
   PlaceCandidateOptions within = parts.places;
   within.max_count = parts.closure_places;
+  within.max_drawn = 2;  // asked for each search
   return MapperBackEnd(
       parts.back_end,
       Closer(parts.closures, NearElsePlaces(parts.candidates, PlaceCandidates(within)), parts.registration,

@@ -1,4 +1,4 @@
-// expect: LoopCloser: Candidates needs `std::vector<KeyframeId> find(keyframes, index, query) const`
+// expect: LoopCloser: Candidates needs `std::vector<KeyframeId> find(keyframes, index, query)`
 #include "chainslam/slam/loop_closer.hpp"
 
 struct MyCandidates {};

@@ -18,8 +18,8 @@ namespace chainslam {
 /// gives the same answer. `index` holds the positions of the keyframes in the query's frame. `eligible(candidate,
 /// query)` says whether two keyframes may be closed at all; what `find` gives is eligible.
 template <class C>
-concept ClosureCandidates = requires(const C& candidates, std::span<const Keyframe> keyframes,
-                                     const PositionIndex& index, const Keyframe& keyframe) {
+concept ClosureCandidates = requires(C& candidates, std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                     const Keyframe& keyframe) {
   { candidates.find(keyframes, index, keyframe.id) } -> std::same_as<std::vector<KeyframeId>>;
   { candidates.eligible(keyframe, keyframe) } -> std::same_as<bool>;
 };

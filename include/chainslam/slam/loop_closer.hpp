@@ -71,7 +71,7 @@ template <class Candidates = ProximityCandidates, class Registration = CoarseToF
           class Covariance = HessianCovariance>
 class LoopCloser {
   static_assert(ClosureCandidates<Candidates>,
-                "LoopCloser: Candidates needs `std::vector<KeyframeId> find(keyframes, index, query) const` and `bool "
+                "LoopCloser: Candidates needs `std::vector<KeyframeId> find(keyframes, index, query)` and `bool "
                 "eligible(candidate, query) const`, as in ProximityCandidates");
   static_assert(chainslam::Registration<Registration, PointCloud<float>, Submap>,
                 "LoopCloser: Registration needs `AlignResult align(source, target, guess, executor) const`, as in Icp");

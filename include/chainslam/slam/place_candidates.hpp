@@ -95,6 +95,18 @@ class PlaceCandidates {
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, KeyframeId query,
                                                            const Wanted& wanted);
 
+  /// The same for the newest place that is remembered, whose image is there already: it ends shortly before the query.
+  template <class Wanted>
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find_newest(std::span<const Keyframe> keyframes, KeyframeId query,
+                                                                  const Wanted& wanted) {
+    proposals_.clear();
+    if (places_.empty() || options_.max_count == 0) return {};
+    return propose(keyframes, query, places_.back(), newest_, wanted);
+  }
+
+  /// Remembers places up to `end`, those that the path is through with, `max_drawn` of them.
+  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
+
   /// T_from_to of a proposal of the last call of `find`, by what was seen from above; roll and pitch by odometry, and
   /// the height by the ground below both.
   [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const {
@@ -138,18 +150,22 @@ class PlaceCandidates {
     return SE3d(SO3d(), -center.T_odom_body.translation());
   }
 
-  /// Remembers places up to `end`, those that the path is through with.
-  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
-
   /// The path up to and with `last`, as long as a submap.
   [[nodiscard]] [[gnu::cold]] Index begin_of_submap(std::span<const Keyframe> keyframes, Index last) const;
 
   [[nodiscard]] [[gnu::cold]] std::vector<ImageKeypoint> draw(std::span<const Keyframe> keyframes,
                                                               const Place& place) const;
 
+  /// Keyframes of places that look like `around`, on whose path the query lies.
+  template <class Wanted>
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> propose(std::span<const Keyframe> keyframes, KeyframeId query,
+                                                              const Place& around, std::span<const ImageKeypoint> seen,
+                                                              const Wanted& wanted);
   /// The keyframe of a place that is nearest to the query, and the pose between them.
-  [[nodiscard]] [[gnu::cold]] static Proposal propose(std::span<const Keyframe> keyframes, const Place& place,
-                                                      const Place& query, const SE2d& T_place_query);
+  /// @param T_place_around  between the images of the place and of that around the query
+  [[nodiscard]] [[gnu::cold]] static Proposal nearest(std::span<const Keyframe> keyframes, const Place& place,
+                                                      const Place& around, KeyframeId query,
+                                                      const SE2d& T_place_around);
   [[nodiscard]] static std::optional<double> ground(std::span<const Keyframe> keyframes, const Place& place, Index at) {
     const auto begin = static_cast<std::size_t>(place.begin), end = static_cast<std::size_t>(place.end);
     return detail::ground_height(keyframes.subspan(begin, end - begin), at - place.begin);
@@ -160,6 +176,7 @@ class PlaceCandidates {
   detail::Table<Place> places_;
   Index next_ = 0;    ///< keyframe to come
   double since_ = 0;  ///< metres along the path since the last place was remembered, or the session's start
+  std::vector<ImageKeypoint> newest_;  ///< of the last place that was remembered
   detail::Table<Proposal> proposals_;
 };
 static_assert(MergeCandidates<PlaceCandidates>);
@@ -176,10 +193,17 @@ std::vector<KeyframeId> PlaceCandidates::find(std::span<const Keyframe> keyframe
   double length = 0;
   for (Index i = here.begin + 1; i < here.end; ++i) length += step(keyframes, i);
   if (length < least_share * options_.submap_length) return found;  // too little was seen so far
-  const std::vector<ImageKeypoint> seen = draw(keyframes, here);
+  return propose(keyframes, query, here, draw(keyframes, here), wanted);
+}
+
+template <class Wanted>
+std::vector<KeyframeId> PlaceCandidates::propose(std::span<const Keyframe> keyframes, KeyframeId query,
+                                                 const Place& around, std::span<const ImageKeypoint> seen,
+                                                 const Wanted& wanted) {
+  std::vector<KeyframeId> found;
   for (const PlaceMatch& match : index_.find(seen, [&](Index place) { return wanted(places_[place]); })) {
     if (to_index(found.size()) >= options_.max_count) break;
-    const Proposal proposal = propose(keyframes, places_[match.place], here, match.T_place_query);
+    const Proposal proposal = nearest(keyframes, places_[match.place], around, query, match.T_place_query);
     const auto is_near = [&](KeyframeId other) {
       return std::abs(other.value - proposal.from.value) < options_.min_separation &&
              session(keyframes, other) == session(keyframes, proposal.from);
@@ -213,7 +237,8 @@ inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index
     const Index begin = begin_of_submap(keyframes, next_), after = next_ + 1;
     const Place place{.center = KeyframeId{(begin + after) / 2}, .begin = begin, .end = after};
     places_.push_back(place);
-    index_.add(draw(keyframes, place));
+    newest_ = draw(keyframes, place);
+    index_.add(newest_);
     ++drawn;
   }
 }
@@ -230,22 +255,24 @@ inline std::vector<ImageKeypoint> PlaceCandidates::draw(std::span<const Keyframe
   return image_keypoints(height_image(seen, options_.image), options_.keypoints);
 }
 
-inline PlaceCandidates::Proposal PlaceCandidates::propose(std::span<const Keyframe> keyframes, const Place& place,
-                                                          const Place& query, const SE2d& T_place_query) {
-  const Keyframe& here = at(keyframes, query.center.value);
+inline PlaceCandidates::Proposal PlaceCandidates::nearest(std::span<const Keyframe> keyframes, const Place& place,
+                                                          const Place& around, KeyframeId query,
+                                                          const SE2d& T_place_around) {
+  const Keyframe& here = at(keyframes, query.value);
   const SE3d level = T_image_odom(at(keyframes, place.center.value));
   const auto ahead = [&](Index i) { return level * at(keyframes, i).T_odom_body; };
-  const Eigen::Vector2d position = T_place_query.translation();  // of the query, at its image's origin
+  const Eigen::Vector3d in_image = T_image_odom(at(keyframes, around.center.value)) * here.T_odom_body.translation();
+  const Eigen::Vector2d position = T_place_around * Eigen::Vector2d(in_image.head<2>());
   Index nearest = place.begin;
   double least = std::numeric_limits<double>::infinity();
   for (Index i = place.begin; i < place.end; ++i)
     if (const double away = (ahead(i).translation().head<2>() - position).norm(); away < least)
       least = away, nearest = i;
   const Keyframe& there = at(keyframes, nearest);
-  const std::optional<double> ground_here = ground(keyframes, query, query.center.value);
+  const std::optional<double> ground_here = ground(keyframes, around, query.value);
   const std::optional<double> ground_there = ground(keyframes, place, nearest);
   const double rise = ground_here && ground_there ? *ground_there - *ground_here : 0.0;
-  const SE3d T_place_body(SO3d::exp({0, 0, T_place_query.rotation().angle()}) * here.T_odom_body.rotation(),
+  const SE3d T_place_body(SO3d::exp({0, 0, T_place_around.rotation().angle()}) * here.T_odom_body.rotation(),
                           {position.x(), position.y(), ahead(nearest).translation().z() + rise});
   return {there.id, here.id, ahead(nearest).inverse() * T_place_body};
 }
@@ -311,8 +338,8 @@ class FixesElsePlaces {
 };
 static_assert(MergeCandidates<FixesElsePlaces<>>);
 
-/// Keyframes near the query; and for a session without fixes, where those do not close, keyframes that the graph puts
-/// elsewhere though their surroundings look like the query's: drift may have led far beyond any radius.
+/// Keyframes near the query; and where those do not close, keyframes that the graph puts elsewhere though their
+/// surroundings look like the query's: drift may have led beyond any radius.
 class NearElsePlaces {
  public:
   /// Starts without places.
@@ -323,23 +350,25 @@ class NearElsePlaces {
   [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
     return near_.eligible(candidate, query);
   }
-  /// As `ProximityCandidates`.
+  /// As `ProximityCandidates`; remembers places up to the query.
   [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
-                                             KeyframeId query) const {
+                                             KeyframeId query) {
+    places_.remember(keyframes, query.value + 1);
     return near_.find(keyframes, index, query);
   }
 
-  /// Keyframes of the query's frame that look like the query and are not near; asked once for each spacing of places.
+  /// Keyframes of the query's frame that look like the query and are not near; asked once for each place of the path.
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes,
                                                                 const PositionIndex& index, KeyframeId query) {
+    constexpr Index recent = 5;  // keyframes since the place was left
     const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
     const Keyframe& here = at(query);
-    if (places_.options().max_count == 0 || of_session_.any(keyframes, query)) return {};
-    if (asked_.valid() && at(asked_).session == here.session &&
-        (at(asked_).T_odom_body.translation() - here.T_odom_body.translation()).norm() < places_.options().spacing)
+    const auto count = to_index(places_.places().size());
+    if (std::exchange(asked_, count) == count) return {};
+    const PlaceCandidates::Place& newest = places_.places().back();
+    if (newest.end > query.value + 1 || newest.end + recent <= query.value || at(newest.center).session != here.session)
       return {};
-    asked_ = query;
-    return places_.find(keyframes, query, [&](const PlaceCandidates::Place& place) {
+    return places_.find_newest(keyframes, query, [&](const PlaceCandidates::Place& place) {
       const Keyframe &there = at(place.center), &last = at(KeyframeId{place.end - 1});  // any of them may be proposed
       return index.contains(there.id) && near_.eligible(last, here) &&
              (there.T_map_body.translation() - here.T_map_body.translation()).norm() > near_.radius;
@@ -351,8 +380,7 @@ class NearElsePlaces {
  private:
   ProximityCandidates near_;
   PlaceCandidates places_;
-  detail::FixesOfSession of_session_;
-  KeyframeId asked_{};
+  Index asked_ = 0;  ///< places when it was last asked
 };
 static_assert(ClosureCandidates<NearElsePlaces>);
 
