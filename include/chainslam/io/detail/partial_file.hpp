@@ -55,10 +55,10 @@ class PartialFile {
       : target_(std::move(target)), partial_(target_), overwrite_(overwrite), files_(std::move(files)) {
     partial_ += ".partial";
     require_free_target();
-    file_ = create();
+    file_ = created(files_, partial_);
     if (file_ == -EEXIST) {
       set_leftover_aside();
-      file_ = create();
+      file_ = created(files_, partial_);
     }
     if (file_ < 0) fail("creating the file", -std::exchange(file_, -1));
     if (const int error = uninterrupted([&] { return files_.lock(file_); })) {
@@ -138,10 +138,6 @@ class PartialFile {
     if (std::filesystem::is_directory(target_, error))
       throw_output_error(target_.string(), "", "a folder", "choose a file's name");
     if (!overwrite_ && is_taken(target_)) throw_taken(target_);
-  }
-
-  [[nodiscard]] int create() {
-    return uninterrupted([&] { return files_.create(partial_); });
   }
 
   [[noreturn]] void throw_locked() const {
