@@ -66,11 +66,11 @@ struct SavedMaps {
   std::vector<LoadedReference> references;  ///< for whoever does the run's work again
 };
 
-SavedMaps load_maps(const MapArguments& arguments, std::uint64_t max_memory) {
+SavedMaps load_maps(const MapArguments& arguments, std::uint64_t max_memory, const std::shared_ptr<ScanCache>& scans) {
   SavedMaps saved;
   for (const fs::path& given : arguments.maps) {
     const fs::path path = fs::is_directory(given) ? given / map_name : given;
-    saved.maps.push_back(open_map(path, {.max_memory = max_memory}).map);
+    saved.maps.push_back(open_map(path, {.max_memory = max_memory, .scan_cache = scans}).map);
     saved.references.push_back({fs::absolute(path).string(), content_of(path)});
   }
   return saved;
@@ -189,7 +189,8 @@ int run(const MapArguments& arguments) {
   const Datasets datasets = open_datasets(arguments, options);
   std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
   const std::uint64_t max_memory = memory_bound(arguments.max_memory);
-  const SavedMaps saved = load_maps(arguments, max_memory);
+  const auto scans = std::make_shared<ScanCache>(options.scan_memory);
+  const SavedMaps saved = load_maps(arguments, max_memory, scans);
   const support::Interrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
   const std::string configuration = configuration_text(options);
@@ -199,7 +200,7 @@ int run(const MapArguments& arguments) {
   support::Progress progress;
   support::StageTimes times;
   InputJournal input(folder.path() / inputs_name, configuration, saved.references);
-  MapJournal journal(folder.path() / map_name, {.parameters = configuration});
+  MapJournal journal(folder.path() / map_name, {.parameters = configuration, .scan_cache = scans});
   const MappingRun mapping_run{.options = options,
                                .threads = to_index(arguments.threads),
                                .stop = interrupt.token(),

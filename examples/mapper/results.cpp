@@ -159,7 +159,7 @@ void write_map(const FileTarget& target, const SlamMap& map, SessionId frame, do
   std::size_t folded = 0;
   for (const Keyframe& keyframe : map.keyframes) {
     if (!keyframe.cloud || map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame != frame) continue;
-    const PointCloud<float> placed = transformed(keyframe.cloud->positions, keyframe.T_map_body);
+    const PointCloud<float> placed = transformed(keyframe.cloud.load()->positions, keyframe.T_map_body);
     points.positions.insert(points.positions.end(), placed.positions.begin(), placed.positions.end());
     if (points.size() > folded + std::max(least_fold, folded / 2)) {
       points = voxel_downsample(points, voxel_size, VoxelMode::first);
@@ -207,7 +207,7 @@ void write_keyframes(const FileTarget& target, const SlamMap& map) {
     std::string line = std::to_string(keyframe.id.value) + ',' + std::to_string(keyframe.session.value) + ',' +
                        std::to_string(keyframe.time.nanoseconds()) + ',' + pose_fields(keyframe.T_map_body) + ',' +
                        pose_fields(keyframe.T_odom_body) + ',' +
-                       std::to_string(keyframe.cloud ? keyframe.cloud->size() : 0);
+                       std::to_string(keyframe.cloud.size());
     char text[128] = ",,,";
     if (keyframe.gnss) {
       const Eigen::Vector3d& p = keyframe.gnss->position_ecef;

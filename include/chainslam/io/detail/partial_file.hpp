@@ -84,6 +84,14 @@ class PartialFile {
   [[nodiscard]] const std::filesystem::path& partial() const { return partial_; }
   [[nodiscard]] bool writable() const { return file_ >= 0 && !broken_; }
 
+  /// A descriptor that reads the file, which the caller closes. @throws IoError
+  [[nodiscard]] int open_to_read() const {
+    const int file = detail::open_to_read(partial_);
+    if (file < 0)
+      throw_output_error(partial_.string(), "opening it to be read", reason(errno), output_remedy(errno, folder()));
+    return file;
+  }
+
   void write(std::span<const std::byte> bytes) {
     if (buffer_.size() + bytes.size() > buffer_size) flush();
     if (bytes.size() >= buffer_size)
@@ -147,7 +155,7 @@ class PartialFile {
 
   /// The partial file of a run that did not finish is never written over.
   void set_leftover_aside() {
-    const int leftover = open_to_read(partial_);
+    const int leftover = detail::open_to_read(partial_);
     if (leftover < 0) fail("looking at the file that is there", errno);
     const bool taken = ::flock(leftover, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
     ::close(leftover);
