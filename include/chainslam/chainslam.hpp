@@ -3,6 +3,7 @@
 /// Umbrella header (excludes the headers with optional dependencies). For prototyping: include individual headers to
 /// keep compile times low.
 
+#include "chainslam/cloud/cell_set.hpp"
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
