@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/error.hpp"
@@ -122,10 +123,10 @@ std::string memory_remedy(bool at_once, const fs::path& out) {
 }
 
 /// Whatever ends mapping before its time, what the back end was given is kept, and the user learns how to get it.
-MappingResult map_or_say_what_is_left(const Datasets& datasets, std::span<const SlamMap> saved, const MappingRun& run,
+MappingResult map_or_say_what_is_left(const Datasets& datasets, std::vector<SlamMap> saved, const MappingRun& run,
                                       const OutputFolder& folder, const InputJournal<>& input) {
   try {
-    return run_mapping(datasets, saved, run);
+    return run_mapping(datasets, std::move(saved), run);
   } catch (...) {
     run.progress.finish();
     if (input.keyframes() > 0)
@@ -190,7 +191,7 @@ int run(const MapArguments& arguments) {
   std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
   const std::uint64_t max_memory = memory_bound(arguments.max_memory);
   const auto scans = std::make_shared<ScanCache>(options.scan_memory);
-  const SavedMaps saved = load_maps(arguments, max_memory, scans);
+  SavedMaps saved = load_maps(arguments, max_memory, scans);
   const support::Interrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
   const std::string configuration = configuration_text(options);
@@ -214,7 +215,7 @@ int run(const MapArguments& arguments) {
                                      input.commit();
                                    },
                                .journal = [&](const SlamMap& map) { journal.update(map); }};
-  MappingResult mapping = map_or_say_what_is_left(datasets, saved.maps, mapping_run, folder, input);
+  MappingResult mapping = map_or_say_what_is_left(datasets, std::move(saved.maps), mapping_run, folder, input);
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     SessionRun& session = mapping.sessions[i];
     session.truth = std::move(truths[i]);

@@ -111,7 +111,7 @@ bool has_closed_any(const UnfinishedRun& run) { return keyframes_in(run.map) > 0
 std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArguments& arguments) {
   const auto scans = std::make_shared<ScanCache>();
   JournaledInput recorded = read_input_journal(run.inputs, scans);
-  const std::vector<SlamMap> loaded = loaded_maps(recorded, run.inputs, scans);
+  std::vector<SlamMap> loaded = loaded_maps(recorded, run.inputs, scans);
   Index known = recorded.keyframes;
   for (const SlamMap& map : loaded) known += to_index(map.keyframes.size());
   if (keyframes_in(run.map) > known) return std::nullopt;
@@ -129,7 +129,7 @@ std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArgumen
   repeated.notes = std::move(settings.notes);
   repeated.account = std::to_string(recorded.keyframes) + " keyframes of the run" +
                      (recorded.problems.empty() ? ", all that it had shown" : "; " + recorded.problems.front());
-  repeated.map = run_again(std::move(recorded.inputs), loaded, again);
+  repeated.map = run_again(std::move(recorded.inputs), std::move(loaded), again);
   journal.finish(*repeated.map);
   return repeated;
 }

@@ -219,7 +219,7 @@ TEST_SUITE("program/back_end_settings") {
     CHECK(all == map.records("keyframes.scan_memory=0"));  // the scan used last
     CHECK(all == map.records("keyframes.scan_memory=1"));
     const ScratchFolder scratch("scan_memory");
-    CHECK(contains(run_program(scratch.path(), "config --print").output, "scan_memory = 64\n"));
+    CHECK(contains(run_program(scratch.path(), "config --print").output, "scan_memory = 32\n"));
     CHECK(run_program(scratch.path(), "config --print --set keyframes.scan_memory=-1").exit_code == 2);
   }
 
@@ -227,7 +227,7 @@ TEST_SUITE("program/back_end_settings") {
     const RoundMap map;
     CHECK(apart(map.poses("closures.submap_memory=1"), map.poses("")) == 0);
     const ScratchFolder scratch("submap_memory");
-    CHECK(contains(run_program(scratch.path(), "config --print").output, "submap_memory = 512\n"));
+    CHECK(contains(run_program(scratch.path(), "config --print").output, "submap_memory = 128\n"));
     const ProgramResult none = run_program(scratch.path(), "config --print --set closures.submap_memory=0");
     CHECK(none.exit_code == 2);
     CHECK(contains(none.errors, "'closures.submap_memory' is out of range"));

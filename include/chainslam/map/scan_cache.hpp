@@ -20,7 +20,7 @@ class ScanCache {
   /// Points of a scan.
   using Cloud = std::shared_ptr<const PointCloud<float>>;
   /// Some hundred scans: what loop closure around one place reads again and again.
-  static constexpr std::size_t default_bytes = std::size_t{64} << 20;
+  static constexpr std::size_t default_bytes = std::size_t{32} << 20;
 
   /// Keeps so many bytes of points, but always the scan used last.
   explicit ScanCache(std::size_t max_bytes = default_bytes) : max_bytes_(max_bytes) {}
