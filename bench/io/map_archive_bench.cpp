@@ -154,11 +154,42 @@ void load(benchmark::State& state) {
   set_file_counters(state, file);
 }
 
+/// The scans stay in the file.
+void open_only(benchmark::State& state) {
+  const TemporaryFile file;
+  save_map(file.path(), large_map());
+  const MapLoadOptions options{.scan_cache = std::make_shared<ScanCache>()};
+  for (auto _ : state) benchmark::DoNotOptimize(load_map(file.path(), options).map.keyframes.size());
+  set_file_counters(state, file);
+}
+
+/// Every scan in turn, from a cache that has none of them or all.
+void read_scans(benchmark::State& state, std::size_t cache_bytes) {
+  const TemporaryFile file;
+  save_map(file.path(), large_map());
+  const LoadedMap loaded = load_map(file.path(), {.scan_cache = std::make_shared<ScanCache>(cache_bytes)});
+  std::size_t points = 0;
+  for (const Keyframe& keyframe : loaded.map.keyframes) points += keyframe.cloud.load()->size();
+  for (auto _ : state)
+    for (const Keyframe& keyframe : loaded.map.keyframes) benchmark::DoNotOptimize(keyframe.cloud.load()->size());
+  state.SetItemsProcessed(state.iterations() * std::ssize(loaded.map.keyframes));
+  state.SetBytesProcessed(state.iterations() * static_cast<std::int64_t>(points * sizeof(Eigen::Vector3f)));
+}
+
 BENCHMARK(encode)->Name("io/map_archive/encode")->ArgName("voxel_cm")->Arg(0)->Arg(40)->UseManualTime();
 BENCHMARK(decode)->Name("io/map_archive/decode")->ArgName("voxel_cm")->Arg(0)->Arg(40)->UseManualTime();
 BENCHMARK(save)->Name("io/map_archive/save_1000_keyframes")->UseRealTime()->Unit(benchmark::kMillisecond);
 BENCHMARK(journal)->Name("io/map_archive/journal_1000_keyframes")->UseRealTime()->Unit(benchmark::kMillisecond);
 BENCHMARK(load)->Name("io/map_archive/load_1000_keyframes")->UseRealTime()->Unit(benchmark::kMillisecond);
+BENCHMARK(open_only)->Name("io/map_archive/open_1000_keyframes")->UseRealTime()->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(read_scans, from_file, std::size_t{0})
+    ->Name("io/scan_file/read_1000_scans")
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(read_scans, from_cache, std::size_t{1} << 40)
+    ->Name("io/scan_file/read_1000_cached_scans")
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace chainslam

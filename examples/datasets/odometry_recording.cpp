@@ -71,7 +71,7 @@ void OdometryRecording::add(const FrameRecord& frame, const std::optional<Keyfra
   FrameRow row{.frame = frame};
   if (keyframe) {
     row.keyframe = static_cast<std::int64_t>(keyframes_.size());
-    write_pcd(scan_file(folder_, keyframes_.size()), *keyframe->cloud);
+    write_pcd(scan_file(folder_, keyframes_.size()), *keyframe->cloud.load());
     keyframes_.times.push_back(keyframe->time);
     keyframes_.poses.push_back(keyframe->T_odom_body);
   }

@@ -12,6 +12,7 @@ namespace chainslam::mapper {
 int run(const CheckArguments& arguments) {
   const std::filesystem::path& path = arguments.map;
   const LoadedMap loaded = open_map(path, {.recover = true});
+  for (const Keyframe& keyframe : loaded.map.keyframes) static_cast<void>(keyframe.cloud.load());  // one by one
   const MapFileReport& report = loaded.report;
   const std::string name = printable(path.native());
   if (report.complete) {

@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/error.hpp"
@@ -66,11 +67,11 @@ struct SavedMaps {
   std::vector<LoadedReference> references;  ///< for whoever does the run's work again
 };
 
-SavedMaps load_maps(const MapArguments& arguments, std::uint64_t max_memory) {
+SavedMaps load_maps(const MapArguments& arguments, std::uint64_t max_memory, const std::shared_ptr<ScanCache>& scans) {
   SavedMaps saved;
   for (const fs::path& given : arguments.maps) {
     const fs::path path = fs::is_directory(given) ? given / map_name : given;
-    saved.maps.push_back(open_map(path, {.max_memory = max_memory}).map);
+    saved.maps.push_back(open_map(path, {.max_memory = max_memory, .scan_cache = scans}).map);
     saved.references.push_back({fs::absolute(path).string(), content_of(path)});
   }
   return saved;
@@ -122,10 +123,10 @@ std::string memory_remedy(bool at_once, const fs::path& out) {
 }
 
 /// Whatever ends mapping before its time, what the back end was given is kept, and the user learns how to get it.
-MappingResult map_or_say_what_is_left(const Datasets& datasets, std::span<const SlamMap> saved, const MappingRun& run,
+MappingResult map_or_say_what_is_left(const Datasets& datasets, std::vector<SlamMap> saved, const MappingRun& run,
                                       const OutputFolder& folder, const InputJournal<>& input) {
   try {
-    return run_mapping(datasets, saved, run);
+    return run_mapping(datasets, std::move(saved), run);
   } catch (...) {
     run.progress.finish();
     if (input.keyframes() > 0)
@@ -189,7 +190,8 @@ int run(const MapArguments& arguments) {
   const Datasets datasets = open_datasets(arguments, options);
   std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
   const std::uint64_t max_memory = memory_bound(arguments.max_memory);
-  const SavedMaps saved = load_maps(arguments, max_memory);
+  const auto scans = std::make_shared<ScanCache>(options.scan_memory);
+  SavedMaps saved = load_maps(arguments, max_memory, scans);
   const support::Interrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
   const std::string configuration = configuration_text(options);
@@ -199,7 +201,7 @@ int run(const MapArguments& arguments) {
   support::Progress progress;
   support::StageTimes times;
   InputJournal input(folder.path() / inputs_name, configuration, saved.references);
-  MapJournal journal(folder.path() / map_name, {.parameters = configuration});
+  MapJournal journal(folder.path() / map_name, {.parameters = configuration, .scan_cache = scans});
   const MappingRun mapping_run{.options = options,
                                .threads = to_index(arguments.threads),
                                .stop = interrupt.token(),
@@ -213,7 +215,7 @@ int run(const MapArguments& arguments) {
                                      input.commit();
                                    },
                                .journal = [&](const SlamMap& map) { journal.update(map); }};
-  MappingResult mapping = map_or_say_what_is_left(datasets, saved.maps, mapping_run, folder, input);
+  MappingResult mapping = map_or_say_what_is_left(datasets, std::move(saved.maps), mapping_run, folder, input);
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     SessionRun& session = mapping.sessions[i];
     session.truth = std::move(truths[i]);

@@ -166,7 +166,7 @@ PointCloud<float> assembled_cloud(const SlamMap& map, const std::vector<SessionI
     for (Index i = session_of(map, id).first_keyframe; i < session_of(map, id).end_keyframe(); ++i) {
       const Keyframe& keyframe = keyframe_of(map, i);
       if (!keyframe.cloud) continue;
-      const PointCloud<float> placed = transformed(keyframe.cloud->positions, keyframe.T_map_body);
+      const PointCloud<float> placed = transformed(keyframe.cloud.load()->positions, keyframe.T_map_body);
       points.positions.insert(points.positions.end(), placed.positions.begin(), placed.positions.end());
       if (points.size() > fold_at + 2 * folded) fold();
     }

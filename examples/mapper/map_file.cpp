@@ -50,6 +50,7 @@ std::uint64_t memory_bound(std::uint64_t given) { return given > 0 ? given : mac
 
 LoadedMap open_map(const fs::path& path, MapLoadOptions options) {
   if (options.max_memory == 0) options.max_memory = machine_memory() / 5 * 4;
+  if (!options.scan_cache) options.scan_cache = std::make_shared<ScanCache>();
   return load_map(path, options);
 }
 
@@ -81,7 +82,7 @@ std::string short_account(const SlamMap& map) {
   for (const Keyframe& keyframe : map.keyframes)
     if (keyframe.cloud) {
       ++scans;
-      points += keyframe.cloud->size();
+      points += keyframe.cloud.size();
     }
   return how_many(map.sessions.size(), "session") + ", " + how_many(map.keyframes.size(), "keyframe") + ", " +
          how_many(scans, "scan") + " of " + how_many(points, "point") + ", " + how_many(map.closures.size(), "closure");

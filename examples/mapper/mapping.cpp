@@ -238,10 +238,10 @@ std::optional<std::string> spacing_note(const ChainOptions& chain, const BackEnd
 
 bool memory_is_full(const MappingRun& run) { return run.max_memory > 0 && support::current_memory() > run.max_memory; }
 
-MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets, std::span<const SlamMap> loaded,
+MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets, std::vector<SlamMap> loaded,
                           const MappingRun& run) {
   MapperBackEnd back_end = make_back_end(run.options.back_end);
-  for (const SlamMap& map : loaded) back_end.load(map);
+  for (SlamMap& map : loaded) back_end.load(std::exchange(map, {}));
   MappingResult result;
   const auto first = to_index(back_end.map().sessions.size());
   {
@@ -261,7 +261,7 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
     result.memory_full |= memory_is_full(run);
     await(pipeline, metered, run.progress);
     const auto measurement = run.times.measure("final optimization");
-    result.map = back_end.finish();
+    result.map = back_end.release();
     result.figures = metered.figures();
   }
   run.progress.finish();
@@ -273,10 +273,10 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
   return result;
 }
 
-std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::span<const SlamMap> loaded,
+std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::vector<SlamMap> loaded,
                                          const MappingRun& run) {
   MapperBackEnd back_end = make_back_end(run.options.back_end);
-  for (const SlamMap& map : loaded) back_end.load(map);
+  for (SlamMap& map : loaded) back_end.load(std::exchange(map, {}));
   const ThreadPool threads(run.threads);
   MeteredBackEnd metered(back_end, run);
   MapperPipeline pipeline(metered, threads);
@@ -289,7 +289,7 @@ std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::span
   }
   pipeline.finish();
   run.progress.finish();
-  return back_end.finish();
+  return back_end.release();
 }
 
 }  // namespace chainslam::mapper

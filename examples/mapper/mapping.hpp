@@ -39,10 +39,10 @@ struct MappingRun {
 /// Maps data sets one after the other on top of maps that were saved before: odometry, keyframes, closures, chains,
 /// merges, pose graph.
 [[nodiscard]] MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets,
-                                        std::span<const SlamMap> loaded, const MappingRun& run);
+                                        std::vector<SlamMap> loaded, const MappingRun& run);
 
 /// Does the back end's work of a run again. @returns the map that the run would have had, bit for bit.
-[[nodiscard]] std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::span<const SlamMap> loaded,
+[[nodiscard]] std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::vector<SlamMap> loaded,
                                                        const MappingRun& run);
 
 }  // namespace chainslam::mapper

@@ -101,7 +101,7 @@ class Recorder {
     std::optional<Keyframe> keyframe = select_(frame);
     if (keyframe)
       keyframe->cloud =
-          std::make_shared<const PointCloud<float>>(recorded_scan(*keyframe->cloud, run_.options.keyframes));
+          std::make_shared<const PointCloud<float>>(recorded_scan(*keyframe->cloud.load(), run_.options.keyframes));
     {
       const auto measurement = run_.times.measure("write");
       recording_.add(record, keyframe);

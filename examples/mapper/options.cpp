@@ -224,6 +224,18 @@ void add_keyframes(Configuration& configuration, KeyframeOptions& keyframes) {
                      .help = "Voxel size to which the stored scan is downsampled. 0: all points are stored."});
 }
 
+void add_scan_memory(Configuration& configuration, std::size_t& bytes) {
+  constexpr double mebibyte = 1 << 20;
+  configuration.add("keyframes.scan_memory", bytes,
+                    {.unit = "MiB",
+                     .min = 0,
+                     .max = 1e6,
+                     .factor = mebibyte,
+                     .help = "Maximum memory of the keyframes' scans, which are read from the map's file when they are "
+                             "needed. The least recently used are dropped first; what the map becomes does not depend "
+                             "on it."});
+}
+
 void add_presets(Configuration& configuration, MapperOptions& options) {
   const auto brings = [&options] { return values_of(options.preset, options.platform); };
   configuration.add(
@@ -290,6 +302,7 @@ support::Configuration make_configuration(MapperOptions& options) {
   add_odometry(configuration, options.odometry_source, options.odometry);
   add_imu(configuration, options.imu, options.dataset);
   add_keyframes(configuration, options.keyframes);
+  add_scan_memory(configuration, options.scan_memory);
   add_back_end(configuration, options.back_end);
   configuration.add("output.map_voxel", options.map_voxel,
                     {.unit = "m", .min = 0.01, .max = 10, .help = "Voxel size of map.ply."});

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <string>
 #include <vector>
 
+#include "chainslam/map/scan_cache.hpp"
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
@@ -53,6 +55,7 @@ struct MapperOptions {
   LidarOdometryOptions<> odometry;
   ImuSettings imu;
   KeyframeOptions keyframes;
+  std::size_t scan_memory = ScanCache::default_bytes;  ///< of keyframes' scans that are in their file
   BackEndParts back_end;
   double map_voxel = 0.2;  ///< metres, of map.ply
   Goals goals;

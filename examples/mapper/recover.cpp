@@ -29,7 +29,7 @@ void check_copy(const std::filesystem::path& path, const SlamMap& map) {
       std::equal(copy.map.keyframes.begin(), copy.map.keyframes.end(), map.keyframes.begin(), map.keyframes.end(),
                  [](const Keyframe& a, const Keyframe& b) {
                    return a.time == b.time && a.T_map_body == b.T_map_body && !a.cloud == !b.cloud &&
-                          (!a.cloud || a.cloud->positions == b.cloud->positions);
+                          (!a.cloud || a.cloud.load()->positions == b.cloud.load()->positions);
                  });
   if (!same)
     throw_output_error(path.string(), "", "another map than was written", "check the disk, and do not use this file");

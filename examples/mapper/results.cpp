@@ -8,8 +8,8 @@
 #include <span>
 #include <utility>
 
+#include "chainslam/cloud/cell_set.hpp"
 #include "chainslam/cloud/transform.hpp"
-#include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/evaluation/ape.hpp"
 #include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/io/atomic_file.hpp"
@@ -150,23 +150,19 @@ void take_errors(RunOutcome& outcome) {
   outcome.inter_session_errors = std::move(between);
 }
 
-/// All scans of the sessions that lie in one frame.
+/// All scans of the sessions that lie in one frame: the first point of each voxel, so that memory holds no more.
 void write_map(const FileTarget& target, const SlamMap& map, SessionId frame, double voxel_size) {
-  // Folded now and then, so that memory holds the map and not all scans at once: whenever half as much has come as is
-  // there. A voxel keeps its first point, so that this changes nothing.
-  constexpr std::size_t least_fold = 1'000'000;
+  const double inverse_size = 1.0 / voxel_size;
   PointCloud<float> points;
-  std::size_t folded = 0;
+  CellSet occupied;
   for (const Keyframe& keyframe : map.keyframes) {
     if (!keyframe.cloud || map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame != frame) continue;
-    const PointCloud<float> placed = transformed(keyframe.cloud->positions, keyframe.T_map_body);
-    points.positions.insert(points.positions.end(), placed.positions.begin(), placed.positions.end());
-    if (points.size() > folded + std::max(least_fold, folded / 2)) {
-      points = voxel_downsample(points, voxel_size, VoxelMode::first);
-      folded = points.size();
-    }
+    const PointCloud<float> placed = transformed(keyframe.cloud.load()->positions, keyframe.T_map_body);
+    for (const Eigen::Vector3f& p : placed.positions)
+      if (const auto cell = cell_of(p.cast<double>() * inverse_size); cell && occupied.insert(*cell))
+        points.positions.push_back(p);
   }
-  write_ply(target, voxel_downsample(points, voxel_size, VoxelMode::first));
+  write_ply(target, points);
 }
 
 void write_graph(const FileTarget& target, const SlamMap& map) {
@@ -206,8 +202,7 @@ void write_keyframes(const FileTarget& target, const SlamMap& map) {
     detail::require_finite(target, "keyframe", keyframe.id.value, keyframe.T_odom_body);
     std::string line = std::to_string(keyframe.id.value) + ',' + std::to_string(keyframe.session.value) + ',' +
                        std::to_string(keyframe.time.nanoseconds()) + ',' + pose_fields(keyframe.T_map_body) + ',' +
-                       pose_fields(keyframe.T_odom_body) + ',' +
-                       std::to_string(keyframe.cloud ? keyframe.cloud->size() : 0);
+                       pose_fields(keyframe.T_odom_body) + ',' + std::to_string(keyframe.cloud.size());
     char text[128] = ",,,";
     if (keyframe.gnss) {
       const Eigen::Vector3d& p = keyframe.gnss->position_ecef;

@@ -28,7 +28,8 @@ bool is_file(const fs::path& path) {
 }
 
 /// The maps that a run had loaded: where they were, and what they were.
-std::vector<SlamMap> loaded_maps(const JournaledInput& recorded, const fs::path& inputs) {
+std::vector<SlamMap> loaded_maps(const JournaledInput& recorded, const fs::path& inputs,
+                                 const std::shared_ptr<ScanCache>& scans) {
   std::vector<SlamMap> maps;
   for (const LoadedReference& reference : recorded.loaded) {
     if (!is_file(reference.path) || content_of(reference.path) != reference.content)
@@ -36,7 +37,7 @@ std::vector<SlamMap> loaded_maps(const JournaledInput& recorded, const fs::path&
                         "a run that had loaded " + reference.path +
                             (is_file(reference.path) ? ", which is another map now" : ", which is not there any more"),
                         "put that map back, or pass --no-replay: that takes what the run had closed so far");
-    maps.push_back(open_map(reference.path).map);
+    maps.push_back(open_map(reference.path, {.scan_cache = scans}).map);
   }
   return maps;
 }
@@ -108,8 +109,9 @@ UnfinishedRun find_unfinished(const fs::path& path) {
 bool has_closed_any(const UnfinishedRun& run) { return keyframes_in(run.map) > 0; }
 
 std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArguments& arguments) {
-  JournaledInput recorded = read_input_journal(run.inputs);
-  const std::vector<SlamMap> loaded = loaded_maps(recorded, run.inputs);
+  const auto scans = std::make_shared<ScanCache>();
+  JournaledInput recorded = read_input_journal(run.inputs, scans);
+  std::vector<SlamMap> loaded = loaded_maps(recorded, run.inputs, scans);
   Index known = recorded.keyframes;
   for (const SlamMap& map : loaded) known += to_index(map.keyframes.size());
   if (keyframes_in(run.map) > known) return std::nullopt;
@@ -127,7 +129,7 @@ std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArgumen
   repeated.notes = std::move(settings.notes);
   repeated.account = std::to_string(recorded.keyframes) + " keyframes of the run" +
                      (recorded.problems.empty() ? ", all that it had shown" : "; " + recorded.problems.front());
-  repeated.map = run_again(std::move(recorded.inputs), loaded, again);
+  repeated.map = run_again(std::move(recorded.inputs), std::move(loaded), again);
   journal.finish(*repeated.map);
   return repeated;
 }

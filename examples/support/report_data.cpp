@@ -86,8 +86,9 @@ std::vector<ReportRefusal> refusals_of(const SlamMap& map) {
 /// Adds the keyframe's points that are the first in their cells.
 void add_points(const Keyframe& keyframe, const Eigen::Vector3d& offset, double voxel_size, CellTable& cells,
                 ReportData& data) {
-  if (!keyframe.cloud) return;
-  for (const Eigen::Vector3f& position : keyframe.cloud->positions) {
+  const auto cloud = keyframe.cloud.load();
+  if (!cloud) return;
+  for (const Eigen::Vector3f& position : cloud->positions) {
     const Eigen::Vector3d point = keyframe.T_map_body * Eigen::Vector3d(position.cast<double>());
     const std::optional<Cell> cell = cell_of((point - data.points_origin) / voxel_size);
     if (!cell || !cells.insert(*cell, cells.size()).second) continue;

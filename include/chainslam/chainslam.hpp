@@ -3,6 +3,7 @@
 /// Umbrella header (excludes the headers with optional dependencies). For prototyping: include individual headers to
 /// keep compile times low.
 
+#include "chainslam/cloud/cell_set.hpp"
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
@@ -114,8 +115,10 @@
 #include "chainslam/map/frame.hpp"
 #include "chainslam/map/frame_record.hpp"
 #include "chainslam/map/keyframe.hpp"
+#include "chainslam/map/keyframe_scan.hpp"
 #include "chainslam/map/loop_closure.hpp"
 #include "chainslam/map/map_input.hpp"
+#include "chainslam/map/scan_cache.hpp"
 #include "chainslam/map/session.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/map/submap.hpp"

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/cloud/cell_set.hpp"
 #include "support/property.hpp"
 
 namespace chainslam {
@@ -215,6 +216,27 @@ TEST_SUITE("cloud/voxel_grid") {
     for (const double size :
          {0.0, -1.0, std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()})
       CHECK_THROWS_AS((void)voxel_downsample(none, size), std::invalid_argument);
+  }
+}
+
+TEST_SUITE("cloud/cell_set") {
+  TEST_CASE("a cell is new once, wherever it is; sets of neighbours are small") {
+    for_all(50, [](Rng& rng, int size) {
+      CellSet set;
+      CellTable table;
+      const auto coordinate = [&](Index middle) { return middle + rng.uniform_index(2 * size + 1) - size; };
+      for (int i = 0; i < 20 * size; ++i) {
+        const Index far = rng.uniform_index(3) - 1;  // about the origin, and at both ends of the numbers
+        const Cell cell{coordinate(far * 2'000'000'000), coordinate(0), coordinate(-far * 2'000'000'000)};
+        CHECK(set.insert(cell) == table.insert(cell, i).second);
+      }
+      CHECK(set.size() == table.size());
+    });
+    CellSet plane;
+    for (Index x = 0; x < 1000; ++x)
+      for (Index y = -500; y < 500; ++y) CHECK(plane.insert({x, y, 7}));
+    CHECK(plane.size() == 1'000'000);
+    CHECK(plane.memory() < 4'000'000);
   }
 }
 

@@ -1,8 +1,13 @@
 #include "chainslam/io/atomic_file.hpp"
 
 #include <doctest/doctest.h>
+#include <fcntl.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <memory>
+#include <string_view>
+#include <vector>
 
 #include "support/files.hpp"
 
@@ -71,6 +76,26 @@ std::string write_faulty(const std::filesystem::path& path, const FaultyFileSyst
 }  // namespace
 
 TEST_SUITE("io/atomic_file") {
+  TEST_CASE("a file is made once, also where its descriptor is the number of an interruption") {
+    std::vector<int> lower;  // open, so that EINTR is the next
+    do lower.push_back(::dup(0));
+    while (lower.back() <= EINTR);
+    const int other = ::fcntl(EINTR, F_DUPFD_CLOEXEC, EINTR + 1);
+    ::close(EINTR);
+    {
+      const TemporaryFolder folder;
+      AtomicFile file(folder / "a");
+      file.write(std::string_view("text"));
+      CHECK(folder.files() == 1);
+      file.commit();
+      CHECK(folder.files() == 1);
+      CHECK(read_bytes(folder / "a") == "text");
+    }
+    ::dup2(other, EINTR);
+    ::close(other);
+    for (const int file : lower) ::close(file);
+  }
+
   TEST_CASE("a committed file holds all that was written and leaves no temporary") {
     const TemporaryFolder folder;
     AtomicFile file(folder / "a.txt");

@@ -124,7 +124,7 @@ TEST_SUITE("io/map_archive") {
         says(refused([&](SlamMap& map) { map.odometry[0].sqrt_information(2, 2) = nan; }), "odometry 0, information"));
     CHECK(says(refused([](SlamMap& map) { map.keyframes[1].gnss->covariance_ecef(0, 1) = 9; }), "not symmetric"));
     CHECK(says(refused([](SlamMap& map) {
-                 PointCloud<float> cloud = *map.keyframes[0].cloud;
+                 PointCloud<float> cloud = *map.keyframes[0].cloud.load();
                  cloud.intensities.resize(3);
                  map.keyframes[0].cloud = std::make_shared<const PointCloud<float>>(cloud);
                }),

@@ -474,7 +474,7 @@ TEST_SUITE("io/map_format") {
           REQUIRE(ZSTD_decompress(scan.data(), raw, file.data() + payload, stored) == raw);
         }
         const auto unsigned_at = [&](std::size_t i) -> unsigned { return static_cast<unsigned char>(scan[i]); };
-        const std::size_t n = map.keyframes[0].cloud->size();
+        const std::size_t n = map.keyframes[0].cloud.size();
         REQUIRE(scan.size() == 32 + 6 * n);
         for (std::size_t axis = 0; axis < 3; ++axis) {
           std::uint16_t number = 0;
@@ -482,7 +482,7 @@ TEST_SUITE("io/map_format") {
             const unsigned code = unsigned_at(32 + 2 * n * axis + i) | unsigned_at(32 + 2 * n * axis + n + i) << 8;
             const unsigned difference = code % 2 == 0 ? code / 2 : ~(code / 2);
             number = static_cast<std::uint16_t>(number + difference);
-            CHECK(map.keyframes[0].cloud->positions[i][static_cast<Eigen::Index>(axis)] ==
+            CHECK(map.keyframes[0].cloud.load()->positions[i][static_cast<Eigen::Index>(axis)] ==
                   static_cast<float>(static_cast<std::int16_t>(number) * 0.01));
           }
         }

@@ -86,7 +86,7 @@ bool is_part(const LoadedMap& part, const SlamMap& whole) {
   for (std::size_t i = 0; i < part.map.keyframes.size(); ++i) {
     const Keyframe &keyframe = part.map.keyframes[i], &original = whole.keyframes[i];
     const bool stated_lost = std::find(lost.begin(), lost.end(), keyframe.id) != lost.end();
-    if (stated_lost ? keyframe.cloud != nullptr : !same_cloud(keyframe.cloud, original.cloud)) return false;
+    if (stated_lost ? static_cast<bool>(keyframe.cloud) : !same_cloud(keyframe.cloud, original.cloud)) return false;
     if (keyframe.gnss && !same_fix(keyframe.gnss, original.gnss)) return false;
   }
   return true;

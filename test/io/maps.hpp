@@ -175,8 +175,8 @@ bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
   return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), sizeof(T) * a.size()) == 0);
 }
 
-inline bool same_cloud(const std::shared_ptr<const PointCloud<float>>& a,
-                       const std::shared_ptr<const PointCloud<float>>& b) {
+inline bool same_cloud(const KeyframeScan& one, const KeyframeScan& other) {
+  const auto a = one.load(), b = other.load();
   if (!a || !b) return !a && !b;
   return same_bits(a->positions, b->positions) && same_bits(a->normals, b->normals) &&
          same_bits(a->time_offsets, b->time_offsets) && same_bits(a->intensities, b->intensities);

@@ -43,6 +43,21 @@ std::vector<SE3d> poses_of_map(const ScratchFolder& scratch, const fs::path& dat
   return poses;
 }
 
+/// All chunks of a map's file as they are stored, but for the settings and what is of the file itself.
+std::string stored_records(const fs::path& path) {
+  const chainslam::detail::MapFileReader file(path);
+  std::string records;
+  for (std::size_t i = 0; i < file.chunks().size(); ++i) {
+    const auto& header = file.chunks()[i].header;
+    using Type = chainslam::detail::ChunkType;
+    if (header.is(Type::parameters) || header.is(Type::index) || header.is(Type::end)) continue;
+    const std::vector<std::byte> payload = file.stored_payload(i).value();
+    records += std::to_string(header.type) + ' ' + std::to_string(header.count) + ' ';
+    records.append(reinterpret_cast<const char*>(payload.data()), payload.size());
+  }
+  return records;
+}
+
 /// One and a third rounds of a circle of 20 m with a fix at each keyframe, mapped with some settings.
 class RoundMap {
  public:
@@ -50,6 +65,11 @@ class RoundMap {
 
   [[nodiscard]] std::vector<SE3d> poses(const std::string& settings) const {
     return poses_of_map(scratch_, data(), settings);
+  }
+  /// All that the map's file has with these settings.
+  [[nodiscard]] std::string records(const std::string& settings) const {
+    static_cast<void>(poses(settings));
+    return stored_records(scratch_.path() / "out/map.cslam");
   }
 
  private:
@@ -192,11 +212,22 @@ TEST_SUITE("program/back_end_settings") {
     CHECK(height_range(by_all) > height_range(with));  // what is off by 20 degrees was rejected
   }
 
+  TEST_CASE("a map does not depend on how many scans stay in memory, which is stated in MiB") {
+    const RoundMap map;
+    const std::string all = map.records("keyframes.scan_memory=1000000");
+    CHECK(all.size() > 100'000);
+    CHECK(all == map.records("keyframes.scan_memory=0"));  // the scan used last
+    CHECK(all == map.records("keyframes.scan_memory=1"));
+    const ScratchFolder scratch("scan_memory");
+    CHECK(contains(run_program(scratch.path(), "config --print").output, "scan_memory = 32\n"));
+    CHECK(run_program(scratch.path(), "config --print --set keyframes.scan_memory=-1").exit_code == 2);
+  }
+
   TEST_CASE("a map does not depend on how many submaps are kept; their memory is stated in MiB") {
     const RoundMap map;
     CHECK(apart(map.poses("closures.submap_memory=1"), map.poses("")) == 0);
     const ScratchFolder scratch("submap_memory");
-    CHECK(contains(run_program(scratch.path(), "config --print").output, "submap_memory = 512\n"));
+    CHECK(contains(run_program(scratch.path(), "config --print").output, "submap_memory = 128\n"));
     const ProgramResult none = run_program(scratch.path(), "config --print --set closures.submap_memory=0");
     CHECK(none.exit_code == 2);
     CHECK(contains(none.errors, "'closures.submap_memory' is out of range"));

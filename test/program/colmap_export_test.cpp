@@ -129,8 +129,9 @@ TEST_SUITE("program/colmap export") {
     const std::vector<std::string> lines = data_lines(scratch.path() / "model/points3D.txt");
     std::size_t i = 0;
     for (const Keyframe& keyframe : map.keyframes) {
-      if (!keyframe.cloud) continue;
-      for (const Eigen::Vector3f& p_body : keyframe.cloud->positions) {
+      const auto cloud = keyframe.cloud.load();
+      if (!cloud) continue;
+      for (const Eigen::Vector3f& p_body : cloud->positions) {
         const Eigen::Vector3d p = keyframe.T_map_body * p_body.cast<double>();
         REQUIRE(i < lines.size());
         std::istringstream fields(lines[i]);

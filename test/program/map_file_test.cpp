@@ -123,7 +123,7 @@ TEST_SUITE("program/map_file") {
     CHECK(graph.spatial.edges.size() == map.odometry.size() + map.closures.size());
     CHECK(graph.fixed.size() == 1);
     std::size_t points = 0;
-    for (const Keyframe& keyframe : map.keyframes) points += keyframe.cloud ? keyframe.cloud->size() : 0;
+    for (const Keyframe& keyframe : map.keyframes) points += keyframe.cloud.size();
     CHECK(read_ply(exported("ply", "map.ply", "--voxel 0")).size() == points);
     const std::size_t thinned = read_pcd(exported("pcd", "map.pcd", "--voxel 10")).size();
     CHECK(thinned > 0);

@@ -249,6 +249,20 @@ TEST_SUITE("slam/back_end") {
     CHECK(back_end.counts().optimisations == 0);
   }
 
+  TEST_CASE("a map that is given away is the one that is handed out as a copy") {
+    const Round round;
+    const auto mapped = [&](bool given) {
+      PlainBackEnd back_end({.graph = {.odometry_noise = Round::noise}}, {{measured(0, 80, round.between(0, 80))}});
+      for (std::size_t i = 0; i < round.truth.size(); ++i) back_end.add(round.keyframe(i));
+      return given ? back_end.release() : back_end.finish();
+    };
+    const auto copy = mapped(false), given = mapped(true);
+    CHECK(given->closures.size() == 1);
+    REQUIRE(given->keyframes.size() == copy->keyframes.size());
+    for (std::size_t i = 0; i < round.truth.size(); ++i)
+      CHECK(given->keyframes[i].T_map_body == copy->keyframes[i].T_map_body);
+  }
+
   TEST_CASE("keyframes without a scan, or with an empty one, are mapped and close no loop") {
     const Round round;
     SingleSession back_end({}, LoopCloser<>(test::small_submaps));

@@ -48,11 +48,11 @@ TEST_SUITE("slam/keyframe_selector") {
 
   TEST_CASE("distance 0 takes every frame; the scan is thinned, or kept whole at voxel 0") {
     KeyframeSelector all({.distance = 0, .scan_voxel = 0});
-    CHECK(all(frame_at(0, 0))->cloud->size() == 3);
+    CHECK(all(frame_at(0, 0))->cloud.size() == 3);
     CHECK(all(frame_at(0, 0)).has_value());
     KeyframeSelector thinned({.distance = 0, .scan_voxel = 0.4});
     const auto keyframe = thinned(frame_at(7, 0.1));
-    CHECK(keyframe->cloud->size() == 2);
+    CHECK(keyframe->cloud.size() == 2);
     CHECK(keyframe->time == Timestamp::from_seconds(7));
     CHECK(keyframe->T_odom_body == frame_at(7, 0.1).T_odom_body);
     CHECK_FALSE(keyframe->id.valid());

@@ -115,7 +115,7 @@ TEST_SUITE("slam/loop_closer") {
 
   TEST_CASE("a scan of another place has too few partners, and the closer goes on to the next candidate") {
     Corner corner;
-    auto elsewhere = std::make_shared<PointCloud<float>>(*corner.keyframes.back().cloud);
+    auto elsewhere = std::make_shared<PointCloud<float>>(*corner.keyframes.back().cloud.load());
     for (Eigen::Vector3f& p : elsewhere->positions) p.z() += 40;
     corner.keyframes.back().cloud = elsewhere;
     LoopCloser<> closer(test::small_submaps, {.min_separation = 4, .max_count = 2});
@@ -176,7 +176,8 @@ TEST_SUITE("slam/loop_closer") {
     for (const KeyframeId scan : {corner.query(), corner.query(), KeyframeId{3}})
       (void)thinned.align(corner.keyframes, KeyframeId{8}, scan, corner.guess());
     const auto size = [&](Index i, double voxel) {
-      const PointCloud<float>& scan = *corner.keyframes[static_cast<std::size_t>(i)].cloud;
+      const auto scan_of_keyframe = corner.keyframes[static_cast<std::size_t>(i)].cloud.load();
+      const PointCloud<float>& scan = *scan_of_keyframe;
       return voxel > 0 ? voxel_downsample(scan, voxel).size() : scan.size();
     };
     const Index last = corner.query().value;

@@ -20,7 +20,7 @@ void add_frame(const Frame& frame, KeyframeSelector& select, KeyframeSet& set) {
   std::optional<Keyframe> keyframe = select(frame);
   if (!keyframe) return;
   keyframe->T_map_body = keyframe->T_odom_body;
-  set.drive.scans.push_back({.frame = set.drive.frames() - 1, .cloud = keyframe->cloud});
+  set.drive.scans.push_back({.frame = set.drive.frames() - 1, .cloud = keyframe->cloud.load()});
   set.keyframes.push_back(std::move(*keyframe));
 }
 

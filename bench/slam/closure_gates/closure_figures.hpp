@@ -58,7 +58,8 @@ class ClosureMeasurer {
     SubmapCache& submaps = cache_of(*pair.map);
     const PlacedSubmap placed = submaps.get(keyframes, KeyframeId{to_index(pair.from)});
     const std::shared_ptr<const Submap>& submap = placed.submap;
-    const PointCloud<float>& scan = full ? *pair.query->full[pair.to] : *pair.query->keyframes[pair.to].cloud;
+    const auto own = full ? pair.query->full[pair.to] : pair.query->keyframes[pair.to].cloud.load();
+    const PointCloud<float>& scan = *own;
     ClosureFigures figures;
     figures.noise = submaps.surface_noise(*submap);
     const SE3d guess = placed.T_keyframe_submap.inverse() * pair.guess;
@@ -75,7 +76,7 @@ class ClosureMeasurer {
       figures.contradiction =
           FreeSpace(scan, Eigen::Vector3d::Zero()).count(submap->cloud(), T.inverse()).contradiction();
     });
-    figures.own_contradiction = FreeSpace(*keyframes[pair.from].cloud, Eigen::Vector3d::Zero())
+    figures.own_contradiction = FreeSpace(*keyframes[pair.from].cloud.load(), Eigen::Vector3d::Zero())
                                     .count(submap->cloud(), placed.T_keyframe_submap)
                                     .contradiction();
     figures.seen_through = figures.contradiction - 1.5 * figures.own_contradiction;
@@ -118,8 +119,8 @@ class ClosureMeasurer {
     FreeSpaceCount count;
     for (std::size_t k = 0; k < std::min(viewpoints, nearest.size()); ++k) {
       const Keyframe& keyframe = keyframes[nearest[k].second];
-      count +=
-          FreeSpace(*keyframe.cloud, Eigen::Vector3d::Zero()).count(scan, keyframe.T_map_body.inverse() * T_map_scan);
+      count += FreeSpace(*keyframe.cloud.load(), Eigen::Vector3d::Zero())
+                   .count(scan, keyframe.T_map_body.inverse() * T_map_scan);
     }
     return count;
   }

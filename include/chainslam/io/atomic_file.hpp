@@ -65,7 +65,7 @@ class BasicAtomicFile {
     do {
       temporary_ = target_;
       temporary_ += ".partial-" + std::to_string(::getpid()) + "-" + std::to_string(serial++);
-      file_ = detail::uninterrupted([&] { return system_.create(temporary_); });
+      file_ = detail::created(system_, temporary_);
     } while (file_ == -EEXIST);
     if (file_ < 0) fail("creating the file", -std::exchange(file_, -1));
     if (kind == std::filesystem::file_type::regular)

@@ -127,12 +127,20 @@ inline std::string output_remedy(int error, const std::filesystem::path& directo
   }
 }
 
-/// Does an operation again as long as a signal interrupts it. What it gives is errno or -errno.
+/// Does an operation again as long as a signal interrupts it. What it gives is 0 or errno.
 template <class Operation>
-auto uninterrupted(const Operation& operation) {
-  auto result = operation();
-  while (result == EINTR || result == -EINTR) result = operation();
+int uninterrupted(const Operation& operation) {
+  int result = operation();
+  while (result == EINTR) result = operation();
   return result;
+}
+
+/// Makes a new file, again as long as a signal interrupts that. @returns its descriptor, or -errno.
+template <class System>
+int created(System& system, const std::filesystem::path& path) {
+  int file = system.create(path);
+  while (file == -EINTR) file = system.create(path);  // EINTR without its sign is a descriptor
+  return file;
 }
 
 }  // namespace detail

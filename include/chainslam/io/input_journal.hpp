@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -107,7 +108,7 @@ class InputJournal {
                            [&](auto& out, Index) { detail::append_keyframe(out, keyframe); });
     if (keyframe.gnss) add_fix(Type::gnss, keyframe.id, *keyframe.gnss);
     if (keyframe.cloud) {
-      writer_.append_scan(keyframe.id, *keyframe.cloud);
+      writer_.append_scan(keyframe.id, keyframe.cloud);
       ++counts_.scans;
     }
     last_ = std::move(keyframe);
@@ -242,14 +243,16 @@ inline JournaledInput inputs_of(const MapFileReader& file, std::size_t commit, S
 }  // namespace detail
 
 /// Reads what an `InputJournal` had committed, up to the first damage.
+/// @param scan_cache  as that of `MapLoadOptions`.
 /// @throws IoError if the file cannot be read, breaks the format's rules, or nothing was committed.
-[[nodiscard]] inline JournaledInput read_input_journal(const std::filesystem::path& path) {
+[[nodiscard]] inline JournaledInput read_input_journal(const std::filesystem::path& path,
+                                                       std::shared_ptr<ScanCache> scan_cache = {}) {
   const detail::MapFileReader file(path);
   std::size_t sound = 0;
   while (sound < file.chunks().size() && file.stored_payload(sound)) ++sound;
   const auto commit = detail::last_commit_before(file, sound);
   if (!commit) file.fail("", "no complete commit", "there is nothing to save in it: make the map again");
-  const MapLoadOptions options{.recover = true};
+  const MapLoadOptions options{.recover = true, .scan_cache = std::move(scan_cache)};
   detail::MapDecoder decoder(file, options, *commit);
   if (decoder.run()) file.fail("", "damage that comes and goes", "check the disk");
   LoadedMap loaded = decoder.take();

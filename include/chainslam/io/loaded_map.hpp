@@ -2,10 +2,12 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/map/scan_cache.hpp"
 #include "chainslam/map/slam_map.hpp"
 
 namespace chainslam {
@@ -28,6 +30,9 @@ struct MapLoadOptions {
   bool recover = false;
   bool scans = true;             ///< false: keyframes come without clouds, which are then not read at all
   std::uint64_t max_memory = 0;  ///< bytes that the map may take, by what the file says; 0: any
+  /// Scans stay in the file, which stays open, and are read through this when they are asked for; null: all are read
+  /// now, and the map does not need the file any more. Damaged ones are found now in either case.
+  std::shared_ptr<ScanCache> scan_cache{};
 };
 
 /// One kind of chunk in a map file.

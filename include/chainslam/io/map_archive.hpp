@@ -49,7 +49,7 @@
 //                     modulo 2^16, zigzag coded: (d << 1) ^ (d >> 15), as u16; first the n low bytes, then the n high
 //                     ones. Encoding 0: each axis is n f32 as four planes of n bytes, lowest first. Then the columns
 //                     that there are, as planes: normals x, y, z; time offsets (seconds); intensities. At most one scan
-//                     for each keyframe; the order of the points has no meaning but is kept.
+//                     for each keyframe, in their order; the order of the points has no meaning but is kept.
 //   8005 odometry *   352 bytes: i32 from, i32 to, pose T_from_to, information root
 //   8006 closures *   376 bytes: i32 from, i32 to, u16 kind (0 direct, 1 chained, 2 merge), u16 verdict (0 accepted,
 //                     1 not converged, 2 too few inliers, 3 high residual, 4 implausible, 5 low fitness,
@@ -175,12 +175,12 @@ inline std::optional<std::size_t> last_commit_before(const MapFileReader& file, 
 }
 
 /// Bytes that the chunks up to a commit take in memory, roughly, by what their headers say.
-inline std::uint64_t memory_of(const MapFileReader& file, std::size_t commit, bool scans) {
+inline std::uint64_t memory_of(const MapFileReader& file, std::size_t commit, const MapLoadOptions& options) {
   std::uint64_t bytes = 0;
   for (std::size_t i = 0; i <= commit; ++i) {
     const ChunkHeader& header = file.chunks()[i].header;
     if (header.is(ChunkType::scan))
-      bytes += scans ? 2 * header.raw_bytes + 256 : 0;
+      bytes += !options.scans ? 0 : options.scan_cache ? 256 : 2 * header.raw_bytes + 256;
     else
       bytes += header.is(ChunkType::keyframes) ? 4 * header.raw_bytes : header.raw_bytes;
   }
@@ -209,7 +209,7 @@ inline std::uint64_t memory_of(const MapFileReader& file, std::size_t commit, bo
   std::optional<std::size_t> commit = detail::last_commit_before(file, file.chunks().size());
   for (;;) {
     if (!commit) file.fail("", "no complete commit", "there is nothing to save in it: make the map again");
-    if (const std::uint64_t bytes = detail::memory_of(file, *commit, options.scans);
+    if (const std::uint64_t bytes = detail::memory_of(file, *commit, options);
         options.max_memory > 0 && bytes > options.max_memory)
       file.fail("",
                 "a map that takes " + std::to_string(bytes) + " bytes of memory, where " +

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <initializer_list>
+#include <memory>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -22,6 +23,9 @@ struct MapArchiveOptions {
   bool overwrite = false;               ///< what has the name is then kept as NAME~1
   std::string parameters{};             ///< text of the configuration that made the map
   std::vector<UnknownChunk> unknown{};  ///< as `load_map` found them
+  /// Scans that were committed are read from the file again, through this, and their copies in memory go; null: the
+  /// map's scans stay where they are. It concerns all copies of these scans, whichever map has them.
+  std::shared_ptr<ScanCache> scan_cache{};
 };
 
 /// Writes a map to a file while it grows, so that a crash at any moment loses nothing that was committed.
@@ -69,6 +73,7 @@ class MapJournal {
         append_first_poses(map, fresh);
       writer_.append_commit(counts_);
       writer_.file().sync();
+      keep_scans(map);
     }
     in_doubt_ = false;
   }
@@ -90,6 +95,7 @@ class MapJournal {
     writer_.append_commit(counts_);
     writer_.append_index_and_end();
     writer_.file().finish();
+    keep_scans(map);
   }
 
   /// Ends the journal without a map and deletes its file.
@@ -179,12 +185,12 @@ class MapJournal {
     const Session& session = at(map.sessions, keyframe.session.value);
     if (i < session.first_keyframe || i >= session.end_keyframe())
       refuse("keyframe", i, {"session", "one whose range does not hold it"});
-    if (!keyframe.cloud) return;
-    const PointCloud<float>& cloud = *keyframe.cloud;
-    for (const std::size_t length : {cloud.normals.size(), cloud.time_offsets.size(), cloud.intensities.size()})
-      if (length != 0 && length != cloud.size()) refuse("keyframe", i, {"scan", "columns of different lengths"});
-    if (cloud.size() > detail::most_scan_points)
-      refuse("keyframe", i, {"scan", std::to_string(cloud.size()) + " points"});
+    if (keyframe.cloud.size() > detail::most_scan_points)
+      refuse("keyframe", i, {"scan", std::to_string(keyframe.cloud.size()) + " points"});
+    const KeyframeScan::Cloud cloud = keyframe.cloud.place().cloud;
+    if (!cloud) return;  // what was read from a file can be written to one
+    for (const std::size_t length : {cloud->normals.size(), cloud->time_offsets.size(), cloud->intensities.size()})
+      if (length != 0 && length != cloud->size()) refuse("keyframe", i, {"scan", "columns of different lengths"});
   }
 
   // ---- what is new ----
@@ -213,10 +219,18 @@ class MapJournal {
                            [&](auto& out, Index i) { detail::append_frame(out, at(map.frames, i)); });
     for (Index i = fresh; i < counts_.keyframes; ++i)
       if (const Keyframe& keyframe = at(map.keyframes, i); keyframe.cloud) {
-        writer_.append_scan(keyframe.id, *keyframe.cloud);
+        unkept_.push_back({keyframe.id, writer_.append_scan(keyframe.id, keyframe.cloud)});
         ++counts_.scans;
       }
     return writer_.chunks() != before;
+  }
+
+  /// What was committed is read from the file from now on.
+  void keep_scans(const SlamMap& map) {
+    const auto written = std::exchange(unkept_, {});
+    if (!scan_file_) return;
+    for (const detail::ScanFile::Place& place : written)
+      scan_file_->take(at(map.keyframes, place.keyframe.value).cloud, place);
   }
 
   /// The file's header and its parameters. The file's id comes from these and the map's beginning, so that the same run
@@ -227,6 +241,9 @@ class MapJournal {
     for (Index i = 0; i < std::min(count(map.keyframes), detail::ChunkWriter<Files>::most_records); ++i)
       detail::append_keyframe(beginning, at(map.keyframes, i));
     writer_.start(detail::hash_of(beginning), parameters());
+    if (options_.scan_cache)
+      scan_file_ = std::make_shared<detail::ScanFile>(writer_.file().target(), writer_.file().open_to_read(),
+                                                      options_.scan_cache);
   }
 
   [[nodiscard]] std::vector<std::byte> parameters() const {
@@ -300,9 +317,11 @@ class MapJournal {
   std::vector<Session> sessions_;
   std::vector<ClosureVerdict> verdicts_;  ///< of closures, as written last
   std::vector<bool> has_gnss_;
-  Index frames_ = 0;       ///< written so far
-  Index posed_ = 0;        ///< keyframes that the last whole set of poses has
-  bool in_doubt_ = false;  ///< a call ended by an exception while it wrote
+  std::shared_ptr<detail::ScanFile> scan_file_;  ///< null: scans stay where they are
+  std::vector<detail::ScanFile::Place> unkept_;  ///< written since the last commit
+  Index frames_ = 0;                             ///< written so far
+  Index posed_ = 0;                              ///< keyframes that the last whole set of poses has
+  bool in_doubt_ = false;                        ///< a call ended by an exception while it wrote
 };
 
 }  // namespace chainslam

@@ -61,8 +61,9 @@ struct SubmapRange {
   const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
   for (const Keyframe& keyframe :
        keyframes.subspan(static_cast<std::size_t>(range.begin), static_cast<std::size_t>(range.end - range.begin))) {
-    if (!keyframe.cloud) continue;
-    const PointCloud<float> seen = transformed(keyframe.cloud->positions, T_center_map * keyframe.T_map_body);
+    const auto cloud = keyframe.cloud.load();
+    if (!cloud) continue;
+    const PointCloud<float> seen = transformed(cloud->positions, T_center_map * keyframe.T_map_body);
     const std::size_t before = points.positions.size();
     points.positions.resize(before + seen.positions.size());
     std::copy_n(seen.positions.data(), seen.positions.size(), points.positions.data() + before);

@@ -83,6 +83,11 @@ class BackEnd {
 
   /// Optimises to the end and hands out the map.
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> finish();
+  /// As `finish`, but gives the map away, at no cost of memory: nothing can be added any more.
+  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> release() {
+    conclude();
+    return graph_.release();
+  }
 
   /// The map as it is; owned by the back end, to be read on the thread that adds.
   [[nodiscard]] const SlamMap& map() const { return graph_.map(); }
@@ -187,6 +192,8 @@ class BackEnd {
     index_positions();
   }
   [[gnu::cold]] void publish_frame();
+  /// Optimises to the end.
+  [[gnu::cold]] void conclude();
 
   BackEndOptions options_;
   Closer closer_;
@@ -272,7 +279,7 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::add(const GnssFix& fix, const E
 }
 
 template <class Closer, class Chainer, class Merger, class Outliers>
-std::shared_ptr<const SlamMap> BackEnd<Closer, Chainer, Merger, Outliers>::finish() {
+void BackEnd<Closer, Chainer, Merger, Outliers>::conclude() {
   catch_up();
   withdraw();
   if (!map().closures.empty()) {
@@ -283,6 +290,11 @@ std::shared_ptr<const SlamMap> BackEnd<Closer, Chainer, Merger, Outliers>::finis
     count_optimisation(counts_.end.ok());
   }
   publish_frame();
+}
+
+template <class Closer, class Chainer, class Merger, class Outliers>
+std::shared_ptr<const SlamMap> BackEnd<Closer, Chainer, Merger, Outliers>::finish() {
+  conclude();
   return snapshot();
 }
 

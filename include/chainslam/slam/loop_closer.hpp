@@ -132,10 +132,12 @@ class LoopCloser {
 
   /// The keyframe's scan as it is aligned; kept, since a chain asks for the same one many times.
   [[nodiscard]] const PointCloud<float>& scan_of(const Keyframe& keyframe) {
-    if (options_.scan_voxel <= 0) return *keyframe.cloud;
-    if (thinned_of_ != keyframe.cloud) thinned_ = voxel_downsample(*keyframe.cloud, options_.scan_voxel);
-    thinned_of_ = keyframe.cloud;
-    return thinned_;
+    if (scan_ && scan_of_ == keyframe.cloud) return *scan_;
+    scan_ = keyframe.cloud.load();
+    if (options_.scan_voxel > 0)
+      scan_ = std::make_shared<const PointCloud<float>>(voxel_downsample(*scan_, options_.scan_voxel));
+    scan_of_ = keyframe.cloud;
+    return *scan_;
   }
 
   /// Whether the scan lies on the submap as well as the submap on itself.
@@ -151,8 +153,8 @@ class LoopCloser {
   [[no_unique_address]] Registration registration_;
   [[no_unique_address]] Covariance covariance_;
   SubmapCache submaps_;
-  std::shared_ptr<const PointCloud<float>> thinned_of_;
-  PointCloud<float> thinned_;
+  std::shared_ptr<const PointCloud<float>> scan_;  ///< the last one aligned
+  KeyframeScan scan_of_;                           ///< and of which it was made
   // Metres since the last search: the first is due at once.
   double travelled_ = std::numeric_limits<double>::infinity();
   std::optional<std::pair<SessionId, Timestamp>> searched_;  ///< the last time

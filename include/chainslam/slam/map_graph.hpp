@@ -54,6 +54,11 @@ class MapGraph {
   [[nodiscard]] const SlamMap& map() const { return map_; }
   /// The map as it is, whole: copied where it has changed since the last call, at the cost of the thread that asks.
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> snapshot() const;
+  /// The map, given away: this has none any more.
+  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> release() {
+    const Change change(*this);
+    return std::make_shared<const SlamMap>(std::move(map_));
+  }
   /// The variables are the keyframes, by number.
   [[nodiscard]] const Smoother& smoother() const { return factors_->smoother(); }
   /// The session whose start defines the frame of a keyframe's T_map_body.

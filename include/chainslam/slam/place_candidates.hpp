@@ -36,9 +36,10 @@ namespace detail {
   const Eigen::Vector3d center = keyframes[static_cast<std::size_t>(at)].T_odom_body.translation();
   Table<Ranked> heights;
   for (const Keyframe& keyframe : keyframes) {
-    if (!keyframe.cloud) continue;
+    const auto cloud = keyframe.cloud.load();
+    if (!cloud) continue;
     const SE3d T_center_body(keyframe.T_odom_body.rotation(), keyframe.T_odom_body.translation() - center);
-    for (const Eigen::Vector3f& point : keyframe.cloud->positions) {
+    for (const Eigen::Vector3f& point : cloud->positions) {
       const Eigen::Vector3d p = T_center_body * point.cast<double>().eval();
       if (is_finite(p) && p.head<2>().norm() < reach) heights.push_back({p.z(), 0});
     }
@@ -248,8 +249,9 @@ inline std::vector<ImageKeypoint> PlaceCandidates::draw(std::span<const Keyframe
   const SE3d level = T_image_odom(at(keyframes, place.center.value));
   for (Index i = place.begin; i < place.end; ++i) {
     const Keyframe& keyframe = at(keyframes, i);
-    if (!keyframe.cloud) continue;
-    const PointCloud<float> moved = transformed(keyframe.cloud->positions, level * keyframe.T_odom_body);
+    const auto cloud = keyframe.cloud.load();
+    if (!cloud) continue;
+    const PointCloud<float> moved = transformed(cloud->positions, level * keyframe.T_odom_body);
     seen.positions.insert(seen.positions.end(), moved.positions.begin(), moved.positions.end());
   }
   return image_keypoints(height_image(seen, options_.image), options_.keypoints);

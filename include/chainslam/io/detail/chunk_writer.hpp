@@ -11,6 +11,7 @@
 #include "chainslam/io/detail/map_records.hpp"
 #include "chainslam/io/detail/partial_file.hpp"
 #include "chainslam/io/detail/scan_codec.hpp"
+#include "chainslam/io/detail/scan_file.hpp"
 #include "chainslam/io/zstd_codec.hpp"
 
 namespace chainslam::detail {
@@ -38,14 +39,16 @@ class ChunkWriter {
   }
 
   /// @param header  as `append_chunk` needs it, without sequence and id; raw bytes for packed payloads only.
-  void append(ChunkHeader header, std::vector<std::byte> payload) {
+  PlacedChunk append(ChunkHeader header, std::vector<std::byte> payload) {
     if (header.raw_bytes == 0) header.raw_bytes = payload.size();
     header.sequence = places_.size();
     header.file_id = file_id_;
-    places_.push_back({file_.size(), header.type, header.version, header.count});
+    const std::uint64_t offset = file_.size();
+    places_.push_back({offset, header.type, header.version, header.count});
     std::vector<std::byte> chunk;
-    append_chunk(chunk, header, std::move(payload));
+    const ChunkHeader whole = append_chunk(chunk, header, std::move(payload));
     file_.write(chunk);
+    return {offset, whole};
   }
   void append(ChunkType type, std::uint32_t count, std::vector<std::byte> payload) {
     append({.type = static_cast<std::uint16_t>(type), .count = count}, std::move(payload));
@@ -66,7 +69,23 @@ class ChunkWriter {
     }
   }
 
-  void append_scan(KeyframeId keyframe, const PointCloud<float>& cloud) {
+  /// A scan that a file has by the same number is copied as it is stored there, neither unpacked nor packed again.
+  /// @throws IoError if it cannot be read.
+  PlacedChunk append_scan(KeyframeId keyframe, const KeyframeScan& scan) {
+    const KeyframeScan::Place kept = scan.place();
+    if (const auto* file = dynamic_cast<const ScanFile*>(kept.source.get()))
+      if (const ScanFile::Place place = file->place(kept.number); place.keyframe == keyframe) {
+        const ChunkHeader& header = place.chunk.header;
+        return append({.type = header.type,
+                       .version = header.version,
+                       .codec = header.codec,
+                       .count = header.count,
+                       .raw_bytes = header.raw_bytes},
+                      file->stored(place));
+      }
+    return append_scan(keyframe, *scan.load());
+  }
+  PlacedChunk append_scan(KeyframeId keyframe, const PointCloud<float>& cloud) {
     std::vector<std::byte> raw;
     detail::append_scan(raw, keyframe, cloud);
     ChunkHeader header{.type = static_cast<std::uint16_t>(ChunkType::scan),
@@ -78,7 +97,7 @@ class ChunkWriter {
       header.codec = ZstdCodec::id;
       raw = std::move(packed);
     }
-    append(header, std::move(raw));
+    return append(header, std::move(raw));
   }
 
   void append_commit(const MapCounts& counts) {

@@ -98,6 +98,14 @@ struct ChunkHeader {
   [[nodiscard]] bool is_critical() const { return (type & critical) != 0; }
 };
 
+/// Where a chunk lies, and what its header says.
+struct PlacedChunk {
+  std::uint64_t offset = 0;
+  ChunkHeader header;
+
+  [[nodiscard]] std::uint64_t end() const { return offset + map_header_bytes + padded(header.stored_bytes); }
+};
+
 inline void append_header_hash(std::vector<std::byte>& out) {
   append_bytes(out, hash_of(std::span(out).last(map_header_bytes - sizeof(std::uint64_t))));
 }
@@ -129,12 +137,14 @@ inline void append_chunk_header(std::vector<std::byte>& out, const ChunkHeader& 
 
 /// Appends a chunk whose payload is already packed. `header` needs type, version, codec, count, raw bytes, sequence and
 /// file id.
-inline void append_chunk(std::vector<std::byte>& out, ChunkHeader header, std::vector<std::byte> payload) {
+/// @returns the whole header.
+inline ChunkHeader append_chunk(std::vector<std::byte>& out, ChunkHeader header, std::vector<std::byte> payload) {
   header.stored_bytes = payload.size();
   payload.resize(padded(payload.size()));
   header.payload_hash = hash_of(payload);
   append_chunk_header(out, header);
   out.insert(out.end(), payload.begin(), payload.end());
+  return header;
 }
 
 /// Whether 64 bytes end with the hash of those before.

@@ -15,6 +15,7 @@
 #include "chainslam/io/detail/map_file_reader.hpp"
 #include "chainslam/io/detail/map_records.hpp"
 #include "chainslam/io/detail/scan_codec.hpp"
+#include "chainslam/io/detail/scan_file.hpp"
 #include "chainslam/io/loaded_map.hpp"
 
 namespace chainslam::detail {
@@ -79,6 +80,7 @@ class MapDecoder {
   /// False if the payload is damaged.
   bool apply(std::size_t number, const ChunkHeader& header) {
     if (!is_known_chunk(header.type)) return keep_unknown(number, header);
+    if (header.is(ChunkType::scan) && options_.scan_cache) return leave_scan(number);
     const auto payload = file_.payload(number);
     if (!payload) return false;
     switch (static_cast<ChunkType>(header.type)) {
@@ -293,16 +295,27 @@ class MapDecoder {
     ByteReader in(payload);
     const ScanHead head = read_scan_head(in);
     check(number, 0, fault_of_number("keyframe", head.keyframe.value, 0, keyframes(), "keyframes"));
-    if (head.encoding > scan_on_grid || (head.columns & ~scan_all_columns) != 0)
-      fail(number, "encoding", std::to_string(head.encoding) + ", columns " + std::to_string(head.columns));
-    if (head.points != header.count || scan_body_bytes(head.encoding, head.columns, head.points) != in.left())
-      fail(number, "points", std::to_string(head.points) + " in " + std::to_string(in.left()) + " bytes");
-    if (head.encoding == scan_on_grid && (!is_finite(head.grid.step) || !(head.grid.step > 0)))
-      fail(number, "step", std::to_string(head.grid.step));
+    if (const auto fault = fault_of(head, header.count, in.left())) fail(number, fault->field, fault->found);
     const std::size_t id = static_cast<std::size_t>(head.keyframe.value);
     if (!wants_scan_[id]) fail(number, "keyframe", std::to_string(id) + ", which has no scan or has it already");
     wants_scan_[id] = false;
     loaded_.map.keyframes[id].cloud = std::make_shared<const PointCloud<float>>(read_scan_body(head, in));
+  }
+
+  /// Leaves a scan in the file; false if its payload is damaged. Only the packed payload names its keyframe: it is
+  /// taken to be the next that has a scan, which reading checks.
+  bool leave_scan(std::size_t number) {
+    const PlacedChunk& chunk = file_.chunks()[number];
+    if (chunk.header.version != 1) fail(number, "version", std::to_string(chunk.header.version) + ", where 1 is known");
+    while (next_scan_ < wants_scan_.size() && !wants_scan_[next_scan_]) ++next_scan_;
+    if (next_scan_ == wants_scan_.size()) fail(number, "keyframe", "none that has a scan is left");
+    const std::size_t id = next_scan_++;
+    if (!file_.stored_payload(number)) return false;
+    if (!scan_file_) scan_file_ = std::make_shared<ScanFile>(file_.path(), file_.duplicate(), options_.scan_cache);
+    wants_scan_[id] = false;
+    Keyframe& keyframe = loaded_.map.keyframes[id];
+    keyframe.cloud = scan_file_->scan({keyframe.id, chunk});
+    return true;
   }
 
   void check_commit(std::size_t number, std::span<const std::byte> payload) {
@@ -367,6 +380,8 @@ class MapDecoder {
   std::size_t commit_;
   LoadedMap loaded_;
   std::vector<bool> wants_scan_, has_pose_;
+  std::shared_ptr<ScanFile> scan_file_;  ///< null while no scan is left in the file
+  std::size_t next_scan_ = 0;            ///< keyframe that the next scan left there belongs to, at the earliest
   std::int64_t scans_ = 0, refusals_ = 0;
   bool scan_lost_ = false, refusals_lost_ = false, frames_lost_ = false;
 };

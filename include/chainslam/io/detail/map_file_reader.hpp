@@ -1,5 +1,6 @@
 #pragma once
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -22,14 +23,6 @@
 #include "chainslam/io/zstd_codec.hpp"
 
 namespace chainslam::detail {
-
-/// Where a chunk lies, and what its header says.
-struct PlacedChunk {
-  std::uint64_t offset = 0;
-  ChunkHeader header;
-
-  [[nodiscard]] std::uint64_t end() const { return offset + map_header_bytes + padded(header.stored_bytes); }
-};
 
 /// The chunks of a map file: walks their headers and reads payloads, believing nothing that is not checked first.
 class MapFileReader {
@@ -56,6 +49,13 @@ class MapFileReader {
   MapFileReader& operator=(const MapFileReader&) = delete;
   ~MapFileReader() { ::close(file_); }
 
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+  /// Another descriptor of the open file, which the caller closes. @throws IoError
+  [[nodiscard]] int duplicate() const {
+    const int file = ::fcntl(file_, F_DUPFD_CLOEXEC, 0);
+    if (file < 0) fail("", std::generic_category().message(errno), "allow more open files (ulimit -n)");
+    return file;
+  }
   [[nodiscard]] const MapHeader& header() const { return header_; }
   [[nodiscard]] std::uint64_t size() const { return size_; }
   /// All chunks with sound headers, from the file's start to the first that is not there or not sound.

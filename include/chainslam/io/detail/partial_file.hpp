@@ -55,10 +55,10 @@ class PartialFile {
       : target_(std::move(target)), partial_(target_), overwrite_(overwrite), files_(std::move(files)) {
     partial_ += ".partial";
     require_free_target();
-    file_ = create();
+    file_ = created(files_, partial_);
     if (file_ == -EEXIST) {
       set_leftover_aside();
-      file_ = create();
+      file_ = created(files_, partial_);
     }
     if (file_ < 0) fail("creating the file", -std::exchange(file_, -1));
     if (const int error = uninterrupted([&] { return files_.lock(file_); })) {
@@ -83,6 +83,14 @@ class PartialFile {
   [[nodiscard]] const std::filesystem::path& target() const { return target_; }
   [[nodiscard]] const std::filesystem::path& partial() const { return partial_; }
   [[nodiscard]] bool writable() const { return file_ >= 0 && !broken_; }
+
+  /// A descriptor that reads the file, which the caller closes. @throws IoError
+  [[nodiscard]] int open_to_read() const {
+    const int file = detail::open_to_read(partial_);
+    if (file < 0)
+      throw_output_error(partial_.string(), "opening it to be read", reason(errno), output_remedy(errno, folder()));
+    return file;
+  }
 
   void write(std::span<const std::byte> bytes) {
     if (buffer_.size() + bytes.size() > buffer_size) flush();
@@ -140,10 +148,6 @@ class PartialFile {
     if (!overwrite_ && is_taken(target_)) throw_taken(target_);
   }
 
-  [[nodiscard]] int create() {
-    return uninterrupted([&] { return files_.create(partial_); });
-  }
-
   [[noreturn]] void throw_locked() const {
     throw_output_error(partial_.string(), "", lock_holder(partial_) + " is writing this map",
                        "wait until it has finished, or choose another name");
@@ -151,7 +155,7 @@ class PartialFile {
 
   /// The partial file of a run that did not finish is never written over.
   void set_leftover_aside() {
-    const int leftover = open_to_read(partial_);
+    const int leftover = detail::open_to_read(partial_);
     if (leftover < 0) fail("looking at the file that is there", errno);
     const bool taken = ::flock(leftover, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
     ::close(leftover);
