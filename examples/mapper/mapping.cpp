@@ -14,6 +14,8 @@
 
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
+#include "chainslam/slam/map_replay.hpp"
+#include "chainslam/slam/map_undo.hpp"
 #include "chainslam/slam/pipeline.hpp"
 #include "chainslam/slam/place_candidates.hpp"
 #include "session_front_end.hpp"
@@ -62,6 +64,11 @@ class MeteredBackEnd {
     publish();
   }
   void add(std::span<const FrameRecord> frames) { back_end_.add(frames); }
+  template <Executor E>
+  void add(std::span<const KeyframeFix> fixes, const E& executor) {
+    back_end_.add(fixes, executor);
+    publish();
+  }
 
   /// @name For the front end's thread.
   /// @{
@@ -285,6 +292,28 @@ std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::span
   pipeline.finish();
   run.progress.finish();
   return back_end.finish();
+}
+
+std::shared_ptr<const SlamMap> map_again(const SlamMap& map, const UndoneClosures& undone, const MappingRun& run) {
+  MapperBackEnd back_end = make_back_end(run.options.back_end);
+  back_end.forbid(undone);
+  const ThreadPool threads(run.threads);
+  MeteredBackEnd metered(back_end, run);
+  support::ProgressState state{.stage = "deciding again", .total = to_index(map.keyframes.size())};
+  replay(map, metered, threads, [&](KeyframeId) {
+    ++state.done;
+    state.keyframes = metered.keyframes();
+    state.direct_closures = metered.direct_closures();
+    state.chained_closures = metered.chained_closures();
+    run.progress.update(state);
+  });
+  auto replayed = back_end.finish();
+  run.progress.finish();
+  return replayed;
+}
+
+ConvergeReport optimize_map(SlamMap& map, const BackEndParts& parts) {
+  return settle(map, parts.back_end.graph, parts.outliers);
 }
 
 }  // namespace chainslam::mapper
