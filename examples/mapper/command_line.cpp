@@ -324,6 +324,21 @@ void add_undo(CLI::App& program, int& exit_code) {
   });
 }
 
+void add_report(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<ReportArguments>();
+  CLI::App* verb = program.add_subcommand("report", "write the report of a map again, from the map alone");
+  verb->footer(
+      "DIR contains report.html, map.ply (one for each frame) and map.png, as `chainslam map` writes them. What only\n"
+      "the run knew is left out: times, memory, IMU calibration, errors against a ground truth.\n"
+      "`chainslam export` writes trajectories, graphs and clouds.");
+  verb->add_option("MAP", arguments->map, "map file (.cslam), or a folder that `chainslam map` wrote")
+      ->required()
+      ->option_text(" ");
+  verb->add_option("--out", arguments->out, "output folder")->required()->option_text("DIR");
+  verb->add_flag("--overwrite", arguments->overwrite, "if DIR is not empty, keep it as DIR~1");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
 /// The camera and where it sits, as `--camera` and `--body-camera` say. @throws CLI::ValidationError
 void set_camera(const ExportArguments& arguments, ColmapExport& colmap) {
   if (const auto& c = arguments.camera; !c.empty()) {
@@ -525,6 +540,7 @@ int run_command_line(int argc, const char* const* argv) {
   add_check(program, exit_code);
   add_recover(program, exit_code);
   add_undo(program, exit_code);
+  add_report(program, exit_code);
   add_export(program, exit_code);
   add_eval(program, exit_code);
   add_optimize(program, exit_code);

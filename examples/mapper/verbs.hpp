@@ -97,6 +97,11 @@ struct UndoArguments {
   int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
 };
 
+struct ReportArguments {
+  std::filesystem::path map, out;
+  bool overwrite = false;
+};
+
 struct ExportArguments {
   std::filesystem::path map, out;
   std::string format;
@@ -144,6 +149,7 @@ int run(const InspectArguments& arguments);
 int run(const CheckArguments& arguments);
 int run(const RecoverArguments& arguments);
 int run(const UndoArguments& arguments);
+int run(const ReportArguments& arguments);
 int run(const ExportArguments& arguments);
 int run(const EvalArguments& arguments);
 int run(const OptimizeArguments& arguments);
