@@ -27,14 +27,15 @@ namespace {
 
 using Closer = LoopCloser<ProximityCandidates, ClosureRegistration, ClosureNoise>;
 using Merger = MapMerger<FixesElsePlaces<>, MergeRegistration>;
-using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger>;
+using MapperBackEnd = BackEnd<Unrepeated<Closer>, ChainedCloser, Merger>;
 
-MapperBackEnd make_back_end(const BackEndParts& parts) {
-  return MapperBackEnd(
-      parts.back_end, Closer(parts.closures, parts.candidates, parts.registration, parts.noise),
-      ChainedCloser(parts.chain),
-      Merger(parts.merge, FixesElsePlaces(GnssCandidates(parts.gnss), PlaceCandidates(parts.places)), parts.merging),
-      parts.outliers);
+/// @param undone  closures that are not to be found again
+MapperBackEnd make_back_end(const BackEndParts& parts, const UndoneClosures& undone = {}) {
+  Merger merger(parts.merge, FixesElsePlaces(GnssCandidates(parts.gnss), PlaceCandidates(parts.places)), parts.merging);
+  merger.forbid(undone);
+  return MapperBackEnd(parts.back_end,
+                       {Closer(parts.closures, parts.candidates, parts.registration, parts.noise), undone},
+                       ChainedCloser(parts.chain), std::move(merger), parts.outliers);
 }
 
 /// The back end with a clock, and with figures that the front end's thread may read.
@@ -85,7 +86,7 @@ class MeteredBackEnd {
     figures.optimisations = counts.optimisations;
     figures.failed_optimisations = counts.failed_optimisations;
     figures.closure_radius = run_.options.back_end.candidates.radius;
-    figures.search_spacing = back_end_.closer().search_spacing();
+    figures.search_spacing = back_end_.closer().closer().search_spacing();
     return figures;
   }
 
@@ -295,8 +296,7 @@ std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::span
 }
 
 std::shared_ptr<const SlamMap> map_again(const SlamMap& map, const UndoneClosures& undone, const MappingRun& run) {
-  MapperBackEnd back_end = make_back_end(run.options.back_end);
-  back_end.forbid(undone);
+  MapperBackEnd back_end = make_back_end(run.options.back_end, undone);
   const ThreadPool threads(run.threads);
   MeteredBackEnd metered(back_end, run);
   support::ProgressState state{.stage = "deciding again", .total = to_index(map.keyframes.size())};

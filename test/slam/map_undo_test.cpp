@@ -23,7 +23,8 @@ using test::per_session;
 using test::ScriptedRegistration;
 using test::TruthCloser;
 
-using UndoBackEnd = BackEnd<TruthCloser, ChainedCloser, MapMerger<GnssPlaces, ScriptedRegistration>>;
+using UndoMerger = MapMerger<GnssPlaces, ScriptedRegistration>;
+using UndoBackEnd = BackEnd<Unrepeated<TruthCloser>, ChainedCloser, UndoMerger>;
 
 BackEndOptions without_earth() {  // fixes find places, and hold nothing
   BackEndOptions options;
@@ -31,9 +32,11 @@ BackEndOptions without_earth() {  // fixes find places, and hold nothing
   return options;
 }
 
-UndoBackEnd undo_back_end(const DrivesRoundTheBlock& drives, const BackEndOptions& options) {
-  return UndoBackEnd(options, drives.closer(), ChainedCloser(),
-                     MapMerger<GnssPlaces, ScriptedRegistration>({}, {&drives}, {drives.script}));
+UndoBackEnd undo_back_end(const DrivesRoundTheBlock& drives, const BackEndOptions& options,
+                          const UndoneClosures& undone = {}) {
+  UndoMerger merger({}, {&drives}, {drives.script});
+  merger.forbid(undone);
+  return UndoBackEnd(options, {drives.closer(), undone}, ChainedCloser(), std::move(merger));
 }
 
 SlamMap driven(const DrivesRoundTheBlock& drives, Index sessions, const BackEndOptions& options) {
@@ -298,8 +301,7 @@ TEST_SUITE("slam/map_replay") {
     const auto replayed_without = [&](Index position) {
       const DrivesRoundTheBlock same(2);
       const UndoneMap undone = without(map, {.closures = {position}});
-      auto back_end = undo_back_end(same, {});
-      back_end.forbid(undone.undone);
+      auto back_end = undo_back_end(same, {}, undone.undone);
       replay(undone.map, back_end);
       return *back_end.finish();
     };

@@ -23,7 +23,6 @@
 #include "chainslam/slam/position_index.hpp"
 #include "chainslam/slam/relative_covariance.hpp"
 #include "chainslam/slam/repeated_searches.hpp"
-#include "chainslam/slam/undone_closures.hpp"
 
 namespace chainslam {
 
@@ -77,24 +76,19 @@ class BackEnd {
   /// Takes the session's next frames, keyframes or not, which the map keeps; those up to a keyframe before it.
   /// @throws std::invalid_argument if times do not increase or something is not finite.
   [[gnu::cold]] void add(std::span<const FrameRecord> frames);
-
   /// Takes a GNSS fix, which keyframes around its time get a position from; they may then join two frames.
   template <Executor E = Serial>
-  [[gnu::cold]] void add(const GnssFix& fix, const E& executor = {});
-
-  /// Takes what `add(const GnssFix&)` interpolated in an earlier run.
+  [[gnu::cold]] void add(const GnssFix& fix, const E& executor = {}) {
+    std::vector<KeyframeFix> fixes;
+    gnss_.add(fix, [&](KeyframeId id, const GnssFix& interpolated) { fixes.push_back({id, interpolated}); });
+    add(std::span<const KeyframeFix>(fixes), executor);
+  }
+  /// Takes what one fix gave to keyframes, as the one before does.
   template <Executor E = Serial>
   [[gnu::cold]] void add(std::span<const KeyframeFix> fixes, const E& executor = {});
 
-  /// From now on, closures that repeat these are refused as `reverted`.
-  [[gnu::cold]] void forbid(const UndoneClosures& undone) {
-    if constexpr (requires { merger_.forbid(undone); }) merger_.forbid(undone);
-    undone_ = undone;
-  }
-
   /// Optimises to the end and hands out the map.
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> finish();
-
   /// The map as it is; owned by the back end, to be read on the thread that adds.
   [[nodiscard]] const SlamMap& map() const { return graph_.map(); }
   /// The map as it is between two steps of the back end, whole; it costs a copy where it has changed since the last
@@ -209,7 +203,6 @@ class BackEnd {
   PositionIndex positions_;
   GnssInterpolator gnss_;
   MovedKeyframes moved_;
-  UndoneClosures undone_;
   std::vector<Recheck> rechecks_;  ///< of the current session, in their order
   bool in_session_ = false;
   Index held_after_ = 0;  ///< optimisations until it was last looked whether frames hold together
@@ -271,18 +264,10 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, co
 
 template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Outliers>::add(const GnssFix& fix, const E& executor) {
-  std::vector<KeyframeFix> fixes;
-  gnss_.add(fix, [&](KeyframeId id, const GnssFix& interpolated) { fixes.push_back({id, interpolated}); });
-  add(std::span<const KeyframeFix>(fixes), executor);
-}
-
-template <class Closer, class Chainer, class Merger, class Outliers>
-template <Executor E>
 void BackEnd<Closer, Chainer, Merger, Outliers>::add(std::span<const KeyframeFix> fixes, const E& executor) {
+  if (fixes.empty()) return;
   for (const KeyframeFix& one : fixes) graph_.set_gnss(one.keyframe, one.fix, &one != fixes.data());
   for (const KeyframeFix& one : fixes) try_merge(one.keyframe, executor);
-  if (fixes.empty()) return;
   recheck(executor);
   publish_frame();
 }
@@ -310,7 +295,6 @@ bool BackEnd<Closer, Chainer, Merger, Outliers>::take(std::vector<LoopClosure> t
   bool accepted = false;
   for (LoopClosure& closure : tried) {
     closure.cause = cause;
-    undone_.refuse_repeated(closure);
     if (closure.verdict != ClosureVerdict::accepted) {
       graph_.refuse(closure);
       continue;
@@ -334,7 +318,6 @@ Index BackEnd<Closer, Chainer, Merger, Outliers>::take(LoopClosure closure, bool
   const Index position = graph_.accept(closure);
   for (LoopClosure& one : chained) {
     one.cause = position;
-    undone_.refuse_repeated(one);
     if (one.verdict == ClosureVerdict::accepted)
       graph_.accept(one);
     else
@@ -342,6 +325,61 @@ Index BackEnd<Closer, Chainer, Merger, Outliers>::take(LoopClosure closure, bool
   }
   connect_closures(closure_graph_, map(), position);
   return position;
+}
+
+template <class Closer, class Chainer, class Merger, class Outliers>
+template <Executor E>
+void BackEnd<Closer, Chainer, Merger, Outliers>::try_merge(KeyframeId query, const E& executor) {
+  if constexpr (!std::same_as<Merger, NoMerging>) {
+    if (std::exchange(held_after_, counts_.optimisations) != counts_.optimisations) part();
+    if (keyframe(query).session != session().id) return;
+    std::vector<LoopClosure> accepted;
+    for (const LoopClosure& closure : merger_.attempt(map(), query, closer_, executor)) {
+      if (closure.verdict == ClosureVerdict::accepted)
+        accepted.push_back(closure);
+      else
+        graph_.refuse(closure);
+    }
+    if (!accepted.empty()) merge(accepted, executor);
+  }
+}
+
+template <class Closer, class Chainer, class Merger, class Outliers>
+template <Executor E>
+void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClosure>& closures, const E& executor) {
+  const LoopClosure& newest = closures.back();
+  const auto frame = [&](KeyframeId id) { return graph_.frame(keyframe(id)); };
+  if constexpr (requires { merger_.contradicted(map()); })
+    if (frame(newest.from) == frame(newest.to)) part(merger_.contradicted(map()).all());
+  detail::Table<char> joined;  // of each session, whether it is
+  for (const Session& session : map().sessions) joined.push_back(session.frame == frame(newest.from) ? 1 : 0);
+  graph_.join(newest);
+  ++counts_.merges;
+  Index position = -1;
+  for (const LoopClosure& closure : closures)
+    position = take(closure, options_.chain_merges && !closure.sqrt_information.isZero(0), executor);
+  optimise();
+  rechecks_.emplace_back(session(), std::move(joined), position);
+  moved_.moved_together(map().keyframes, session());
+}
+
+template <class Closer, class Chainer, class Merger, class Outliers>
+template <Executor E>
+void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const E& executor) {
+  if constexpr (!std::same_as<Merger, NoMerging>) {
+    while (!rechecks_.empty() && !spent()) {
+      Recheck& one = rechecks_.front();
+      const std::optional<KeyframeId> id = one.next(map().keyframes, options_.recheck_travel);
+      if (!id) {
+        rechecks_.erase(rechecks_.begin());
+        continue;
+      }
+      auto tried = closer_.search(map().keyframes, one.others(map().keyframes, positions_), *id, executor);
+      if (!take(std::move(tried), one.cause(), options_.chain_in_recheck, executor)) continue;
+      one.pause(options_.recheck_pause);
+      optimise();
+    }
+  }
 }
 
 template <class Closer, class Chainer, class Merger, class Outliers>
@@ -360,5 +398,3 @@ extern template void BackEnd<>::add(const GnssFix&, const ThreadPool&);
 #endif
 
 }  // namespace chainslam
-
-#include "chainslam/slam/detail/back_end_merging.hpp"

@@ -72,8 +72,7 @@ class MapGraph {
   /// @throws std::invalid_argument if times do not increase or something is not finite; the map is then as it was.
   [[gnu::cold]] void append(std::span<const FrameRecord> frames);
 
-  /// Gives a keyframe a fix, which came after the newest keyframe.
-  /// @param with_previous  together with that of the keyframe before
+  /// Gives a keyframe a fix, now or `with_previous`: together with that of the keyframe before.
   void set_gnss(KeyframeId id, const GnssFix& fix, bool with_previous = false);
   /// Fixes that the next optimisation will take in.
   [[nodiscard]] Index waiting_fixes() const { return factors_->waiting(); }

@@ -54,7 +54,7 @@ class ReplayedFixes {
 
 /// Gives a back end again what it was given when it made a map: sessions, frames, keyframes, fixes, in the order in
 /// which they came. A back end with the same settings then makes the same map, bit for bit, if it made this one without
-/// loading others; `forbid` and `without` leave something out. Maps of format 1.3 and before do not say when fixes
+/// loading others; `without` and `Unrepeated` leave something out. Maps of format 1.3 and before do not say when fixes
 /// came: there they come with their keyframes.
 /// @param back_end        takes `begin_session`, `add` of frames, keyframes and fixes, as `BackEnd` does.
 /// @param after_keyframe  called after each keyframe, with its number in `map`.
@@ -81,7 +81,7 @@ void replay(const SlamMap& map, Target& back_end, const E& executor, AfterKeyfra
   }
 }
 
-/// The same, on one thread, without being told of progress.
+/// The same, on one thread, without progress.
 template <class Target>
 void replay(const SlamMap& map, Target& back_end) {
   replay(map, back_end, Serial{}, [](KeyframeId) {});

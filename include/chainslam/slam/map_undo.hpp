@@ -21,7 +21,7 @@ namespace chainslam {
 
 /// A map without what was undone.
 struct UndoneMap {
-  SlamMap map;                    ///< what remains, numbered anew
+  SlamMap map;                    ///< what remains, renumbered
   UndoneClosures undone{};        ///< closures that were asked for, so that a `replay` does not find them again
   Index removed_keyframes = 0;    ///< of the sessions that were removed
   Index removed_closures = 0;     ///< with those that descended from what was asked for

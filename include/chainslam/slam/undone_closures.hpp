@@ -1,11 +1,15 @@
 #pragma once
 
+#include <span>
+#include <utility>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/merge_options.hpp"
+#include "chainslam/slam/position_index.hpp"
 
 namespace chainslam {
 
@@ -20,7 +24,7 @@ class UndoneClosures {
   }
   [[nodiscard]] bool empty() const { return all_.empty(); }  ///< whether none was undone
 
-  /// A direct or chained closure that was accepted becomes `reverted` if it repeats one that was undone.
+  /// An alignment that was accepted becomes `reverted` if it repeats a direct or chained closure that was undone.
   void refuse_repeated(LoopClosure& closure) const {
     if (closure.verdict != ClosureVerdict::accepted) return;
     for (const Undone& one : all_) {
@@ -68,6 +72,49 @@ class UndoneClosures {
   }
 
   std::vector<Undone> all_;
+};
+
+/// A closer that refuses what would repeat closures that were undone; in all else the one given.
+/// @tparam Closer  finds and aligns closures, as `LoopCloser` does.
+template <class Closer>
+class Unrepeated {
+ public:
+  Unrepeated(Closer closer, UndoneClosures undone) : closer_(std::move(closer)), undone_(std::move(undone)) {}
+
+  /// As `Closer` has them.
+  /// @{
+  [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
+    return closer_.eligible(candidate, query);
+  }
+  template <Executor E = Serial>
+  [[nodiscard]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
+                                  const SE3d& guess, const E& executor = {}) {
+    LoopClosure closure = closer_.align(keyframes, from, to, guess, executor);
+    undone_.refuse_repeated(closure);
+    return closure;
+  }
+  template <Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                                KeyframeId query, const E& executor = {}) {
+    return refused(closer_.search(keyframes, index, query, executor));
+  }
+  template <Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
+                                               const E& executor = {}) {
+    return refused(closer_.close(keyframes, index, executor));
+  }
+  /// @}
+
+  [[nodiscard]] const Closer& closer() const { return closer_; }  ///< the one given
+
+ private:
+  [[nodiscard]] std::vector<LoopClosure> refused(std::vector<LoopClosure> tried) const {
+    for (LoopClosure& closure : tried) undone_.refuse_repeated(closure);
+    return tried;
+  }
+
+  Closer closer_;
+  UndoneClosures undone_;
 };
 
 }  // namespace chainslam
