@@ -245,8 +245,10 @@ void add_inspect(CLI::App& program, int& exit_code) {
                    "Ctrl-C ends the estimation early")
       ->option_text("SECONDS")
       ->check(CLI::Range(0.0, 1e6).description(""));
-  CLI::Option* closures = verb->add_flag("--closures", arguments->closures, "also list a map's closures");
-  verb->add_flag("--json", arguments->json, "print JSON instead of tables")->excludes(closures);
+  verb->add_flag("--closures", arguments->closures,
+                 "also list a map's closures: why each was tried, and whether and why it was accepted, refused,\n"
+                 "rejected or taken back");
+  verb->add_flag("--json", arguments->json, "print JSON instead of tables; with --closures also the measured poses");
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
@@ -283,6 +285,57 @@ void add_recover(CLI::App& program, int& exit_code) {
   verb->add_option("--threads", arguments->threads, "number of threads; default: all cores; does not change the result")
       ->check(CLI::Range(1, 1024))
       ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
+void add_undo(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<UndoArguments>();
+  CLI::App* verb = program.add_subcommand("undo", "remove sessions, merges or closures with all that came of them");
+  verb->footer(
+      "What is removed takes with it what descended from it: chains of a closure, all places of a merge, and closures\n"
+      "between two sessions that were found after merges had joined these and only these had. NEW has the exact\n"
+      "optimum of what remains; sessions that nothing connects any more get frames of their own.\n"
+      "With --replay, closures, merges and outliers are decided again from the saved scans with the map's own\n"
+      "settings: without a session, NEW is the map that would have been made had that session never been there.\n"
+      "A closure or merge that was undone is not found again. Sessions of --load maps are replayed in the same run.\n"
+      "`chainslam inspect MAP --closures` lists the numbers. MAP is not modified.");
+  verb->add_option("MAP", arguments->map, "map file (.cslam), or a folder that `chainslam map` wrote")
+      ->required()
+      ->option_text(" ");
+  verb->add_option("--session", arguments->sessions, "remove this session, by number or name; can be repeated")
+      ->option_text("ID")
+      ->allow_extra_args(false);
+  verb->add_option("--closure", arguments->closures, "remove this direct or chained closure; can be repeated")
+      ->option_text("ID")
+      ->allow_extra_args(false);
+  verb->add_option("--merge", arguments->merges, "remove the merge that this closure is a place of; can be repeated")
+      ->option_text("ID")
+      ->allow_extra_args(false);
+  verb->add_flag("--replay", arguments->replay, "decide again from the saved scans");
+  verb->add_option("-o,--out", arguments->out, "output map file")->required()->option_text("NEW");
+  verb->add_flag("--overwrite", arguments->overwrite, "if NEW exists, keep it as NEW~1");
+  verb->add_option("--threads", arguments->threads, "number of threads; default: all cores; does not change the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] {
+    if (arguments->sessions.empty() && arguments->closures.empty() && arguments->merges.empty())
+      throw CLI::ValidationError("undo", "nothing to undo: pass --session, --closure or --merge");
+    exit_code = run(*arguments);
+  });
+}
+
+void add_report(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<ReportArguments>();
+  CLI::App* verb = program.add_subcommand("report", "write the report of a map again, from the map alone");
+  verb->footer(
+      "DIR contains report.html, map.ply (one for each frame) and map.png, as `chainslam map` writes them. What only\n"
+      "the run knew is left out: times, memory, IMU calibration, errors against a ground truth.\n"
+      "`chainslam export` writes trajectories, graphs and clouds.");
+  verb->add_option("MAP", arguments->map, "map file (.cslam), or a folder that `chainslam map` wrote")
+      ->required()
+      ->option_text(" ");
+  verb->add_option("--out", arguments->out, "output folder")->required()->option_text("DIR");
+  verb->add_flag("--overwrite", arguments->overwrite, "if DIR is not empty, keep it as DIR~1");
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
@@ -486,6 +539,8 @@ int run_command_line(int argc, const char* const* argv) {
   add_inspect(program, exit_code);
   add_check(program, exit_code);
   add_recover(program, exit_code);
+  add_undo(program, exit_code);
+  add_report(program, exit_code);
   add_export(program, exit_code);
   add_eval(program, exit_code);
   add_optimize(program, exit_code);

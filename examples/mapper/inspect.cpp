@@ -3,12 +3,12 @@
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/printable.hpp"
-#include "chainslam/io/input_file.hpp"
 #include "datasets/odometry_recording.hpp"
 #include "exit_code.hpp"
 #include "inspect_imu.hpp"
@@ -17,6 +17,7 @@
 #include "options.hpp"
 #include "summary_file.hpp"
 #include "support/interrupt.hpp"
+#include "unfinished_run.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {
@@ -47,33 +48,35 @@ datasets::Inspection inspect_map(const fs::path& path) {
 }
 
 /// What was found, for programs; of a run's folder with the whole summary.
-std::string to_json(const fs::path& path, const datasets::Inspection& found, bool map_folder) {
+/// @param closures  of which map to list them; null: of none
+std::string to_json(const fs::path& path, const datasets::Inspection& found, bool map_folder, const SlamMap* closures) {
   nlohmann::ordered_json json{{"path", path.native()}, {"kind", found.kind}};
   json["facts"] = nlohmann::ordered_json::array();
   for (const auto& [name, value] : found.facts) json["facts"].push_back({{"name", name}, {"value", value}});
   json["warnings"] = found.warnings;
   if (map_folder) json["summary"] = nlohmann::ordered_json::parse(read_summary_text(path / "summary.json"));
+  if (closures != nullptr) json["closures"] = closures_json(*closures);
   return json.dump(2, ' ', true, nlohmann::ordered_json::error_handler_t::replace);
 }
 
-void print(const InspectArguments& arguments, const datasets::Inspection& found, bool map_folder = false) {
-  if (arguments.json)
-    std::printf("%s\n", to_json(arguments.path, found, map_folder).c_str());
-  else
-    std::printf("%s: %s", printable(arguments.path.native()).c_str(), printable(to_text(found), true).c_str());
-}
-
-void print_closures(const fs::path& path) {
-  InputFile file(path / "closures.csv");
-  while (const auto line = file.read_line()) std::printf("%s\n", printable(*line).c_str());
+/// @param map_file  whose closures are listed if they are asked for
+void print(const InspectArguments& arguments, const datasets::Inspection& found, const fs::path& map_file = {},
+           bool map_folder = false) {
+  std::optional<LoadedMap> map;
+  if (arguments.closures) map = open_map(map_file, {.recover = true, .scans = false});
+  if (arguments.json) {
+    std::printf("%s\n", to_json(arguments.path, found, map_folder, map ? &map->map : nullptr).c_str());
+    return;
+  }
+  std::printf("%s: %s", printable(arguments.path.native()).c_str(), printable(to_text(found), true).c_str());
+  if (map) print_closures(map->map);
 }
 
 }  // namespace
 
 int run(const InspectArguments& arguments) {
   if (is_map_file(arguments.path)) {
-    print(arguments, inspect_map_file(arguments.path));
-    if (arguments.closures) print_closures_of(arguments.path);
+    print(arguments, inspect_map_file(arguments.path), arguments.path);
     return exit_good;
   }
   MapperOptions options;
@@ -89,8 +92,7 @@ int run(const InspectArguments& arguments) {
     inspect_imu(arguments.path, options, arguments.imu_seconds, interrupt.token(), found);
     interrupted = interrupt.requested();
   }
-  print(arguments, found, map);
-  if (arguments.closures) print_closures(arguments.path);
+  print(arguments, found, arguments.path / map_name, map);
   return interrupted ? exit_interrupted : exit_good;
 }
 

@@ -4,10 +4,13 @@
 #include <cstdio>
 #include <map>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "chainslam/core/printable.hpp"
 #include "map_export.hpp"
 #include "map_file.hpp"
+#include "support/closure_words.hpp"
 #include "support/frame_health.hpp"
 #include "support/report_data.hpp"
 #include "support/session_joins.hpp"
@@ -114,21 +117,47 @@ datasets::Inspection inspect_map_file(const std::filesystem::path& path) {
   return result;
 }
 
-void print_closures_of(const std::filesystem::path& path) {
-  const LoadedMap loaded = open_map(path, {.recover = true, .scans = false});
-  std::printf("number,from,to,kind,verdict,cause,mean_squared_error_m2,inlier_ratio,x,y,z,qx,qy,qz,qw\n");
-  for (const auto* closures : {&loaded.map.closures, &loaded.map.refusals}) {
-    for (std::size_t i = 0; i < closures->size(); ++i) {
-      const LoopClosure& closure = (*closures)[i];
-      const Eigen::Vector3d& t = closure.T_from_to.translation();
-      const auto& q = closure.T_from_to.rotation().quaternion();
-      std::printf("%s,%d,%d,%s,%s,%d,%.6g,%.4f,%.9g,%.9g,%.9g,%.12g,%.12g,%.12g,%.12g\n",
-                  closures == &loaded.map.closures ? std::to_string(i).c_str() : "", closure.from.value,
-                  closure.to.value, support::name_of(closure.kind).c_str(), support::name_of(closure.verdict).c_str(),
-                  closure.cause, closure.mean_squared_error, closure.inlier_ratio, t.x(), t.y(), t.z(), q.x(), q.y(),
-                  q.z(), q.w());
-    }
+void print_closures(const SlamMap& map) {
+  const std::vector<support::ClosureAccount> accounts = support::closure_accounts(map);
+  std::size_t widest = 0;
+  for (const support::ClosureAccount& one : accounts) widest = std::max(widest, one.tried.size());
+  std::printf("%7s  %-7s  %-9s  %7s  %7s  %7s  %9s  %-*s  %s\n", "closure", "kind", "sessions", "from", "to", "inliers",
+              "error m^2", static_cast<int>(widest), "tried because", "outcome");
+  for (const support::ClosureAccount& one : accounts) {
+    const LoopClosure& closure = *one.closure;
+    const std::string number = one.number < 0 ? "-" : std::to_string(one.number);
+    const std::string sessions = std::to_string(one.from.value) + " " + std::to_string(one.to.value);
+    std::printf("%7s  %-7s  %-9s  %7d  %7d  %6.0f%%  %9.3g  %-*s  %s\n", number.c_str(),
+                support::name_of(closure.kind).c_str(), sessions.c_str(), closure.from.value, closure.to.value,
+                100 * closure.inlier_ratio, closure.mean_squared_error, static_cast<int>(widest), one.tried.c_str(),
+                one.outcome.c_str());
   }
+}
+
+nlohmann::ordered_json closures_json(const SlamMap& map) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const support::ClosureAccount& one : support::closure_accounts(map)) {
+    const LoopClosure& closure = *one.closure;
+    nlohmann::ordered_json entry{{"number", nullptr},
+                                 {"kind", support::name_of(closure.kind)},
+                                 {"from", closure.from.value},
+                                 {"to", closure.to.value},
+                                 {"from_session", one.from.value},
+                                 {"to_session", one.to.value},
+                                 {"tried", one.tried},
+                                 {"outcome", one.outcome},
+                                 {"verdict", support::name_of(closure.verdict)},
+                                 {"cause", nullptr},
+                                 {"inlier_ratio", closure.inlier_ratio},
+                                 {"mean_squared_error_m2", closure.mean_squared_error}};
+    if (one.number >= 0) entry["number"] = one.number;
+    if (closure.cause >= 0) entry["cause"] = closure.cause;
+    const Eigen::Vector3d& t = closure.T_from_to.translation();
+    const auto& q = closure.T_from_to.rotation().quaternion();
+    entry["T_from_to"] = {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()};
+    list.push_back(std::move(entry));
+  }
+  return list;
 }
 
 }  // namespace chainslam::mapper

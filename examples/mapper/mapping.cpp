@@ -14,6 +14,8 @@
 
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
+#include "chainslam/slam/map_replay.hpp"
+#include "chainslam/slam/map_undo.hpp"
 #include "chainslam/slam/pipeline.hpp"
 #include "chainslam/slam/place_candidates.hpp"
 #include "session_front_end.hpp"
@@ -25,19 +27,19 @@ namespace {
 
 using Closer = LoopCloser<NearElsePlaces, ClosureRegistration, ClosureNoise>;
 using Merger = MapMerger<FixesElsePlaces<>, MergeRegistration>;
-using MapperBackEnd = BackEnd<Closer, ChainedCloser, Merger>;
+using MapperBackEnd = BackEnd<Unrepeated<Closer>, ChainedCloser, Merger>;
 
-MapperBackEnd make_back_end(const BackEndParts& parts) {
+/// @param undone  closures that are not to be found again
+MapperBackEnd make_back_end(const BackEndParts& parts, const UndoneClosures& undone = {}) {
   PlaceCandidateOptions within = parts.places;
   within.max_count = parts.closure_places;
   within.max_drawn = 2;  // asked for each search
-  return MapperBackEnd(
-      parts.back_end,
-      Closer(parts.closures, NearElsePlaces(parts.candidates, PlaceCandidates(within)), parts.registration,
-             parts.noise),
-      ChainedCloser(parts.chain),
-      Merger(parts.merge, FixesElsePlaces(GnssCandidates(parts.gnss), PlaceCandidates(parts.places)), parts.merging),
-      parts.outliers);
+  Closer closer(parts.closures, NearElsePlaces(parts.candidates, PlaceCandidates(within)), parts.registration,
+                parts.noise);
+  Merger merger(parts.merge, FixesElsePlaces(GnssCandidates(parts.gnss), PlaceCandidates(parts.places)), parts.merging);
+  merger.forbid(undone);
+  return MapperBackEnd(parts.back_end, {std::move(closer), undone}, ChainedCloser(parts.chain), std::move(merger),
+                       parts.outliers);
 }
 
 /// The back end with a clock, and with figures that the front end's thread may read.
@@ -67,6 +69,11 @@ class MeteredBackEnd {
     publish();
   }
   void add(std::span<const FrameRecord> frames) { back_end_.add(frames); }
+  template <Executor E>
+  void add(std::span<const KeyframeFix> fixes, const E& executor) {
+    back_end_.add(fixes, executor);
+    publish();
+  }
 
   /// @name For the front end's thread.
   /// @{
@@ -83,7 +90,7 @@ class MeteredBackEnd {
     figures.optimisations = counts.optimisations;
     figures.failed_optimisations = counts.failed_optimisations;
     figures.closure_radius = run_.options.back_end.candidates.radius;
-    figures.search_spacing = back_end_.closer().search_spacing();
+    figures.search_spacing = back_end_.closer().closer().search_spacing();
     return figures;
   }
 
@@ -290,6 +297,27 @@ std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::vect
   pipeline.finish();
   run.progress.finish();
   return back_end.release();
+}
+
+std::shared_ptr<const SlamMap> map_again(const SlamMap& map, const UndoneClosures& undone, const MappingRun& run) {
+  MapperBackEnd back_end = make_back_end(run.options.back_end, undone);
+  const ThreadPool threads(run.threads);
+  MeteredBackEnd metered(back_end, run);
+  support::ProgressState state{.stage = "deciding again", .total = to_index(map.keyframes.size())};
+  replay(map, metered, threads, [&](KeyframeId) {
+    ++state.done;
+    state.keyframes = metered.keyframes();
+    state.direct_closures = metered.direct_closures();
+    state.chained_closures = metered.chained_closures();
+    run.progress.update(state);
+  });
+  auto replayed = back_end.finish();
+  run.progress.finish();
+  return replayed;
+}
+
+ConvergeReport optimize_map(SlamMap& map, const BackEndParts& parts) {
+  return settle(map, parts.back_end.graph, parts.outliers);
 }
 
 }  // namespace chainslam::mapper

@@ -7,8 +7,10 @@
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
+#include "chainslam/factor_graph/smoother_reports.hpp"
 #include "chainslam/map/map_input.hpp"
 #include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/undone_closures.hpp"
 #include "datasets/dataset.hpp"
 #include "mapping_result.hpp"
 #include "options.hpp"
@@ -44,5 +46,13 @@ struct MappingRun {
 /// Does the back end's work of a run again. @returns the map that the run would have had, bit for bit.
 [[nodiscard]] std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::vector<SlamMap> loaded,
                                                        const MappingRun& run);
+
+/// Decides again what a map's sessions, keyframes, frames and fixes come to; closures that were undone are not found
+/// again. @returns the map that a run with these settings would have had, bit for bit.
+[[nodiscard]] std::shared_ptr<const SlamMap> map_again(const SlamMap& map, const UndoneClosures& undone,
+                                                       const MappingRun& run);
+
+/// Brings a map to the exact optimum of its measurements, without trying a scan. @returns how that ended.
+[[nodiscard]] ConvergeReport optimize_map(SlamMap& map, const BackEndParts& parts);
 
 }  // namespace chainslam::mapper

@@ -303,10 +303,14 @@ void write_results(OutputFolder& folder, const RunOutcome& outcome, const Mapper
   folder.file("frames.csv", [&](const FileTarget& target) { write_frames(target, map); });
   folder.file("closures.csv", [&](const FileTarget& target) { write_closures(target, map); });
   folder.file("graph.g2o", [&](const FileTarget& target) { write_graph(target, map); });
+  write_map_clouds(folder, map, options.map_voxel);
+}
+
+void write_map_clouds(OutputFolder& folder, const SlamMap& map, double map_voxel) {
   for (const Session& session : map.sessions) {
     if (session.frame != session.id) continue;
     const std::string name = session.id.value == 0 ? "map.ply" : "map." + std::to_string(session.id.value) + ".ply";
-    folder.file(name, [&](const FileTarget& target) { write_map(target, map, session.frame, options.map_voxel); });
+    folder.file(name, [&](const FileTarget& target) { write_map(target, map, session.frame, map_voxel); });
   }
 }
 

@@ -67,6 +67,9 @@ struct RunOutcome {
 /// What cannot be written is reported, and the rest is written.
 void write_results(OutputFolder& folder, const RunOutcome& outcome, const MapperOptions& options);
 
+/// Writes `map.ply` of the first session's frame, and `map.N.ply` of each other frame, as `write_results` does.
+void write_map_clouds(OutputFolder& folder, const SlamMap& map, double map_voxel);
+
 /// Writes `report.html` and `map.png`, as `write_results` does.
 void write_run_report(OutputFolder& folder, const RunOutcome& outcome, double map_voxel);
 

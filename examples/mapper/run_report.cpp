@@ -90,6 +90,7 @@ void add_figures(const RunOutcome& outcome, support::ReportData& data) {
   if (summary.back_end.keyframes > 0)
     data.figures.push_back({"Back end per keyframe", milliseconds(summary.back_end.seconds.p50),
                             "99 % within " + milliseconds(summary.back_end.seconds.p99)});
+  if (summary.wall_seconds <= 0) return;  // a report that is made again
   char speed[64];
   std::snprintf(speed, sizeof speed, "%.1f x", summary.data_seconds / std::max(summary.wall_seconds, 1e-9));
   data.figures.push_back({"Speed", speed, "times real time"});
@@ -117,7 +118,8 @@ void add_rows(const support::RunSummary& summary, support::ReportData& data) {
                               number(alignments.p50) + " (" + number(alignments.max) + ")");
   if (const std::string spacing = support::spacing_sentence(summary); !spacing.empty())
     data.summary.emplace_back("v / f_lc > r_lc, the paper's rule for closures", spacing);
-  data.summary.emplace_back("peak memory", std::to_string(summary.peak_memory / 1'000'000) + " MB");
+  if (summary.peak_memory > 0)
+    data.summary.emplace_back("peak memory", std::to_string(summary.peak_memory / 1'000'000) + " MB");
 }
 
 }  // namespace

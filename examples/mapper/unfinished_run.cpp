@@ -10,7 +10,7 @@
 #include "chainslam/io/map_archive.hpp"
 #include "map_file.hpp"
 #include "mapping.hpp"
-#include "options.hpp"
+#include "saved_settings.hpp"
 #include "support/progress.hpp"
 #include "support/statistics.hpp"
 
@@ -40,47 +40,6 @@ std::vector<SlamMap> loaded_maps(const JournaledInput& recorded, const fs::path&
     maps.push_back(open_map(reference.path, {.scan_cache = scans}).map);
   }
   return maps;
-}
-
-/// A run's settings, as far as this version of the program has them.
-struct RunSettings {
-  MapperOptions options;
-  std::string text;                ///< as a file; the run's own where this version has all of them
-  std::vector<std::string> notes;  ///< what this version does not have, and what it has beside
-};
-
-/// The first of them, and how many more there are.
-std::string some_of(const std::vector<std::string>& names) {
-  constexpr std::size_t most = 20;
-  std::string text;
-  for (std::size_t i = 0; i < std::min(most, names.size()); ++i) text += (i == 0 ? "" : ", ") + names[i];
-  return text + (names.size() > most ? " and " + std::to_string(names.size() - most) + " more" : "");
-}
-
-RunSettings settings_of(const JournaledInput& recorded, const fs::path& inputs) {
-  RunSettings settings{.options = {}, .text = recorded.parameters, .notes = {}};
-  support::Configuration configuration = make_configuration(settings.options);
-  std::vector<std::string> left_out;
-  try {
-    left_out = configuration.load_foreign_text(recorded.parameters, "parameters");
-    configuration.apply();
-  } catch (const support::ConfigError& error) {
-    const std::string problem = error.what();
-    throw_input_error(inputs.string(), "",
-                      "a configuration that this version cannot use: " + problem.substr(0, problem.find('\n')),
-                      "recover with the version of chainslam that began the run, or pass --no-replay: that takes what "
-                      "the run had closed so far");
-  }
-  const std::vector<std::string> defaults = configuration.unassigned();
-  if (left_out.empty() && defaults.empty()) return settings;
-  settings.text = configuration_text(settings.options);
-  settings.notes.emplace_back("another version of chainslam began this run: its own map may have differed");
-  if (!left_out.empty())
-    settings.notes.push_back("settings left out, which this version does not have: " + some_of(left_out));
-  if (!defaults.empty())
-    settings.notes.push_back("settings of this version that the run does not state, at their defaults: " +
-                             some_of(defaults));
-  return settings;
 }
 
 Index keyframes_in(const fs::path& map) {
@@ -116,7 +75,10 @@ std::optional<RepeatedRun> repeat(const UnfinishedRun& run, const RecoverArgumen
   for (const SlamMap& map : loaded) known += to_index(map.keyframes.size());
   if (keyframes_in(run.map) > known) return std::nullopt;
 
-  RunSettings settings = settings_of(recorded, run.inputs);
+  SavedSettings settings =
+      saved_settings(recorded.parameters, run.inputs,
+                     "recover with the version of chainslam that began the run, or pass --no-replay: that takes what "
+                     "the run had closed so far");
   support::Progress progress;
   support::StageTimes times;
   MapJournal journal(arguments.out, {.overwrite = arguments.overwrite, .parameters = settings.text});

@@ -88,6 +88,20 @@ struct RecoverArguments {
   int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
 };
 
+struct UndoArguments {
+  std::filesystem::path map, out;
+  std::vector<std::string> sessions{};  ///< numbers or names
+  std::vector<int> closures{}, merges{};
+  bool replay = false;  ///< decide again from the saved scans
+  bool overwrite = false;
+  int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+};
+
+struct ReportArguments {
+  std::filesystem::path map, out;
+  bool overwrite = false;
+};
+
 struct ExportArguments {
   std::filesystem::path map, out;
   std::string format;
@@ -134,6 +148,8 @@ int run(const SimulateArguments& arguments);
 int run(const InspectArguments& arguments);
 int run(const CheckArguments& arguments);
 int run(const RecoverArguments& arguments);
+int run(const UndoArguments& arguments);
+int run(const ReportArguments& arguments);
 int run(const ExportArguments& arguments);
 int run(const EvalArguments& arguments);
 int run(const OptimizeArguments& arguments);

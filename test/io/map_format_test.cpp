@@ -216,11 +216,21 @@ SlamMap golden_map_1_2() {
 }
 
 /// The same with what the accelerometer measured before some of the frames, as format 1.3 has it.
-SlamMap golden_map() {
+SlamMap golden_map_1_3() {
   SlamMap map = golden_map_1_2();
   for (std::size_t i = 1; i < map.frames.size(); ++i)
     if (i != 5 && i != 8)
       map.frames[i].delta_velocity = Eigen::Vector3f(0.0625F * static_cast<float>(i), -0.03125F, 1.2265625F);
+  return map;
+}
+
+/// The same with two fixes that came together after a later keyframe, as format 1.4 has them.
+SlamMap golden_map() {
+  SlamMap map = golden_map_1_3();
+  map.keyframes[2].gnss = map.keyframes[1].gnss;
+  map.keyframes[2].gnss->time = map.keyframes[2].time;
+  map.keyframes[1].gnss_arrival = {KeyframeId{2}, false};
+  map.keyframes[2].gnss_arrival = {KeyframeId{2}, true};
   return map;
 }
 
@@ -344,10 +354,24 @@ TEST_SUITE("io/map_format") {
     CHECK(loaded.report.complete);
     CHECK(loaded.report.format_minor == 3);
     CHECK_FALSE(loaded.report.newer_fields);
+    CHECK(same_map(loaded.map, golden_map_1_3()));
+    CHECK_FALSE(same_map(loaded.map, golden_map_1_2()));
+    const TemporaryFolder folder;
+    save_map(folder / "again", loaded);
+    CHECK(load_map(folder / "again").report.format_minor == chainslam::detail::map_minor);
+    CHECK(same_map(load_map(folder / "again").map, golden_map_1_3()));
+  }
+
+  TEST_CASE("the golden file of format 1.4 says what it said when it was made") {
+    const std::string path = CHAINSLAM_SOURCE_DIR "/test/io/golden/map_1_4.cslam";
+    const LoadedMap loaded = load_map(path);
+    CHECK(loaded.report.complete);
+    CHECK(loaded.report.format_minor == 4);
+    CHECK_FALSE(loaded.report.newer_fields);
     CHECK(loaded.parameters == golden_options().parameters);
     CHECK(loaded.unknown == golden_options().unknown);
     CHECK(same_map(loaded.map, golden_map()));
-    CHECK_FALSE(same_map(loaded.map, golden_map_1_2()));
+    CHECK_FALSE(same_map(loaded.map, golden_map_1_3()));
     const TemporaryFolder folder;
     save_map(folder / "again", loaded);
     CHECK(read_bytes(folder / "again") == read_bytes(path));
@@ -394,6 +418,34 @@ TEST_SUITE("io/map_format") {
     for (const std::size_t unmeasured : {0U, 5U, 8U})
       for (const std::size_t offset : {172U, 176U, 180U})
         CHECK(std::isnan(load_as<float>(frame_record(file, unmeasured, 184) + offset)));
+  }
+
+  TEST_CASE("a fix states after which keyframe it came, and whether with that of the keyframe before") {
+    const TemporaryFolder folder;
+    const SlamMap map = golden_map();
+    save_map(folder / "a", map);
+    rewrite(folder / "a", folder / "b", [](std::vector<Chunk>& chunks) {
+      for (Chunk& chunk : chunks) {
+        if (!chunk.is(ChunkType::gnss)) continue;
+        CHECK(load_as<std::uint32_t>(chunk.payload.data() + 4) == 120);
+        const std::byte* record = chunk.payload.data() + 16;
+        CHECK(load_as<std::int32_t>(record + 112) == 2);
+        CHECK(load_as<std::uint32_t>(record + 116) == 0);
+        CHECK(load_as<std::int32_t>(record + 120 + 112) == 2);
+        CHECK(load_as<std::uint32_t>(record + 120 + 116) == 1);
+        resize_records(chunk, 112);
+      }
+    });
+    const LoadedMap loaded = load_map(folder / "b");  // as earlier versions wrote them
+    CHECK(loaded.report.complete);
+    CHECK_FALSE(loaded.report.newer_fields);
+    CHECK(loaded.map.keyframes[2].gnss.has_value());
+    CHECK_FALSE(loaded.map.keyframes[2].gnss_arrival.after.valid());
+    for (const std::size_t size : {111U, 113U, 116U, 119U})
+      CHECK(says(after_change(ChunkType::gnss, [&](Chunk& chunk) { resize_records(chunk, size); }), "record size"));
+    CHECK(after_change(ChunkType::gnss, [](Chunk& chunk) { resize_records(chunk, 128); }).empty());
+    CHECK(says(after_change(ChunkType::gnss, put(16 + 112, std::int32_t{12})), "keyframe after which it came"));
+    CHECK(says(after_change(ChunkType::gnss, put(16 + 112, std::int32_t{-2})), "keyframe after which it came"));
   }
 
   TEST_CASE("frames of earlier versions have nothing of the accelerometer, also among frames of today") {

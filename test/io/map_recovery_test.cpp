@@ -88,6 +88,7 @@ bool is_part(const LoadedMap& part, const SlamMap& whole) {
     const bool stated_lost = std::find(lost.begin(), lost.end(), keyframe.id) != lost.end();
     if (stated_lost ? static_cast<bool>(keyframe.cloud) : !same_cloud(keyframe.cloud, original.cloud)) return false;
     if (keyframe.gnss && !same_fix(keyframe.gnss, original.gnss)) return false;
+    if (keyframe.gnss && keyframe.gnss_arrival != original.gnss_arrival) return false;
   }
   return true;
 }

@@ -129,6 +129,7 @@ class GrowingMap {
     fix.covariance_ecef.diagonal() << 1.5, 2.5, 4;
     fix.quality = GnssQuality::rtk_float;
     keyframe.gnss = fix;
+    keyframe.gnss_arrival = {keyframe.id, keyframe.id.value % 2 == 0};
   }
 
   void close(KeyframeId id) {
@@ -228,7 +229,8 @@ inline bool same_map(const SlamMap& a, const SlamMap& b) {
          same_records(a.refusals, b.refusals) && same_records(a.frames, b.frames) &&
          std::equal(a.keyframes.begin(), a.keyframes.end(), b.keyframes.begin(),
                     [](const Keyframe& x, const Keyframe& y) {
-                      return x.T_map_body == y.T_map_body && same_cloud(x.cloud, y.cloud) && same_fix(x.gnss, y.gnss);
+                      return x.T_map_body == y.T_map_body && same_cloud(x.cloud, y.cloud) && same_fix(x.gnss, y.gnss) &&
+                             x.gnss_arrival == y.gnss_arrival;
                     });
 }
 

@@ -110,7 +110,9 @@ TEST_SUITE("program/inspect") {
     const auto file = nlohmann::json::parse(inspected(scratch, scratch.path() / "a.tum", "--json").output);
     CHECK(file["kind"] == "TUM trajectory");
     CHECK(!file.contains("summary"));
-    CHECK(run_program(scratch.path(), "inspect " + quoted(map) + " --json --closures").exit_code == 2);
+    const ProgramResult closures = run_program(scratch.path(), "inspect " + quoted(map) + " --json --closures");
+    CHECK(closures.exit_code == 3);
+    CHECK(contains(closures.errors, "map.cslam"));
   }
 
   TEST_CASE("a list that is too long for a table is counted") {

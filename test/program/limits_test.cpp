@@ -154,6 +154,7 @@ TEST_SUITE("program/limits") {
     const std::vector<std::vector<std::string>> verbs = {
         {"recover", map.string(), "--out", result.string()},
         {"export", map.string(), "--format", "ply", "--out", result.string()},
+        {"report", map.string(), "--out", result.string()},
         {"check", map.string()},
         {"inspect", map.string()},
         {"simulate", "town", "--out", result.string()}};

@@ -37,7 +37,10 @@ TEST_SUITE("program/map_file") {
     CHECK(contains(result.output, "and a\\x0Anew line"));  // a name cannot write to the terminal what it likes
     CHECK(contains(result.output, "closures.chained"));
     CHECK(contains(result.output, "refusals."));
-    CHECK(contains(result.output, "\n0,0,4,direct,accepted,-1,"));
+    CHECK(contains(result.output, "\n      0  direct   0 0              0        4      75%"));
+    CHECK(contains(result.output, "near by the estimate"));
+    CHECK(contains(result.output, "closures connect it with closure 0  accepted\n"));
+    CHECK(contains(result.output, "refused: contradicts the chain that led to it\n"));
     CHECK(contains(result.output, "bytes a point"));
     const auto measured = std::ranges::count_if(
         written.frames, [](const FrameRecord& frame) { return frame.delta_velocity.has_value(); });

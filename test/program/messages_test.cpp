@@ -287,6 +287,15 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
                    "recover with the version of chainslam that began the run, or pass --no-replay"});
   cases.push_back({"recover @/foreign.partial --no-replay --out @/out", 3, "map.cslam.partial",
                    "nothing that the run had closed", "recover without --no-replay"});
+  cases.push_back({"undo @/none --session 0 --out @/out", 3, "none", "no such file", "check the path"});
+  cases.push_back({"undo @/map.cslam --session nobody --out @/out", 2,
+                   "--session: a session's number, or a name that only one has", "nobody, where the map has sessions",
+                   "--closures` lists sessions and closures with their numbers"});
+  cases.push_back({"undo @/map.cslam --closure -1 --out @/out", 2, "--closure: the number of a closure",
+                   "-1, where the map has", "lists sessions and closures with their numbers"});
+  cases.push_back({"undo @/map.cslam --session 0 --out @/map.cslam --overwrite", 4, "map.cslam", "the map itself",
+                   "choose another name: a map is never changed"});
+  cases.push_back({"report @/none --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back({"export @/none --format tum --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back(
       {"export @/map.cslam --format las --out @/out", 2, "chainslam export", "las", "`chainslam export --help`"});

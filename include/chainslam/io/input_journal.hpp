@@ -189,7 +189,7 @@ namespace detail {
 inline GnssFix read_fix(const MapFileReader& file, std::size_t number) {
   constexpr std::size_t prelude_bytes = 16;
   const std::vector<std::byte> payload = file.payload(number).value();
-  if (payload.size() < prelude_bytes + gnss_bytes || file.chunks()[number].header.count != 1)
+  if (payload.size() < prelude_bytes + gnss_bytes_before_1_4 || file.chunks()[number].header.count != 1)
     file.fail(file.place(number), std::to_string(payload.size()) + " bytes", MapFileReader::written_wrongly);
   ByteReader in(std::span<const std::byte>(payload).subspan(prelude_bytes));
   static_cast<void>(in.take<Index>());

@@ -1,6 +1,6 @@
 #pragma once
 
-// Map files (.cslam), format 1.3.
+// Map files (.cslam), format 1.4.
 //
 // All numbers are little-endian; i and u are whole numbers, f is IEEE 754, the figure is their bits. Lengths are
 // metres, times are nanoseconds of the data set's clock. Poses are 7 f64: translation x y z, unit quaternion x y z w
@@ -59,9 +59,11 @@
 //                     decided otherwise.
 //   0007 refusals *   as closures: tried and refused
 //   8008 poses *      56 bytes: T_map_body of consecutive keyframes; later ones replace earlier ones
-//   8009 gnss *       112 bytes: i32 keyframe, u32 quality (0 none, 1 2-D, 2 3-D, 3 differential, 4 RTK float, 5 RTK
-//                     fixed), i64 time, 3 f64 position, 9 f64 covariance (m^2), Earth-centred, WGS 84. The number of
-//                     the first record has no meaning.
+//   8009 gnss *       120 bytes: i32 keyframe, u32 quality (0 none, 1 2-D, 2 3-D, 3 differential, 4 RTK float, 5 RTK
+//                     fixed), i64 time, 3 f64 position, 9 f64 covariance (m^2), Earth-centred, WGS 84; since 1.4 (112
+//                     bytes before) i32 newest keyframe when the fix came (-1: it came with its own, or not stated),
+//                     u32 flags (1: it came together with that of the keyframe before). The number of the first record
+//                     has no meaning.
 //   000D frames *     184 bytes, since 1.1: every frame of odometry, keyframe or not: i64 time, i32 session, u8 status
 //                     (0 good, 1 degenerate, 2 lost), u8 flags (1: the local map was restarted here, 2: no frame for
 //                     long before, 4: the accelerometer is left out by the settings), u8 use of the IMU (0 all, 1
@@ -70,7 +72,7 @@
 //                     row by row, tangent [translation; rotation], since 1.3 (172 bytes before) 3 f32 integral of the
 //                     specific force since the frame before (m/s, body frame at `time`; three NaN: not measured).
 //                     Sessions follow one another; times increase in each.
-//   000E fixes *      112 bytes, as gnss, keyframe -1: one measured fix. In input journals only, as the next.
+//   000E fixes *      as gnss, keyframes -1: one measured fix. In input journals only, as the next.
 //   000F loaded       u64 hash of a map file's chunk headers, then its path (UTF-8): a map that the back end was given
 //                     before all else
 //   800A commit       i32 sessions, keyframes, scans, odometry, closures, refusals before it; u64 0

@@ -142,7 +142,9 @@ class MapJournal {
       if (auto fault = detail::fault_of("T_map_body", at(map.keyframes, i).T_map_body)) refuse("keyframe", i, *fault);
     for (Index i = first_gnss; i < counts.keyframes; ++i)
       if (at(map.keyframes, i).gnss)
-        if (auto fault = detail::fault_of(*at(map.keyframes, i).gnss)) refuse("GNSS fix of keyframe", i, *fault);
+        if (auto fault = detail::first_fault({detail::fault_of(*at(map.keyframes, i).gnss),
+                                              detail::fault_of_arrival(at(map.keyframes, i), counts.keyframes)}))
+          refuse("GNSS fix of keyframe", i, *fault);
     for (Index i = counts_.odometry; i < counts.odometry; ++i)
       if (auto fault = detail::fault_of(at(map.odometry, i), counts.keyframes)) refuse("odometry", i, *fault);
     for (Index i = counts_.closures; i < counts.closures; ++i)
@@ -276,7 +278,7 @@ class MapJournal {
       if (at(map.keyframes, i).gnss && !has_gnss_[static_cast<std::size_t>(i)]) fixed.push_back(i);
     writer_.append_records(Type::gnss, detail::gnss_bytes, 0, count(fixed), [&](auto& out, Index i) {
       const Keyframe& keyframe = at(map.keyframes, at(fixed, i));
-      detail::append_gnss(out, keyframe.id, *keyframe.gnss);
+      detail::append_gnss(out, keyframe.id, *keyframe.gnss, keyframe.gnss_arrival);
       has_gnss_[static_cast<std::size_t>(keyframe.id.value)] = true;
     });
   }

@@ -24,6 +24,7 @@ inline void append_map(SlamMap& map, const SlamMap& other) {
   for (Keyframe keyframe : other.keyframes) {
     keyframe.id = moved(keyframe.id);
     keyframe.session.value += sessions;
+    if (KeyframeId& after = keyframe.gnss_arrival.after; after.valid()) after = moved(after);
     map.keyframes.push_back(std::move(keyframe));
   }
   for (OdometryMeasurement step : other.odometry) {

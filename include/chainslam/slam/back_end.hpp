@@ -76,10 +76,16 @@ class BackEnd {
   /// Takes the session's next frames, keyframes or not, which the map keeps; those up to a keyframe before it.
   /// @throws std::invalid_argument if times do not increase or something is not finite.
   [[gnu::cold]] void add(std::span<const FrameRecord> frames);
-
   /// Takes a GNSS fix, which keyframes around its time get a position from; they may then join two frames.
   template <Executor E = Serial>
-  [[gnu::cold]] void add(const GnssFix& fix, const E& executor = {});
+  [[gnu::cold]] void add(const GnssFix& fix, const E& executor = {}) {
+    std::vector<KeyframeFix> fixes;
+    gnss_.add(fix, [&](KeyframeId id, const GnssFix& interpolated) { fixes.push_back({id, interpolated}); });
+    add(std::span<const KeyframeFix>(fixes), executor);
+  }
+  /// Takes what one fix gave to keyframes, as the one before does.
+  template <Executor E = Serial>
+  [[gnu::cold]] void add(std::span<const KeyframeFix> fixes, const E& executor = {});
 
   /// Optimises to the end and hands out the map.
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> finish();
@@ -266,14 +272,10 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, co
 
 template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Outliers>::add(const GnssFix& fix, const E& executor) {
-  std::vector<KeyframeId> located;
-  gnss_.add(fix, [&](KeyframeId id, const GnssFix& interpolated) {
-    graph_.set_gnss(id, interpolated);
-    located.push_back(id);
-  });
-  for (const KeyframeId id : located) try_merge(id, executor);
-  if (located.empty()) return;
+void BackEnd<Closer, Chainer, Merger, Outliers>::add(std::span<const KeyframeFix> fixes, const E& executor) {
+  if (fixes.empty()) return;
+  for (const KeyframeFix& one : fixes) graph_.set_gnss(one.keyframe, one.fix, &one != fixes.data());
+  for (const KeyframeFix& one : fixes) try_merge(one.keyframe, executor);
   recheck(executor);
   publish_frame();
 }

@@ -91,6 +91,8 @@ inline void unite(Table<Index>& groups, Index a, Index b) {
     const SE3d T_new_old = start.T_odom_body * start.T_map_body.inverse();
     for (Keyframe& keyframe : map.keyframes)
       if (frames[keyframe.session.value] == session.id) keyframe.T_map_body = T_new_old * keyframe.T_map_body;
+    for (Session& other : map.sessions)
+      if (frames[other.id.value] == session.id) other.prior = T_new_old * other.prior;
     session.prior = start.T_odom_body;
     session.prior_sqrt_information = anchor;
   }

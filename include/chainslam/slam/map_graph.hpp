@@ -77,7 +77,8 @@ class MapGraph {
   /// @throws std::invalid_argument if times do not increase or something is not finite; the map is then as it was.
   [[gnu::cold]] void append(std::span<const FrameRecord> frames);
 
-  void set_gnss(KeyframeId id, const GnssFix& fix);  ///< gives a keyframe a fix
+  /// Gives a keyframe a fix, now or `with_previous`: together with that of the keyframe before.
+  void set_gnss(KeyframeId id, const GnssFix& fix, bool with_previous = false);
   /// Fixes that the next optimisation will take in.
   [[nodiscard]] Index waiting_fixes() const { return factors_->waiting(); }
 
@@ -222,9 +223,10 @@ void MapGraph<Outliers>::append(std::span<const FrameRecord> frames) {
 }
 
 template <class Outliers>
-void MapGraph<Outliers>::set_gnss(KeyframeId id, const GnssFix& fix) {
+void MapGraph<Outliers>::set_gnss(KeyframeId id, const GnssFix& fix, bool with_previous) {
   const Change change(*this);
   keyframe(id.value).gnss = fix;
+  keyframe(id.value).gnss_arrival = {map_.keyframes.back().id, with_previous};
   factors_->wait_for_fix(keyframe(id.value));
 }
 

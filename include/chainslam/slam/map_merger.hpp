@@ -17,6 +17,7 @@
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/merge_hypotheses.hpp"
 #include "chainslam/slam/merge_options.hpp"
+#include "chainslam/slam/undone_closures.hpp"
 
 namespace chainslam {
 
@@ -63,6 +64,9 @@ class MapMerger {
   [[nodiscard]] [[gnu::cold]] detail::Table<Index> contradicted(const SlamMap& map) const {
     return hypotheses_.contradicted(map);
   }
+
+  /// From now on, places that repeat these are refused as `reverted`.
+  [[gnu::cold]] void forbid(const UndoneClosures& undone) { undone_ = undone; }
 
   [[nodiscard]] const MergeOptions& options() const { return options_; }  ///< its settings
 
@@ -114,6 +118,7 @@ class MapMerger {
   Candidates candidates_;
   [[no_unique_address]] Registration registration_;
   MergeHypotheses hypotheses_;
+  UndoneClosures undone_;
   Path path_;
   double last_attempt_ = -std::numeric_limits<double>::infinity();  ///< metres from the session's start
   double last_asked_ = -std::numeric_limits<double>::infinity();    ///< whether one place is enough, the same
@@ -135,6 +140,7 @@ std::vector<LoopClosure> MapMerger<Candidates, Registration>::attempt(const Slam
     last_attempt_ = travelled;
     last_time_ = now;
     LoopClosure closure = register_submaps(map, candidate, query, closer, executor);
+    undone_.refuse_repeated_merge(map, options_, closure);
     if (closure.verdict != ClosureVerdict::accepted) {
       tried.push_back(closure);
       continue;

@@ -24,7 +24,7 @@ namespace chainslam::detail {
 // Headers of a map file and of its chunks; map_archive.hpp describes them byte by byte.
 
 inline constexpr std::array<unsigned char, 8> map_magic = {0x89, 'C', 'S', 'L', 'A', 'M', '\r', '\n'};
-inline constexpr std::uint16_t map_major = 1, map_minor = 3;
+inline constexpr std::uint16_t map_major = 1, map_minor = 4;
 inline constexpr std::size_t map_header_bytes = 64, chunk_alignment = 64;
 inline constexpr std::uint32_t chunk_magic = 0x4b4e'4843;  // "CHNK"
 inline constexpr std::uint16_t critical = 0x8000;

@@ -109,7 +109,7 @@ class MapDecoder {
         each(number, *payload, pose_bytes, &MapDecoder::set_pose);
         break;
       case ChunkType::gnss:
-        each(number, *payload, gnss_bytes, &MapDecoder::set_gnss);
+        each(number, *payload, gnss_bytes, &MapDecoder::set_gnss, gnss_bytes_before_1_4);
         break;
       case ChunkType::frames:
         each(number, *payload, frame_bytes, &MapDecoder::add_frame, frame_bytes_before_1_3);
@@ -273,7 +273,10 @@ class MapDecoder {
     check(number, i, fault_of_number("keyframe", id, 0, keyframes(), "keyframes"));
     const GnssFix fix = read_gnss(in);
     check(number, i, fault_of(fix));
-    loaded_.map.keyframes[static_cast<std::size_t>(id)].gnss = fix;
+    Keyframe& keyframe = loaded_.map.keyframes[static_cast<std::size_t>(id)];
+    keyframe.gnss = fix;
+    keyframe.gnss_arrival = read_gnss_arrival(in);
+    check(number, i, fault_of_arrival(keyframe, keyframes()));
   }
 
   void add_frame(std::size_t number, std::size_t i, Index id, ByteReader in) {

@@ -23,9 +23,11 @@ namespace chainslam::detail {
 // the checks: what a writer lets through, every reader takes.
 
 inline constexpr std::size_t pose_bytes = 56, session_bytes = 360, keyframe_bytes = 72, odometry_bytes = 352,
-                             closure_bytes = 376, gnss_bytes = 112, frame_bytes = 184;
+                             closure_bytes = 376, gnss_bytes = 120, frame_bytes = 184;
 inline constexpr std::size_t frame_bytes_before_1_3 = 172;  ///< without delta velocity
+inline constexpr std::size_t gnss_bytes_before_1_4 = 112;   ///< without the fix's arrival
 inline constexpr std::uint32_t keyframe_has_scan = 1;
+inline constexpr std::uint32_t gnss_with_previous = 1;
 inline constexpr std::uint8_t frame_map_restarted = 1, frame_after_gap = 2, frame_imu_as_set = 4,
                               frame_imu_unknown = 255;
 inline constexpr std::size_t longest_session_name = 65535;
@@ -159,6 +161,12 @@ inline MaybeFault fault_of(const GnssFix& fix) {
                          "qualities known to this version");
 }
 
+inline MaybeFault fault_of_arrival(const Keyframe& keyframe, Index keyframes) {
+  const Index after = keyframe.gnss_arrival.after.value;
+  if (after == -1) return std::nullopt;
+  return fault_of_number("keyframe after which it came", after, keyframe.id.value, keyframes, "keyframes");
+}
+
 /// @param before  the frame before, if there is one.
 inline MaybeFault fault_of(const FrameRecord& frame, const FrameRecord* before, Index sessions) {
   if (auto fault = fault_of_number("session", frame.session.value, 0, sessions, "sessions")) return fault;
@@ -218,15 +226,25 @@ inline void append_closure(std::vector<std::byte>& out, const LoopClosure& closu
   append_bytes(out, closure.inlier_ratio);
 }
 
-inline void append_gnss(std::vector<std::byte>& out, KeyframeId keyframe, const GnssFix& fix) {
+inline void append_gnss(std::vector<std::byte>& out, KeyframeId keyframe, const GnssFix& fix,
+                        const GnssArrival& arrival = {}) {
   append_bytes(out, keyframe.value);
   append_bytes(out, static_cast<std::uint32_t>(fix.quality));
   append_bytes(out, fix.time.nanoseconds());
   for (Eigen::Index i = 0; i < 3; ++i) append_bytes(out, fix.position_ecef[i]);
   append_matrix<3>(out, fix.covariance_ecef);
+  append_bytes(out, arrival.after.value);
+  append_bytes(out, arrival.with_previous ? gnss_with_previous : 0U);
 }
 
-/// The record but for the keyframe's number.
+/// Nothing if the record is of a version that did not have it.
+inline GnssArrival read_gnss_arrival(ByteReader& in) {
+  if (in.left() == 0) return {};
+  const KeyframeId after{in.take<Index>()};
+  return {after, (in.take<std::uint32_t>() & gnss_with_previous) != 0};
+}
+
+/// The record but for the keyframe's number, and what came with 1.4.
 inline GnssFix read_gnss(ByteReader& in) {
   GnssFix fix;
   fix.quality = static_cast<GnssQuality>(in.take<std::uint32_t>());
