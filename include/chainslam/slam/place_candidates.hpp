@@ -52,6 +52,7 @@ namespace detail {
 /// What makes a place, and how many are proposed.
 struct PlaceCandidateOptions {
   double submap_length = 60.0;  ///< metres along the path: what is drawn as one place
+  double min_share = 0.2;       ///< of that length, which the path has to have before places are sought
   double spacing = 15.0;        ///< metres along the path between two places that are remembered
   Index max_count = 2;          ///< proposals; 0: places are neither remembered nor sought
   Index max_drawn = 8;          ///< places that one call remembers at most: a loaded map's are remembered bit by bit
@@ -94,8 +95,20 @@ class PlaceCandidates {
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, KeyframeId query,
                                                            const Wanted& wanted);
 
-  /// T_from_to of a proposal of the last call of `find`, by what was seen from above; roll and pitch by odometry, and
-  /// the height by the ground below both.
+  /// Remembers the places of keyframes before `end`, those that the path is through with; `max_drawn` at most.
+  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
+
+  /// As `find`, but remembers nothing: for a query that is no part of the map.
+  template <class Wanted>
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes, KeyframeId query,
+                                                                const Wanted& wanted);
+  /// The same among all places.
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes, KeyframeId query) {
+    return recognize(keyframes, query, [](const Place&) { return true; });
+  }
+
+  /// T_from_to of a proposal of the last call of `find` or `recognize`, by what was seen from above; roll and pitch by
+  /// odometry, and the height by the ground below both.
   [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const {
     for (const Proposal& proposal : proposals_)
       if (proposal.from == from && proposal.to == to) return proposal.T_from_to;
@@ -137,9 +150,6 @@ class PlaceCandidates {
     return SE3d(SO3d(), -center.T_odom_body.translation());
   }
 
-  /// Remembers places up to `end`, those that the path is through with.
-  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
-
   /// The path up to and with `last`, as long as a submap.
   [[nodiscard]] [[gnu::cold]] Index begin_of_submap(std::span<const Keyframe> keyframes, Index last) const;
 
@@ -166,15 +176,20 @@ static_assert(MergeCandidates<PlaceCandidates>);
 template <class Wanted>
 std::vector<KeyframeId> PlaceCandidates::find(std::span<const Keyframe> keyframes, KeyframeId query,
                                               const Wanted& wanted) {
-  constexpr double least_share = 0.2;  // of a submap's length
   remember(keyframes, query.value + 1);
+  return recognize(keyframes, query, wanted);
+}
+
+template <class Wanted>
+std::vector<KeyframeId> PlaceCandidates::recognize(std::span<const Keyframe> keyframes, KeyframeId query,
+                                                   const Wanted& wanted) {
   proposals_.clear();
   std::vector<KeyframeId> found;
   if (options_.max_count == 0) return found;
   const Place here{.center = query, .begin = begin_of_submap(keyframes, query.value), .end = query.value + 1};
   double length = 0;
   for (Index i = here.begin + 1; i < here.end; ++i) length += step(keyframes, i);
-  if (length < least_share * options_.submap_length) return found;  // too little was seen so far
+  if (length < options_.min_share * options_.submap_length) return found;  // too little was seen so far
   const std::vector<ImageKeypoint> seen = draw(keyframes, here);
   for (const PlaceMatch& match : index_.find(seen, [&](Index place) { return wanted(places_[place]); })) {
     if (to_index(found.size()) >= options_.max_count) break;
