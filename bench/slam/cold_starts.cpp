@@ -33,8 +33,9 @@ struct Options {
   std::vector<std::string> truths;
   std::uint64_t seed = 1;
   int starts = 200;
-  double seconds = 10, near = 10, voxel = 0.4, right_translation = 0.5, right_rotation_deg = 3;
-  bool elsewhere = false, verbose = false;
+  double seconds = 10, near = 10, voxel = 0.4, right_translation = 1, right_rotation_deg = 5;
+  bool elsewhere = false, true_map = false, verbose = false;
+  LoopCloserOptions closures{};
   LocalizerOptions localizer{};
   PlaceCandidateOptions places = localizer_places();
 };
@@ -59,6 +60,7 @@ class Judge {
     const SE3d expected = map_.keyframes[keyframe].T_map_body * (truth_[keyframe].inverse() * truth);
     return expected.local(T_map_body);
   }
+  [[nodiscard]] const std::vector<SE3d>& truth() const { return truth_; }
   [[nodiscard]] std::size_t nearest(const SE3d& truth) const {
     std::size_t best = 0;
     for (std::size_t i = 0; i < truth_.size(); ++i)
@@ -110,13 +112,15 @@ double rms(const std::vector<double>& values) {
   return std::sqrt(sum / static_cast<double>(values.size()));
 }
 
-/// Scans at which the map knows the place: keyframes of the drive with one of the map near.
-std::vector<std::size_t> eligible_starts(const Drive& drive, const Judge& judge, const Options& options) {
+/// Scans from which on the drive stays where the map has keyframes near, for as long as a start may take.
+std::vector<std::size_t> eligible_starts(const Drive& drive, const Judge* judge, const Options& options) {
   std::vector<std::size_t> starts;
-  for (std::size_t i = 0; i < drive.frames.size(); ++i)
-    if (!drive.frames[i].cloud.empty() && (options.elsewhere || judge.away(drive.truth[i]) <= options.near) &&
-        to_seconds(drive.frames.back().time - drive.frames[i].time) >= options.seconds)
+  Timestamp known_until = drive.frames.back().time;
+  for (std::size_t i = drive.frames.size(); i-- > 0;) {
+    if (judge != nullptr && judge->away(drive.truth[i]) > options.near) known_until = drive.frames[i].time;
+    if (!drive.frames[i].cloud.empty() && to_seconds(known_until - drive.frames[i].time) >= options.seconds)
       starts.push_back(i);
+  }
   if (starts.empty()) throw std::invalid_argument("no scan of the drive lies near a keyframe of the map");
   return starts;
 }
@@ -182,11 +186,16 @@ void measure_tracking(Localizer<>& localizer, const Drive& drive, const Judge& j
   int known = 0, without = 0, after = 0, tracked = 0;
   double cost = 0;
   bool found = false;
+  LocalizationStatus before_status = LocalizationStatus::searching;
   for (std::size_t i = 0; i < drive.frames.size(); ++i) {
     const auto begin = std::chrono::steady_clock::now();
     const Localization now = localizer.process(drive.frames[i]);
     cost += elapsed(begin);
     found |= now.T_map_body.has_value();
+    if (options.verbose && now.status != before_status)
+      std::fprintf(stderr, "frame %zu: status %d, %.1f m from the map\n", i, static_cast<int>(now.status),
+                   judge.away(drive.truth[i]));
+    before_status = now.status;
     if (!found) continue;
     ++after;
     tracked += now.status == LocalizationStatus::tracking ? 1 : 0;
@@ -217,19 +226,16 @@ void measure_tracking(Localizer<>& localizer, const Drive& drive, const Judge& j
 }
 
 void run(const Options& options) {
-  const SlamMap map = load_map(options.map).map;
+  SlamMap map = load_map(options.map).map;
   const Drive drive = read_drive(options);
   std::optional<Judge> judge;
   if (!options.elsewhere) judge.emplace(map, options.truths);
+  if (options.true_map && judge)
+    for (Keyframe& one : map.keyframes) one.T_map_body = judge->truth()[static_cast<std::size_t>(one.id.value)];
   const auto begin = std::chrono::steady_clock::now();
-  Localizer<> localizer(map, options.localizer, LoopCloser<>(), PlaceCandidates(options.places));
+  Localizer<> localizer(map, options.localizer, LoopCloser<>(options.closures), PlaceCandidates(options.places));
   std::fprintf(stderr, "%zu keyframes in the map, taken in in %.1f s\n", map.keyframes.size(), elapsed(begin));
-  const std::vector<std::size_t> eligible = judge ? eligible_starts(drive, *judge, options) : [&] {
-    std::vector<std::size_t> all;
-    for (std::size_t i = 0; i < drive.frames.size(); ++i)
-      if (!drive.frames[i].cloud.empty()) all.push_back(i);
-    return all;
-  }();
+  const std::vector<std::size_t> eligible = eligible_starts(drive, judge ? &*judge : nullptr, options);
   std::fprintf(stderr, "%zu scans to start from\n", eligible.size());
   if (options.starts > 0) measure_starts(localizer, drive, judge ? &*judge : nullptr, options, eligible);
   if (judge) measure_tracking(localizer, drive, *judge, options);
@@ -244,6 +250,7 @@ int main(int argc, char** argv) {
   app.add_option("MAP", options.map, "map file")->required();
   app.add_option("DATA", options.data, "recorded odometry of the drive, with its truth")->required();
   app.add_option("--truths", options.truths, "TUM files, one for each session of the map, in the frame of the drive's");
+  app.add_flag("--true-map", options.true_map, "keyframes of the map at their true poses: its own errors are none");
   app.add_flag("--elsewhere", options.elsewhere, "the drive is not in the map: whatever is found is wrong");
   app.add_option("--starts", options.starts, "from scans drawn at random")->capture_default_str();
   app.add_option("--seed", options.seed, "of the draw")->capture_default_str();
@@ -253,6 +260,8 @@ int main(int argc, char** argv) {
   app.add_option("--recognitions", options.localizer.start.min_recognitions, "see StartOptions")->capture_default_str();
   app.add_option("--scans", options.localizer.start.min_scans, "see StartOptions")->capture_default_str();
   app.add_option("--travel", options.localizer.start.min_travel, "see StartOptions")->capture_default_str();
+  app.add_option("--share", options.localizer.start.min_share, "see StartOptions")->capture_default_str();
+  app.add_option("--submap-length", options.closures.submap.max_length, "metres")->capture_default_str();
   app.add_option("--place-length", options.places.submap_length, "metres")->capture_default_str();
   app.add_option("--place-spacing", options.places.spacing, "metres")->capture_default_str();
   app.add_option("--place-inliers", options.places.index.min_inliers, "")->capture_default_str();

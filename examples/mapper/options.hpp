@@ -8,6 +8,7 @@
 #include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
+#include "chainslam/slam/localizer_options.hpp"
 #include "datasets/dataset.hpp"
 #include "presets.hpp"
 #include "support/configuration.hpp"
@@ -54,6 +55,8 @@ struct MapperOptions {
   ImuSettings imu;
   KeyframeOptions keyframes;
   BackEndParts back_end;
+  LocalizerOptions localizer;
+  PlaceCandidateOptions localizer_places = chainslam::localizer_places();
   double map_voxel = 0.2;  ///< metres, of map.ply
   Goals goals;
 };

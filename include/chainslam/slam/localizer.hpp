@@ -114,6 +114,8 @@ class Localizer {
   [[gnu::cold]] void append(Keyframe keyframe);
   [[gnu::cold]] void forget_path();
   [[gnu::cold]] void set_anchor(SessionId frame, KeyframeId reference, const UncertainPose& at, const Frame& now);
+  /// Goes on from a scan that was not registered, or elsewhere, where odometry has it.
+  [[gnu::cold]] void pass_by(const Frame& now, const std::optional<UncertainPose>& other);
   /// Where a closure puts the scan.
   [[nodiscard]] [[gnu::cold]] UncertainPose placed(const LoopClosure& closure) const;
 
@@ -277,6 +279,13 @@ void Localizer<Closer, Places>::set_anchor(SessionId frame, KeyframeId reference
 }
 
 template <class Closer, class Places>
+void Localizer<Closer, Places>::pass_by(const Frame& now, const std::optional<UncertainPose>& other) {
+  ++counts_.refusals;
+  anchor_ = Anchor{anchor_->frame, anchor_->reference, *now_, now.T_odom_body, anchor_->registered, other};
+  frames_.erase(frames_.begin(), frames_.end() - 1);
+}
+
+template <class Closer, class Places>
 UncertainPose Localizer<Closer, Places>::placed(const LoopClosure& closure) const {
   return {keyframe(closure.from).T_map_body * closure.T_from_to, covariance_of(closure.sqrt_information)};
 }
@@ -291,10 +300,7 @@ void Localizer<Closer, Places>::track(const Frame& now, const E& executor) {
   positions.set_covariance(covariance);
   const std::vector<LoopClosure> tried = closer_.search(keyframes_, positions, scan.id, executor);
   ++counts_.registrations;
-  if (tried.empty() || tried.back().verdict != ClosureVerdict::accepted) {
-    ++counts_.refusals;
-    return;
-  }
+  if (tried.empty() || tried.back().verdict != ClosureVerdict::accepted) return pass_by(now, {});
   const UncertainPose measured = placed(tried.back());
   const CorrectedPose pose = corrected(*now_, measured);
   if (pose.squared_distance <= options_.gate) return set_anchor(anchor_->frame, tried.back().from, pose.pose, now);
@@ -304,9 +310,7 @@ void Localizer<Closer, Places>::track(const Frame& now, const E& executor) {
     const CorrectedPose again = corrected(moved_by(*anchor_->other, T_anchor_now), measured);
     if (again.squared_distance <= options_.gate) return set_anchor(anchor_->frame, tried.back().from, again.pose, now);
   }
-  ++counts_.refusals;
-  anchor_ = Anchor{anchor_->frame, anchor_->reference, *now_, now.T_odom_body, anchor_->registered, measured};
-  frames_.erase(frames_.begin(), frames_.end() - 1);
+  pass_by(now, measured);
 }
 
 template <class Closer, class Places>

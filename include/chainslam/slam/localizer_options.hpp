@@ -21,7 +21,7 @@ struct LocalizerOptions {
   double gate = 27.9;
   double max_distance = 30.0;    ///< metres along the path without a registration: beyond, the pose is uncertain,
   double max_deviation = 0.5;    ///< as it is beyond this standard deviation of the position, metres, any direction
-  double lost_distance = 100.0;  ///< metres along the path without a registration: beyond, the pose is lost,
+  double lost_distance = 500.0;  ///< metres along the path without a registration: beyond, the pose is lost,
   double lost_deviation = 5.0;   ///< as it is beyond this standard deviation, metres
 };
 
