@@ -127,7 +127,8 @@ class Localizer {
   [[gnu::cold]] void try_scan(StartHypothesis& hypothesis, Index scan, const E& executor);
   /// Whether the newest scan has been registered where a recognized place has it, about.
   [[nodiscard]] [[gnu::cold]] bool is_known(SessionId frame, const SE3d& T_map_body);
-  [[nodiscard]] [[gnu::cold]] LocalizationStatus status();
+  /// Discards the pose if it is lost by now.
+  [[nodiscard]] [[gnu::cold]] LocalizationStatus updated_status();
 
   LocalizerOptions options_;
   Closer closer_;
@@ -209,12 +210,12 @@ Localization Localizer<Closer, Places>::process(const Frame& frame, const E& exe
   if (std::optional<Keyframe> scan = select_(frame)) {
     append(std::move(*scan));
     if (anchor_) track(frame, executor);
-    if (status() != LocalizationStatus::tracking)
+    if (updated_status() != LocalizationStatus::tracking)
       search(frame, executor);
     else
       hypotheses_.clear();
   }
-  Localization result{.time = frame.time, .status = status(), .registered = registered_};
+  Localization result{.time = frame.time, .status = updated_status(), .registered = registered_};
   counts_.tracked += result.status == LocalizationStatus::tracking ? 1 : 0;
   counts_.uncertain += result.status == LocalizationStatus::uncertain ? 1 : 0;
   counts_.lost += result.status == LocalizationStatus::lost ? 1 : 0;
@@ -372,7 +373,7 @@ bool Localizer<Closer, Places>::is_known(SessionId frame, const SE3d& T_map_body
 }
 
 template <class Closer, class Places>
-LocalizationStatus Localizer<Closer, Places>::status() {
+LocalizationStatus Localizer<Closer, Places>::updated_status() {
   if (!anchor_) return was_found_ ? LocalizationStatus::lost : LocalizationStatus::searching;
   const double unconfirmed = travelled_ - anchor_->registered;
   const double deviation = AlignmentStarts::deviation(now_->covariance);

@@ -16,13 +16,14 @@ namespace chainslam {
 
 /// When a place that was recognized is accepted as the start of tracking.
 struct StartOptions {
-  Index min_recognitions = 2;      ///< times that places of the map, or from other scans, said the same
-  Index min_scans = 3;             ///< that were registered where they have to be, each by itself,
+  /// Times that it was recognized, plus scans that were registered where it and odometry have them, each by itself,
+  /// less twice the scans that were not.
+  Index min_evidence = 6;
+  Index min_scans = 3;             ///< registered so,
   double min_travel = 5.0;         ///< and metres along the path between the first and the last of them
   double agree_translation = 0.5;  ///< metres that two of them may differ by,
   double agree_per_metre = 0.02;   ///< and metres for each metre of the path between them
   double agree_rotation = 0.05;    ///< radians
-  double min_share = 0.7;          ///< of the scans that were tried
   double lead = 2.0;               ///< times as many scans as for any other place of the same frame
   Index max_count = 6;             ///< places that are pursued at a time
 };
@@ -35,10 +36,12 @@ struct StartHypothesis {
   SE3d T_odom_body{};          ///< of that scan
   double travelled = 0;        ///< metres of the path up to that scan
   double first = 0, last = 0;  ///< metres of the path at the first and the last scan that agreed
-  Index recognitions = 0;      ///< see `StartOptions`
+  Index recognitions = 0;      ///< by places of the map, or from other scans
   Index agreeing = 0;          ///< scans
   Index refusing = 0;          ///< scans that could not be registered, or not where they have to be
 
+  /// See `StartOptions::min_evidence`.
+  [[nodiscard]] Index evidence() const { return recognitions + agreeing - 2 * refusing; }
   /// Where it puts a scan of which odometry says where it is.
   [[nodiscard]] SE3d predicted(const SE3d& T_odom_now) const {
     return latest.pose * (T_odom_body.inverse() * T_odom_now);
@@ -50,7 +53,7 @@ class StartHypotheses {
  public:
   /// @throws std::invalid_argument if an option makes no sense.
   explicit StartHypotheses(const StartOptions& options = {}) : options_(options) {
-    if (options.min_recognitions < 1 || options.min_scans < 1 || options.max_count < 1 || !(options.min_travel >= 0) ||
+    if (options.min_evidence < 1 || options.min_scans < 1 || options.max_count < 1 || !(options.min_travel >= 0) ||
         !(options.agree_translation > 0 && options.agree_per_metre >= 0 && options.agree_rotation > 0) ||
         !(options.lead >= 1))
       throw std::invalid_argument(
@@ -132,13 +135,12 @@ class StartHypotheses {
 
  private:
   [[nodiscard]] bool is_sufficient(const StartHypothesis& one) const {
-    return one.recognitions >= options_.min_recognitions && one.agreeing >= options_.min_scans &&
-           one.last - one.first >= options_.min_travel &&
-           one.agreeing >= options_.min_share * (one.agreeing + one.refusing);
+    return one.evidence() >= options_.min_evidence && one.agreeing >= options_.min_scans &&
+           one.last - one.first >= options_.min_travel;
   }
   [[nodiscard]] std::vector<StartHypothesis>::iterator weakest() {
     return std::min_element(all_.begin(), all_.end(), [](const StartHypothesis& a, const StartHypothesis& b) {
-      return a.agreeing - a.refusing + a.recognitions < b.agreeing - b.refusing + b.recognitions;
+      return a.evidence() < b.evidence();
     });
   }
 
