@@ -22,7 +22,7 @@ std::string row_of(const Localization& frame) {
   constexpr int fields_of_pose = 2 + 7 + 21;
   char text[320];
   std::snprintf(text, sizeof text, "%lld,%s,%d", static_cast<long long>(frame.time.nanoseconds()),
-                name_of(frame.status), frame.registered ? 1 : 0);
+                status_name(frame.status), frame.registered ? 1 : 0);
   std::string line = text;
   if (!frame.T_map_body) return line + std::string(fields_of_pose, ',') + "\n";
   const Eigen::Vector3d& t = frame.T_map_body->translation();
@@ -42,7 +42,7 @@ double share(Index part, Index whole) { return whole > 0 ? static_cast<double>(p
 
 }  // namespace
 
-const char* name_of(LocalizationStatus status) {
+const char* status_name(LocalizationStatus status) {
   switch (status) {
     case LocalizationStatus::searching:
       return "searching";

@@ -23,7 +23,7 @@ struct LocalizationRun {
 };
 
 /// How a status is written.
-[[nodiscard]] const char* name_of(LocalizationStatus status);
+[[nodiscard]] const char* status_name(LocalizationStatus status);
 
 /// A row for each frame: time, status, frame of the map, reference keyframe, pose and covariance, which are empty
 /// without a pose.

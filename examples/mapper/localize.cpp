@@ -72,7 +72,6 @@ class DriveLocalizer {
     const double time = to_seconds(frame.time - result.frames.front().time);
     if (result.frames.back().T_map_body && !result.first_fix) result.first_fix = time;
     state_.data_seconds = result.data_seconds = time;
-    state_.keyframes = localizer_.counts().registrations;
   }
   void show(const SessionRun& so_far) {
     state_.done = so_far.scans;

@@ -333,11 +333,13 @@ void Localizer<Closer, Places>::search(const Frame& now, const E& executor) {
   const StartHypothesis* start = hypotheses_.accepted();
   if (start == nullptr) return;
   const SE3d T_scan_now = start->T_odom_body.inverse() * now.T_odom_body;
-  const OdometryNoise& noise = options_.odometry_noise;
-  ++counts_.starts;
+  const UncertainPose at =
+      moved(start->latest, T_scan_now, covariance_of(options_.odometry_noise(T_scan_now).sqrt_information()));
+  const bool confirms = anchor_ && anchor_->frame == start->frame &&
+                        corrected(*now_, at).squared_distance <= options_.gate;  // of a pose that was uncertain
+  counts_.starts += confirms ? 0 : 1;
   was_found_ = true;
-  set_anchor(start->frame, start->reference,
-             moved(start->latest, T_scan_now, covariance_of(noise(T_scan_now).sqrt_information())), now);
+  set_anchor(start->frame, start->reference, at, now);
   hypotheses_.clear();
 }
 
