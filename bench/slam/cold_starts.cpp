@@ -258,6 +258,7 @@ int main(int argc, char** argv) {
   app.add_option("--near", options.near, "metres from a keyframe of the map: places that it knows")
       ->capture_default_str();
   app.add_option("--evidence", options.localizer.start.min_evidence, "see StartOptions")->capture_default_str();
+  app.add_option("--recognitions", options.localizer.start.min_recognitions, "see StartOptions")->capture_default_str();
   app.add_option("--scans", options.localizer.start.min_scans, "see StartOptions")->capture_default_str();
   app.add_option("--travel", options.localizer.start.min_travel, "see StartOptions")->capture_default_str();
   app.add_option("--submap-length", options.closures.submap.max_length, "metres")->capture_default_str();

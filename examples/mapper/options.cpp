@@ -235,6 +235,8 @@ void add_localizer(Configuration& configuration, LocalizerOptions& localizer, Pl
                      .max = 1000,
                      .help = "Number of recognitions of a place plus scans registered there, less twice the scans that "
                              "were not, needed for a start."});
+  configuration.add("localize.min_recognitions", localizer.start.min_recognitions,
+                    {.min = 1, .max = 1000, .help = "Number of recognitions among them."});
   configuration.add("localize.min_scans", localizer.start.min_scans,
                     {.min = 1, .max = 1000, .help = "Number of scans that must be registered there, each by itself."});
   configuration.add("localize.min_travel", localizer.start.min_travel,

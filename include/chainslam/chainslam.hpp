@@ -220,6 +220,7 @@
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/localization.hpp"
 #include "chainslam/slam/localizer.hpp"
+#include "chainslam/slam/localizer_concepts.hpp"
 #include "chainslam/slam/localizer_options.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/map_graph.hpp"

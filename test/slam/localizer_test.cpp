@@ -129,7 +129,7 @@ TEST_SUITE("slam/start_hypotheses") {
 
   TEST_CASE("a rival in the same frame forbids a start, one in another frame does not") {
     for (const SessionId frame : {SessionId{0}, SessionId{1}}) {
-      StartHypotheses hypotheses({.min_evidence = 1, .min_scans = 1, .min_travel = 0});
+      StartHypotheses hypotheses({.min_evidence = 1, .min_recognitions = 1, .min_scans = 1, .min_travel = 0});
       REQUIRE(hypotheses.recognized(SessionId{0}, KeyframeId{7}, here, along(0), 0) != nullptr);
       CHECK(hypotheses.accepted() != nullptr);
       const UncertainPose there{SE3d(SO3d(), {50, 0, 0}), Matrix6d::Identity()};

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <concepts>
 #include <cstddef>
 #include <optional>
 #include <span>
@@ -13,9 +12,9 @@
 #include "chainslam/map/frame.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/alignment_starts.hpp"
-#include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/localization.hpp"
+#include "chainslam/slam/localizer_concepts.hpp"
 #include "chainslam/slam/localizer_options.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/place_candidates.hpp"
@@ -24,27 +23,6 @@
 #include "chainslam/slam/start_hypotheses.hpp"
 
 namespace chainslam {
-
-/// Registers a scan to the map around where it has to be: `search`, as the back end has it look for closures, and
-/// `align`, to one keyframe's submap.
-template <class R>
-concept MapRegistration = ClosureAligner<R> &&
-    requires(R& closer, std::span<const Keyframe> keyframes, const PositionIndex& index, KeyframeId query) {
-  { closer.search(keyframes, index, query, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
-};
-
-/// Recognizes places of a map from scans of a drive that is no part of it.
-///
-/// `remember(keyframes, end)` takes in the map; `recognize(keyframes, query)` gives keyframes of the map whose
-/// surroundings look like those of the path that ends with `query`, the most similar first; `guess(from, query)` gives
-/// T_from_query of one of them.
-template <class P>
-concept PlaceRecognition = requires(P& places, std::span<const Keyframe> keyframes, KeyframeId id, Index end) {
-  places.remember(keyframes, end);
-  { places.recognize(keyframes, id) } -> std::same_as<std::vector<KeyframeId>>;
-  { places.guess(id, id) } -> std::same_as<std::optional<SE3d>>;
-};
-static_assert(PlaceRecognition<PlaceCandidates>);
 
 /// Finds a drive in a map, from nothing, and follows it there. The map is never changed.
 ///
@@ -125,6 +103,10 @@ class Localizer {
   [[gnu::cold]] void search(const Frame& now, const E& executor);
   template <Executor E>
   [[gnu::cold]] void try_scan(StartHypothesis& hypothesis, Index scan, const E& executor);
+  /// Whether a registered pose is known in all directions: a scan of a corridor fits anywhere along it.
+  [[nodiscard]] bool is_determined(const UncertainPose& at) const {
+    return AlignmentStarts::deviation(at.covariance) <= options_.max_deviation;
+  }
   /// Whether the newest scan has been registered where a recognized place has it, about.
   [[nodiscard]] [[gnu::cold]] bool is_known(SessionId frame, const SE3d& T_map_body);
   /// Discards the pose if it is lost by now.
@@ -325,7 +307,7 @@ void Localizer<Closer, Places>::search(const Frame& now, const E& executor) {
     const std::optional<SE3d> guess = places_.guess(from, query);
     if (!guess || is_known(frame_of(from), keyframe(from).T_map_body * *guess)) continue;
     const LoopClosure closure = closer_.align(keyframes_, from, query, *guess, executor);
-    if (closure.verdict != ClosureVerdict::accepted) continue;
+    if (closure.verdict != ClosureVerdict::accepted || !is_determined(placed(closure))) continue;
     StartHypothesis* found = hypotheses_.recognized(frame_of(from), from, placed(closure), now.T_odom_body, travelled_);
     for (Index scan = newest - 1; found != nullptr && scan >= 0; --scan) try_scan(*found, scan, executor);
   }
@@ -356,6 +338,7 @@ void Localizer<Closer, Places>::try_scan(StartHypothesis& hypothesis, Index scan
     if (closure.verdict != ClosureVerdict::accepted) continue;
     reference = from;
     at = placed(closure);
+    if (!is_determined(*at)) return;  // neither for it nor against it
   }
   hypotheses_.tried(hypothesis, reference, at, one.T_odom_body, travelled_at_[static_cast<std::size_t>(scan)]);
 }

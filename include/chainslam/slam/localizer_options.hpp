@@ -28,8 +28,8 @@ struct LocalizerOptions {
 /// Places as they are sought from a cold start: by the little of the path that was travelled since.
 [[nodiscard]] inline PlaceCandidateOptions localizer_places() {
   PlaceCandidateOptions options;
-  options.submap_length = 30.0;
-  options.spacing = 10.0;
+  options.submap_length = 15.0;
+  options.spacing = 5.0;
   options.min_share = 0.0;
   options.max_count = 4;
   options.max_drawn = 0;

@@ -18,7 +18,8 @@ namespace chainslam {
 struct StartOptions {
   /// Times that it was recognized, plus scans that were registered where it and odometry have them, each by itself,
   /// less twice the scans that were not.
-  Index min_evidence = 6;
+  Index min_evidence = 5;
+  Index min_recognitions = 2;      ///< of these, by places of the map, or from other scans
   Index min_scans = 3;             ///< registered so,
   double min_travel = 5.0;         ///< and metres along the path between the first and the last of them
   double agree_translation = 0.5;  ///< metres that two of them may differ by,
@@ -36,7 +37,7 @@ struct StartHypothesis {
   SE3d T_odom_body{};          ///< of that scan
   double travelled = 0;        ///< metres of the path up to that scan
   double first = 0, last = 0;  ///< metres of the path at the first and the last scan that agreed
-  Index recognitions = 0;      ///< by places of the map, or from other scans
+  Index recognitions = 0;      ///< see `StartOptions`
   Index agreeing = 0;          ///< scans
   Index refusing = 0;          ///< scans that could not be registered, or not where they have to be
 
@@ -53,7 +54,8 @@ class StartHypotheses {
  public:
   /// @throws std::invalid_argument if an option makes no sense.
   explicit StartHypotheses(const StartOptions& options = {}) : options_(options) {
-    if (options.min_evidence < 1 || options.min_scans < 1 || options.max_count < 1 || !(options.min_travel >= 0) ||
+    if (options.min_evidence < 1 || options.min_recognitions < 1 || options.min_scans < 1 || options.max_count < 1 ||
+        !(options.min_travel >= 0) ||
         !(options.agree_translation > 0 && options.agree_per_metre >= 0 && options.agree_rotation > 0) ||
         !(options.lead >= 1))
       throw std::invalid_argument(
@@ -135,8 +137,8 @@ class StartHypotheses {
 
  private:
   [[nodiscard]] bool is_sufficient(const StartHypothesis& one) const {
-    return one.evidence() >= options_.min_evidence && one.agreeing >= options_.min_scans &&
-           one.last - one.first >= options_.min_travel;
+    return one.evidence() >= options_.min_evidence && one.recognitions >= options_.min_recognitions &&
+           one.agreeing >= options_.min_scans && one.last - one.first >= options_.min_travel;
   }
   [[nodiscard]] std::vector<StartHypothesis>::iterator weakest() {
     return std::min_element(all_.begin(), all_.end(), [](const StartHypothesis& a, const StartHypothesis& b) {
