@@ -114,6 +114,46 @@ void add_odometry(CLI::App& program, int& exit_code) {
   verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
 }
 
+void add_localize(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<LocalizeArguments>();
+  CLI::App* verb = program.add_subcommand("localize", "localize a data set in a saved map, from a cold start");
+  verb->footer(
+      "DIR contains localization.csv (every frame: status, pose in the map's frame, covariance; no pose while the\n"
+      "place is sought or lost), localization.tum (the poses), config.toml and summary.json (time to the first fix,\n"
+      "share lost, cold starts). Status: searching, tracking, uncertain (odometry alone for more than\n"
+      "localize.max_distance) or lost. The map is not changed. No GNSS is needed. Exit code 5 if no place was found.\n"
+      "Ctrl-C finishes the current scan and saves the poses so far.\n"
+      "Places are drawn as set by localize.place_*: for a hand-held scanner in a courtyard, --set\n"
+      "localize.place_length=10 --set localize.place_spacing=2 --set localize.place_cell_size=0.25");
+  verb->add_option("DATA", arguments->data,
+                   "folder of a data set or of recorded odometry, simulate:PRESET/SIZE/SESSION or simulate:FOLDER")
+      ->required()
+      ->option_text(" ");
+  verb->add_option("--load", arguments->map, "map: map.cslam, or the folder that has it")
+      ->required()
+      ->option_text("MAP");
+  verb->add_option("--out", arguments->out, "output folder")->required()->option_text("DIR");
+  verb->add_flag("--overwrite", arguments->overwrite, "if DIR is not empty, keep it as DIR~1");
+  verb->add_option("--config", arguments->config, "configuration file (TOML)")->option_text("FILE");
+  verb->add_option("--set", arguments->overrides, "override a setting; can be repeated")
+      ->option_text("KEY=VALUE")
+      ->allow_extra_args(false);
+  verb->add_option("--truth", arguments->truth, "ground-truth trajectory; default: the data set's own")
+      ->option_text("FILE");
+  verb->add_option("--max-scans", arguments->max_scans, "process at most N scans")
+      ->check(CLI::NonNegativeNumber)
+      ->option_text("N");
+  verb->add_option("--threads", arguments->threads, "number of threads; default: all cores; does not change the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
+  verb->add_option("--max-memory", arguments->max_memory,
+                   "memory limit, for example 6GB; beyond it, the poses so far are saved and the exit code is 4;\n"
+                   "default: half of the machine's memory")
+      ->transform(CLI::AsSizeValue(true).description(""))
+      ->option_text("SIZE");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
 /// A list as lines of about 100 characters.
 std::string in_lines(std::string list) {
   constexpr std::size_t width = 100;
@@ -535,6 +575,7 @@ int run_command_line(int argc, const char* const* argv) {
   int exit_code = exit_good;
   add_map(program, exit_code);
   add_odometry(program, exit_code);
+  add_localize(program, exit_code);
   add_simulate(program, exit_code);
   add_inspect(program, exit_code);
   add_check(program, exit_code);

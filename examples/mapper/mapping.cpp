@@ -16,6 +16,7 @@
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/map_replay.hpp"
 #include "chainslam/slam/map_undo.hpp"
+#include "chainslam/slam/near_else_places.hpp"
 #include "chainslam/slam/pipeline.hpp"
 #include "chainslam/slam/place_candidates.hpp"
 #include "session_front_end.hpp"

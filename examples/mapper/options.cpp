@@ -236,6 +236,44 @@ void add_scan_memory(Configuration& configuration, std::size_t& bytes) {
                              "on it."});
 }
 
+void add_localizer(Configuration& configuration, LocalizerOptions& localizer, PlaceCandidateOptions& places) {
+  configuration.add("localize.distance", localizer.scans.distance,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1000,
+                     .help = "Minimum translation between scans that are registered to the map."});
+  configuration.add("localize.min_evidence", localizer.start.min_evidence,
+                    {.min = 1,
+                     .max = 1000,
+                     .help = "Number of recognitions of a place plus scans registered there, less twice the scans that "
+                             "were not, needed for a start."});
+  configuration.add("localize.min_recognitions", localizer.start.min_recognitions,
+                    {.min = 1, .max = 1000, .help = "Number of recognitions among them."});
+  configuration.add("localize.min_scans", localizer.start.min_scans,
+                    {.min = 1, .max = 1000, .help = "Number of scans that must be registered there, each by itself."});
+  configuration.add("localize.min_travel", localizer.start.min_travel,
+                    {.unit = "m", .min = 0, .max = 1000, .help = "Minimum travel from the first to the last of them."});
+  configuration.add(
+      "localize.max_distance", localizer.max_distance,
+      {.unit = "m", .min = 1, .max = 1e6, .help = "Travel without a registration beyond which the pose is uncertain."});
+  configuration.add(
+      "localize.lost_distance", localizer.lost_distance,
+      {.unit = "m", .min = 1, .max = 1e6, .help = "Travel without a registration beyond which the pose is lost."});
+  configuration.add_rule({"localize.max_distance", "localize.lost_distance"},
+                         "must not be above localize.lost_distance",
+                         [&localizer] { return localizer.max_distance <= localizer.lost_distance; });
+  configuration.add("localize.place_length", places.submap_length,
+                    {.unit = "m", .min = 1, .max = 1000, .help = "Length of the path whose scans form one place."});
+  configuration.add("localize.place_spacing", places.spacing,
+                    {.unit = "m", .min = 1, .max = 1000, .help = "Length of the path between two places of the map."});
+  configuration.add("localize.place_cell_size", places.image.cell_size,
+                    {.unit = "m", .min = 0.05, .max = 10, .help = "Pixel size of the view from above."});
+  configuration.add("localize.place_inliers", places.index.min_inliers,
+                    {.min = 3, .max = 1000, .help = "Minimum number of corners that two views have in common."});
+  configuration.add("localize.max_places", places.max_count,
+                    {.min = 1, .max = 1000, .help = "Maximum number of places that one scan is registered to."});
+}
+
 void add_presets(Configuration& configuration, MapperOptions& options) {
   const auto brings = [&options] { return values_of(options.preset, options.platform); };
   configuration.add(
@@ -304,6 +342,7 @@ support::Configuration make_configuration(MapperOptions& options) {
   add_keyframes(configuration, options.keyframes);
   add_scan_memory(configuration, options.scan_memory);
   add_back_end(configuration, options.back_end);
+  add_localizer(configuration, options.localizer, options.localizer_places);
   configuration.add("output.map_voxel", options.map_voxel,
                     {.unit = "m", .min = 0.01, .max = 10, .help = "Voxel size of map.ply."});
   add_goals(configuration, options.goals);

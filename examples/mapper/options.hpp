@@ -10,6 +10,7 @@
 #include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
+#include "chainslam/slam/localizer_options.hpp"
 #include "datasets/dataset.hpp"
 #include "presets.hpp"
 #include "support/configuration.hpp"
@@ -57,6 +58,8 @@ struct MapperOptions {
   KeyframeOptions keyframes;
   std::size_t scan_memory = ScanCache::default_bytes;  ///< of keyframes' scans that are in their file
   BackEndParts back_end;
+  LocalizerOptions localizer;
+  PlaceCandidateOptions localizer_places = chainslam::localizer_places();
   double map_voxel = 0.2;  ///< metres, of map.ply
   Goals goals;
 };

@@ -42,6 +42,15 @@ struct OdometryArguments {
   std::uint64_t max_memory = 0;  ///< bytes; 0: half of the machine's
 };
 
+struct LocalizeArguments {
+  std::filesystem::path data, map, truth, out, config;
+  std::vector<std::string> overrides;
+  bool overwrite = false;
+  int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  int max_scans = 0;
+  std::uint64_t max_memory = 0;  ///< bytes; 0: half of the machine's
+};
+
 struct SimulateArguments {
   std::string preset{};        ///< or a trajectory
   std::string errors = "all";  ///< the preset's error sources that are kept, separated by commas
@@ -144,6 +153,7 @@ struct ConfigArguments {
 /// @{
 int run(const MapArguments& arguments);
 int run(const OdometryArguments& arguments);
+int run(const LocalizeArguments& arguments);
 int run(const SimulateArguments& arguments);
 int run(const InspectArguments& arguments);
 int run(const CheckArguments& arguments);

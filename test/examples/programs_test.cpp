@@ -283,6 +283,16 @@ TEST_SUITE("examples/programs") {
     CHECK(of_files.number("frame of session ", "session 2") == 1);
   }
 
+  TEST_CASE("localize_in_map: a drive is found in a map and followed, and a map's own drive in its file") {
+    const Folder folder;
+    const Outcome made_up = succeed(folder, "localize_in_map");
+    CHECK(made_up.number("at scan ") <= 12);
+    CHECK(made_up.number("scans      44, ") >= 30);
+    CHECK(made_up.number("lost ") == 0);
+    CHECK(made_up.number("error ") < 0.2);  // the map's odometry is off by 0.2 m at its end
+    CHECK(run(folder, "localize_in_map", {folder / "none.cslam", folder / "none.cslam"}).exit_code == 2);
+  }
+
   TEST_CASE("evaluate_trajectory: a drift of 1 % is measured, and a file compares with itself") {
     const Folder folder;
     const Outcome made_up = succeed(folder, "evaluate_trajectory");

@@ -220,6 +220,8 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
   cases.push_back({"check @/none", 3, "none", "no such file", "check the path, and that you may read it"});
   cases.push_back({"check @/data", 3, "data", "not a plain file (a folder, a pipe or a device)", "name a map file"});
   cases.push_back({"check @/poem", 3, "poem", "", "", {{"poem", "shall I compare thee\n"}}});
+  cases.push_back({"localize @/data --load @/bare.cslam --out @/out", 3, "bare.cslam", "a map without scans",
+                   "make a map of data with scans"});
   cases.push_back({"odometry @/data --out @/out", 3, "data", "a keyframe set, which has odometry",
                    "map it: `chainslam map` takes the odometry that it has"});
   cases.push_back({"odometry @/blank --out @/out",
@@ -391,6 +393,9 @@ TEST_SUITE("program/messages") {
     write_keyframes(root / "data", 3, false, 5, 20);
     save_map(root / "map.cslam", random_map(1, 5));
     save_map(root / "earlier.cslam", random_map(1, 5));
+    SlamMap bare = random_map(1, 5);
+    for (Keyframe& one : bare.keyframes) one.cloud = std::make_shared<const PointCloud<float>>();
+    save_map(root / "bare.cslam", bare);
     static_cast<void>(run_program(scratch.path(),
                                   "map " + quoted(root / "data") + " --load " + quoted(root / "earlier.cslam") +
                                       " --out " + quoted(root / "loaded"),

@@ -16,7 +16,7 @@
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/slam/back_end.hpp"
-#include "chainslam/slam/place_candidates.hpp"
+#include "chainslam/slam/near_else_places.hpp"
 #include "support/real_data.hpp"
 
 using namespace chainslam;

@@ -19,7 +19,6 @@
 #include "chainslam/features/height_image.hpp"
 #include "chainslam/features/image_keypoints.hpp"
 #include "chainslam/map/slam_map.hpp"
-#include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/place_index.hpp"
 
@@ -54,6 +53,7 @@ namespace detail {
 /// What makes a place, and how many are proposed.
 struct PlaceCandidateOptions {
   double submap_length = 60.0;  ///< metres along the path: what is drawn as one place
+  double min_share = 0.2;       ///< of that length, which the path has to have before places are sought
   double spacing = 15.0;        ///< metres along the path between two places that are remembered
   Index max_count = 2;          ///< proposals; 0: places are neither remembered nor sought
   Index max_drawn = 8;          ///< places that one call remembers at most: a loaded map's are remembered bit by bit
@@ -96,6 +96,18 @@ class PlaceCandidates {
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, KeyframeId query,
                                                            const Wanted& wanted);
 
+  /// Remembers the places of keyframes before `end`, those that the path is through with; `max_drawn` at most.
+  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
+
+  /// As `find`, but remembers nothing: for a query that is no part of the map.
+  template <class Wanted>
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes, KeyframeId query,
+                                                                const Wanted& wanted);
+  /// The same among all places.
+  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes, KeyframeId query) {
+    return recognize(keyframes, query, [](const Place&) { return true; });
+  }
+
   /// The same for the newest place that is remembered, whose image is there already: it ends shortly before the query.
   template <class Wanted>
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find_newest(std::span<const Keyframe> keyframes, KeyframeId query,
@@ -105,11 +117,8 @@ class PlaceCandidates {
     return propose(keyframes, query, places_.back(), newest_, wanted);
   }
 
-  /// Remembers places up to `end`, those that the path is through with, `max_drawn` of them.
-  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
-
-  /// T_from_to of a proposal of the last call of `find`, by what was seen from above; roll and pitch by odometry, and
-  /// the height by the ground below both.
+  /// T_from_to of a proposal of the last call of `find` or `recognize`, by what was seen from above; roll and pitch by
+  /// odometry, and the height by the ground below both.
   [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const {
     for (const Proposal& proposal : proposals_)
       if (proposal.from == from && proposal.to == to) return proposal.T_from_to;
@@ -185,15 +194,20 @@ static_assert(MergeCandidates<PlaceCandidates>);
 template <class Wanted>
 std::vector<KeyframeId> PlaceCandidates::find(std::span<const Keyframe> keyframes, KeyframeId query,
                                               const Wanted& wanted) {
-  constexpr double least_share = 0.2;  // of a submap's length
   remember(keyframes, query.value + 1);
+  return recognize(keyframes, query, wanted);
+}
+
+template <class Wanted>
+std::vector<KeyframeId> PlaceCandidates::recognize(std::span<const Keyframe> keyframes, KeyframeId query,
+                                                   const Wanted& wanted) {
   proposals_.clear();
   std::vector<KeyframeId> found;
   if (options_.max_count == 0) return found;
   const Place here{.center = query, .begin = begin_of_submap(keyframes, query.value), .end = query.value + 1};
   double length = 0;
   for (Index i = here.begin + 1; i < here.end; ++i) length += step(keyframes, i);
-  if (length < least_share * options_.submap_length) return found;  // too little was seen so far
+  if (length < options_.min_share * options_.submap_length) return found;  // too little was seen so far
   return propose(keyframes, query, here, draw(keyframes, here), wanted);
 }
 
@@ -340,50 +354,5 @@ class FixesElsePlaces {
 };
 static_assert(MergeCandidates<FixesElsePlaces<>>);
 
-/// Keyframes near the query; and where those do not close, keyframes that the graph puts elsewhere though their
-/// surroundings look like the query's: drift may have led beyond any radius.
-class NearElsePlaces {
- public:
-  /// Starts without places.
-  explicit NearElsePlaces(const ProximityCandidates& near = {}, PlaceCandidates places = PlaceCandidates{})
-      : near_(near), places_(std::move(places)) {}
-
-  /// As `ProximityCandidates`.
-  [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
-    return near_.eligible(candidate, query);
-  }
-  /// As `ProximityCandidates`; remembers places up to the query.
-  [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
-                                             KeyframeId query) {
-    places_.remember(keyframes, query.value + 1);
-    return near_.find(keyframes, index, query);
-  }
-
-  /// Keyframes of the query's frame that look like the query and are not near; asked once for each place of the path.
-  [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes,
-                                                                const PositionIndex& index, KeyframeId query) {
-    constexpr Index recent = 5;  // keyframes since the place was left
-    const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
-    const Keyframe& here = at(query);
-    const auto count = to_index(places_.places().size());
-    if (std::exchange(asked_, count) == count) return {};
-    const PlaceCandidates::Place& newest = places_.places().back();
-    if (newest.end > query.value + 1 || newest.end + recent <= query.value || at(newest.center).session != here.session)
-      return {};
-    return places_.find_newest(keyframes, query, [&](const PlaceCandidates::Place& place) {
-      const Keyframe &there = at(place.center), &last = at(KeyframeId{place.end - 1});  // any of them may be proposed
-      return index.contains(there.id) && near_.eligible(last, here) &&
-             (there.T_map_body.translation() - here.T_map_body.translation()).norm() > near_.radius;
-    });
-  }
-  /// T_from_to of what the last call of `recognize` gave: see `PlaceCandidates::guess`.
-  [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const { return places_.guess(from, to); }
-
- private:
-  ProximityCandidates near_;
-  PlaceCandidates places_;
-  Index asked_ = 0;  ///< places when it was last asked
-};
-static_assert(ClosureCandidates<NearElsePlaces>);
 
 }  // namespace chainslam
