@@ -11,8 +11,7 @@ usage: bench/run.sh [--json FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [
   --peer NAME=PATH
                 build the comparison with sources that Debian does not have; PATH is their root, NAME one of
                 ikd_tree, i_octree, nanoflann (1.12 or later; all three in module search), small_gicp,
-                kiss_matcher (needs robin, xenium and pmc, too), teaser (needs pmc, too), map_closures (needs hbst
-                and sophus, too);
+                kiss_matcher (needs robin, xenium and pmc, too), teaser (needs pmc, too);
                 gtsam: where it is installed, compiled with -O3 -march=native, without TBB
   --no-plain    leave out the second column, compiled for plain x86-64
   --smoke       each bench once, briefly: do they run?
@@ -23,7 +22,7 @@ TEXT
 
 . "$root/third_party/setup.sh"
 json="" peers=OFF plain=yes minimum_time=0.5 filter=""
-peer_names="ikd_tree i_octree nanoflann small_gicp kiss_matcher robin xenium pmc teaser gtsam map_closures hbst sophus"
+peer_names="ikd_tree i_octree nanoflann small_gicp kiss_matcher robin xenium pmc teaser gtsam"
 peer_paths=() packages_by_path=""
 for name in $peer_names; do peer_paths+=("-DCHAINSLAM_PEER_${name^^}="); done
 while [ $# -gt 0 ]; do
@@ -35,10 +34,7 @@ while [ $# -gt 0 ]; do
       [[ "$2" =~ ^(${peer_names// /|})=(.+)$ ]] || { usage >&2; echo "bench/run.sh: --peer $2: unknown peer, or no path" >&2; exit 2; }
       [ -d "${BASH_REMATCH[2]}" ] || { echo "bench/run.sh: --peer $2: no such folder" >&2; exit 2; }
       peer_paths+=("-DCHAINSLAM_PEER_${BASH_REMATCH[1]^^}=$(cd "${BASH_REMATCH[2]}" && pwd)")
-      case "${BASH_REMATCH[1]}" in
-        kiss_matcher) packages_by_path="$packages_by_path $packages_kiss_matcher" ;;
-        map_closures) packages_by_path="$packages_by_path $packages_map_closures" ;;
-      esac
+      [ "${BASH_REMATCH[1]}" != kiss_matcher ] || packages_by_path="$packages_kiss_matcher"
       shift ;;
     --no-plain) plain=no ;;
     --smoke) minimum_time=0.001 plain=no; export CHAINSLAM_BENCH_BRIEF=1 ;;

@@ -20,7 +20,6 @@ packages_docs="doxygen"
 packages_bench="libbenchmark-dev libboost-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
 packages_peers="libpcl-dev libopen3d-dev libceres-dev libfmt-dev liblz4-dev"
 packages_experiments="python3 python3-numpy python3-scipy python3-matplotlib"
-packages_map_closures="libopencv-dev"
 packages_kiss_matcher="libflann-dev liblz4-dev libtbb-dev"  # which is built from sources
 
 # The Python that Debian's packages are for, whatever comes first in PATH.
