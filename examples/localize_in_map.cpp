@@ -21,7 +21,8 @@ SlamMap made_up_map() {
 std::vector<Frame> keyframes_of(const SlamMap& map) {
   std::vector<Frame> frames;
   for (const Keyframe& one : map.keyframes)
-    if (one.session == SessionId{0}) frames.push_back({one.time, one.T_odom_body, Matrix6d::Zero(), *one.cloud, {}});
+    if (one.session == SessionId{0})
+      frames.push_back({one.time, one.T_odom_body, Matrix6d::Zero(), *one.cloud.load(), {}});
   return frames;
 }
 
@@ -29,8 +30,7 @@ int main(int count, char** arguments) try {
   const bool made_up = count < 3;
   PlaceCandidateOptions places = localizer_places();
   if (made_up) {  // a small place, seen more finely
-    places.submap_length = 10;
-    places.spacing = 2;
+    places.submap_length = 10, places.spacing = 2;
     places.image = {.cell_size = 0.25, .max_range = 40};
   }
   const SlamMap map = made_up ? made_up_map() : load_map(arguments[1]).map;

@@ -41,7 +41,7 @@ using MapLocalizer = Localizer<LoopCloser<ProximityCandidates, ClosureRegistrati
 SlamMap load_localization_map(const LocalizeArguments& arguments) {
   const fs::path path = fs::is_directory(arguments.map) ? arguments.map / map_name : arguments.map;
   SlamMap map = open_map(path, {.max_memory = memory_bound(arguments.max_memory)}).map;
-  if (std::ranges::none_of(map.keyframes, [](const Keyframe& one) { return one.cloud && !one.cloud->empty(); }))
+  if (std::ranges::none_of(map.keyframes, [](const Keyframe& one) { return one.cloud.size() > 0; }))
     throw_input_error(path.string(), "", "a map without scans", "make a map of data with scans: `chainslam map`");
   return map;
 }

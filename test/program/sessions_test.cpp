@@ -125,7 +125,7 @@ PointCloud<float> points_of(const SlamMap& map, std::size_t session) {
   PointCloud<float> points;
   for (const Keyframe& keyframe : map.keyframes) {
     if (keyframe.session.value != static_cast<Index>(session)) continue;
-    const PointCloud<float> seen = transformed(*keyframe.cloud, keyframe.T_map_body);
+    const PointCloud<float> seen = transformed(*keyframe.cloud.load(), keyframe.T_map_body);
     points.positions.insert(points.positions.end(), seen.positions.begin(), seen.positions.end());
   }
   return voxel_downsample(points, 0.1);

@@ -84,7 +84,7 @@ TEST_SUITE("program/undo") {
     REQUIRE(left.sessions.size() == 2);
     CHECK(left.sessions[1].name == "c");
     CHECK(left.keyframes.size() == 80);
-    CHECK(left.keyframes[40].cloud->positions == map.keyframes[80].cloud->positions);
+    CHECK(left.keyframes[40].cloud.load()->positions == map.keyframes[80].cloud.load()->positions);
     std::vector<SE3d> kept;
     for (const LoopClosure& closure : map.closures) kept.push_back(closure.T_from_to);
     for (const LoopClosure& closure : left.closures) CHECK(std::ranges::find(kept, closure.T_from_to) != kept.end());

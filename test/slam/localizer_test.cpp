@@ -289,7 +289,7 @@ TEST_SUITE("slam/localizer") {
     const Index first = map.sessions[1].first_keyframe;
     std::vector<Frame> walk;
     for (const Keyframe& one : std::span(sessions->map.keyframes).subspan(static_cast<std::size_t>(first)))
-      walk.push_back({one.time, one.T_odom_body, Matrix6d::Zero(), *one.cloud, {}});
+      walk.push_back({one.time, one.T_odom_body, Matrix6d::Zero(), *one.cloud.load(), {}});
     map.keyframes.resize(static_cast<std::size_t>(first));
     map.sessions.resize(1);
     PlaceCandidateOptions places = test::for_courtyard();

@@ -82,7 +82,7 @@ double blur(const std::vector<Keyframe>& keyframes, Pose&& pose) {
   constexpr std::size_t some = 30;
   PointCloud<float> start;
   for (std::size_t i = 0; i < some; ++i) {
-    const PointCloud<float> seen = transformed(*keyframes[i].cloud, pose(i));
+    const PointCloud<float> seen = transformed(*keyframes[i].cloud.load(), pose(i));
     start.positions.insert(start.positions.end(), seen.positions.begin(), seen.positions.end());
   }
   start = voxel_downsample(start, 0.15);
@@ -91,7 +91,7 @@ double blur(const std::vector<Keyframe>& keyframes, Pose&& pose) {
   double sum = 0;
   double count = 0;
   for (std::size_t i = keyframes.size() - some; i < keyframes.size(); ++i) {
-    for (const Eigen::Vector3f& p : transformed(*keyframes[i].cloud, pose(i)).positions) {
+    for (const Eigen::Vector3f& p : transformed(*keyframes[i].cloud.load(), pose(i)).positions) {
       Neighbor<float> nearest;
       if (map.knn(p, std::span(&nearest, 1), 0.5F) == 0) continue;
       sum += static_cast<double>(std::abs(map.normal(nearest.index).dot(p - map.position(nearest.index))));

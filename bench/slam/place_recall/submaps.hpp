@@ -54,8 +54,9 @@ inline std::vector<Submap> submaps_of(const std::vector<Keyframe>& keyframes, co
         SE3d(SO3d::exp({0, 0, cut.heading}), Eigen::Vector3d::Zero()) * SE3d(SO3d(), -poses[center].translation());
     Submap submap{.T_truth_submap = *T_truth_body * poses[center].inverse() * T_submap_odom.inverse(), .cloud = {}};
     for (const std::size_t i : members) {
-      if (!keyframes[i].cloud) continue;
-      const PointCloud<float> seen = transformed(keyframes[i].cloud->positions, T_submap_odom * poses[i]);
+      const auto cloud = keyframes[i].cloud.load();
+      if (!cloud) continue;
+      const PointCloud<float> seen = transformed(cloud->positions, T_submap_odom * poses[i]);
       submap.cloud.positions.insert(submap.cloud.positions.end(), seen.positions.begin(), seen.positions.end());
     }
     submaps.push_back(std::move(submap));

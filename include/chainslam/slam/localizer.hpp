@@ -151,7 +151,7 @@ Localizer<Closer, Places>::Localizer(const SlamMap& map, const LocalizerOptions&
   for (const Keyframe& one : keyframes_) {
     if (!is_finite(one.T_map_body.matrix()) || !is_finite(one.T_odom_body.matrix()))
       throw std::invalid_argument("Localizer: a pose of the map is not finite");
-    has_scans |= one.cloud && !one.cloud->empty();
+    has_scans |= one.cloud.size() > 0;
   }
   if (!has_scans) throw std::invalid_argument("Localizer: the map has no scans: load it with them");
   for (const Session& session : map.sessions) frames_of_sessions_.push_back(session.frame);

@@ -354,5 +354,4 @@ class FixesElsePlaces {
 };
 static_assert(MergeCandidates<FixesElsePlaces<>>);
 
-
 }  // namespace chainslam
