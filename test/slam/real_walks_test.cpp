@@ -66,11 +66,11 @@ std::shared_ptr<const SlamMap> mapped(const std::vector<Keyframe>& keyframes) {
   return back_end.finish();
 }
 
-/// Odometry that slips by 40 m and a radian in one step, half-way.
+/// Odometry that slips by 40 m and a radian in one step, after a third of the way.
 std::vector<Keyframe> broken(std::vector<Keyframe> keyframes) {
-  const SE3d T_first = keyframes[keyframes.size() / 2].T_odom_body;
+  const SE3d T_first = keyframes[keyframes.size() / 3].T_odom_body;
   const SE3d slip = T_first * SE3d(SO3d::exp({0, 0, 1}), {40, 0, 0}) * T_first.inverse();
-  for (std::size_t i = keyframes.size() / 2; i < keyframes.size(); ++i)
+  for (std::size_t i = keyframes.size() / 3; i < keyframes.size(); ++i)
     keyframes[i].T_odom_body = slip * keyframes[i].T_odom_body;
   return keyframes;
 }

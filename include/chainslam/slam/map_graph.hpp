@@ -53,7 +53,11 @@ class MapGraph {
   /// For the thread that changes the map.
   [[nodiscard]] const SlamMap& map() const { return map_; }
   /// The map as it is, whole: copied where it has changed since the last call, at the cost of the thread that asks.
-  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> snapshot() const;
+  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> snapshot() const {
+    const std::scoped_lock lock(changing_);
+    if (!snapshot_) snapshot_ = std::make_shared<const SlamMap>(map_);
+    return snapshot_;
+  }
   /// The map, given away: this has none any more.
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> release() {
     const Change change(*this);
@@ -84,7 +88,11 @@ class MapGraph {
 
   /// @returns the closure's position among the map's closures.
   [[gnu::cold]] Index accept(const LoopClosure& closure);
-  [[gnu::cold]] void refuse(const LoopClosure& closure);  ///< notes a closure that was refused
+  /// Notes a closure that was refused.
+  [[gnu::cold]] void refuse(const LoopClosure& closure) {
+    const Change change(*this);
+    map_.refusals.push_back(closure);
+  }
 
   /// Carries all sessions of the frame `joined` over into `frame`, as one body: what lies between their keyframes stays
   /// as it is linearised. They keep priors at the aligned poses, or none.
@@ -154,11 +162,235 @@ class MapGraph {
   mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since
 };
 
-}  // namespace chainslam
+template <class Outliers>
+void MapGraph<Outliers>::begin_session(std::string name) {
+  const Change change(*this);
+  if (options_.remeasure_loaded) remeasure();
+  const SessionId id{to_index(map_.sessions.size())};
+  priors_.push_back({});
+  map_.sessions.push_back({id, std::move(name), to_index(map_.keyframes.size()), 0, id, {}, {}});
+}
 
-#include "chainslam/slam/detail/map_graph_steps.hpp"
+template <class Outliers>
+KeyframeId MapGraph<Outliers>::append(Keyframe keyframe) {
+  require_next(map_, keyframe);
+  if (map_.sessions.empty()) begin_session({});
+  const Change change(*this);
+  Session& session = map_.sessions.back();
+  keyframe.id = KeyframeId{to_index(map_.keyframes.size())};
+  keyframe.session = session.id;
+  if (session.keyframes == 0) {
+    keyframe.T_map_body = keyframe.T_odom_body;
+    session.prior = keyframe.T_map_body;
+    session.prior_sqrt_information = NoiseModel<6>::from_sigma(options_.anchor).sqrt_information();
+  } else {
+    const Keyframe& last = map_.keyframes.back();
+    const SE3d T_last_new = last.T_odom_body.inverse() * keyframe.T_odom_body;
+    keyframe.T_map_body = last.T_map_body * T_last_new;
+    map_.odometry.push_back({last.id, keyframe.id, T_last_new, odometry_noise(last, keyframe).sqrt_information()});
+  }
+  factors_->smoother().add_value(keyframe.T_map_body);
+  if (session.keyframes++ == 0)
+    add_prior(session);
+  else
+    factors_->add(map_.odometry.back());
+  map_.keyframes.push_back(std::move(keyframe));
+  factors_->wait(map_.keyframes.back());
+  return map_.keyframes.back().id;
+}
 
-namespace chainslam {
+template <class Outliers>
+NoiseModel<6> MapGraph<Outliers>::odometry_noise(const Keyframe& last, const Keyframe& next) const {
+  const auto frames = frames_between(map_.frames, last, next);
+  const SE3d T_last_next = last.T_odom_body.inverse() * next.T_odom_body;
+  const auto says_nothing = [](const FrameRecord& frame) { return frame.covariance.matrix().isZero(0); };
+  if (!frames.empty() && std::all_of(frames.begin(), frames.end(), says_nothing))
+    return options_.unknown_odometry(T_last_next);
+  const Matrix6d stated = options_.odometry_noise.share_of(stated_covariance(frames));
+  return options_.odometry_noise(T_last_next, sum_of(stated, options_.odometry_doubt(frames)));
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::append(std::span<const FrameRecord> frames) {
+  if (map_.sessions.empty()) begin_session({});
+  const SessionId session = map_.sessions.back().id;
+  const bool first = map_.frames.empty() || map_.frames.back().session != session;
+  require_sound(frames, first ? nullptr : &map_.frames.back());
+  const Change change(*this);
+  for (FrameRecord frame : frames) {
+    frame.session = session;
+    map_.frames.push_back(frame);
+  }
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::set_gnss(KeyframeId id, const GnssFix& fix, bool with_previous) {
+  const Change change(*this);
+  keyframe(id.value).gnss = fix;
+  keyframe(id.value).gnss_arrival = {map_.keyframes.back().id, with_previous};
+  factors_->wait_for_fix(keyframe(id.value));
+}
+
+template <class Outliers>
+Index MapGraph<Outliers>::accept(const LoopClosure& closure) {
+  const Change change(*this);
+  map_.closures.push_back(closure);
+  const Index position = to_index(map_.closures.size()) - 1;
+  factors_->add_closure(map_, position);
+  return position;
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::join(SessionId frame, SessionId joined, const SE3d& T_frame_joined) {
+  const Change change(*this);
+  std::vector<Key> moved;
+  for (Session& session : map_.sessions) {
+    if (session.frame != joined) continue;
+    session.frame = frame;
+    session.prior = T_frame_joined * session.prior;
+    if (!options_.anchor_joined_sessions || session.keyframes == 0)
+      std::fill_n(session.prior_sqrt_information.data(), 36, 0.0);
+    FactorId& prior = priors_[session.id.value];
+    if (factors_->smoother().contains(prior)) factors_->smoother().remove(prior);
+    for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) moved.push_back(i);
+  }
+  factors_->carry(moved);
+  factors_->smoother().move(moved, T_frame_joined);
+  take(moved);
+  if (!options_.anchor_joined_sessions) return;
+  for (const Key key : moved) {
+    Session& session = map_.sessions[static_cast<std::size_t>(keyframe(key).session.value)];
+    if (session.first_keyframe != key) continue;
+    session.prior = keyframe(key).T_map_body;
+    add_prior(session);
+  }
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::join(const LoopClosure& closure) {
+  const Keyframe &j = keyframe(closure.from.value), &i = keyframe(closure.to.value);
+  const SE3d T_there_here = j.T_map_body * closure.T_from_to * i.T_map_body.inverse();
+  const SessionId there = frame(j), here = frame(i);
+  if (there < here) join(there, here, T_there_here);
+  if (here < there) join(here, there, T_there_here.inverse());
+}
+
+template <class Outliers>
+bool MapGraph<Outliers>::part(std::span<const Index> withdrawn) {
+  if (withdrawn.empty() && is_held(map_)) return false;
+  const Change change(*this);
+  withdraw_closures(map_, withdrawn);
+  part_frames(map_, NoiseModel<6>::from_sigma(options_.anchor).sqrt_information());
+  rebuild();
+  return true;
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::load(const SlamMap& other) {
+  const Change change(*this);
+  const Index keyframes = to_index(map_.keyframes.size());
+  const Index sessions = to_index(map_.sessions.size());
+  const Index odometry = to_index(map_.odometry.size());
+  const Index closures = to_index(map_.closures.size());
+  append_map(map_, other);
+  priors_.resize(to_index(map_.sessions.size()));
+  for (const Keyframe& one : std::span(map_.keyframes).subspan(static_cast<std::size_t>(keyframes)))
+    factors_->wait(one);
+  if (options_.remeasure_loaded)
+    remeasure();
+  else
+    add_to_smoother(sessions, keyframes, odometry, closures);
+}
+
+template <class Outliers>
+UpdateReport MapGraph<Outliers>::optimise() {
+  UpdateReport report;
+  hold_upright();
+  report.variables = floating();
+  if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
+  double work = 0;
+  for (Index k = 0; report.ok() && work < options_.largest_work && k < options_.optimizer.max_iterations; ++k) {
+    report = factors_->update(map_);
+    const Change change(*this);
+    if (report.ok()) {
+      take(factors_->changed());
+      factors_->record(map_);
+    } else {
+      rebuild();
+    }
+    if (report.waiting == 0) break;
+    work += report.work.multiplications;
+  }
+  unfinished_ = report.ok() && work >= options_.largest_work;
+  return report;
+}
+
+template <class Outliers>
+ConvergeReport MapGraph<Outliers>::converge() {
+  ConvergeReport report;
+  hold_upright();
+  report.variables = floating();
+  if (!report.variables.empty()) {
+    report.status = UpdateStatus::unconstrained;
+    return report;
+  }
+  const Change change(*this);
+  report = factors_->converge(options_.optimizer, map_);
+  if (!report.ok()) {
+    rebuild();
+    return report;
+  }
+  for (Key key = 0; key < smoother().size(); ++key) keyframe(key).T_map_body = smoother()[key];
+  factors_->record(map_);
+  return report;
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::remeasure() {
+  const auto pose = [&](KeyframeId id) { return map_.keyframes[static_cast<std::size_t>(id.value)].T_map_body; };
+  for (OdometryMeasurement& step : map_.odometry) step.T_from_to = pose(step.from).inverse() * pose(step.to);
+  for (LoopClosure& closure : map_.closures) closure.T_from_to = pose(closure.from).inverse() * pose(closure.to);
+  rebuild();
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::hold_upright() {
+  if constexpr (decides) {
+    const Change change(*this);
+    for (const SessionId id : factors_->hold_upright(map_)) {
+      Session& frame = map_.sessions[static_cast<std::size_t>(id.value)];
+      frame.prior_sqrt_information = leaning_anchor(frame.prior, options_.anchor, options_.gravity.start_deviation);
+      if (factors_->smoother().contains(priors_[id.value])) factors_->smoother().remove(priors_[id.value]);
+      add_prior(frame);
+    }
+  }
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::rebuild() {
+  factors_.emplace(options_, outliers_);
+  for (const Keyframe& one : map_.keyframes) factors_->wait(one);
+  priors_.assign(to_index(map_.sessions.size()), {});
+  add_to_smoother(0, 0, 0, 0);
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures) {
+  const auto from = [](const auto& list, Index first) {
+    return std::span(list).subspan(static_cast<std::size_t>(first));
+  };
+  for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) factors_->smoother().add_value(keyframe.T_map_body);
+  for (const Session& session : from(map_.sessions, sessions)) add_prior(session);
+  for (const OdometryMeasurement& step : from(map_.odometry, odometry)) factors_->add(step);
+  for (Index i = closures; i < to_index(map_.closures.size()); ++i) factors_->add_closure(map_, i);
+}
+
+template <class Outliers>
+void MapGraph<Outliers>::add_prior(const Session& session) {
+  if (session.keyframes == 0 || session.prior_sqrt_information.isZero(0)) return;
+  priors_[session.id.value] = factors_->smoother().add(
+      PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
+}
 
 #ifdef CHAINSLAM_COMPILED
 extern template class IncrementalGnc<IncrementalSmoother<SE3d>>;

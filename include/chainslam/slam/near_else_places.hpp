@@ -36,13 +36,14 @@ class NearElsePlaces {
   /// Keyframes of the query's frame that look like the query and are not near; asked once for each place of the path.
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes,
                                                                 const PositionIndex& index, KeyframeId query) {
-    constexpr Index recent = 5;  // keyframes since the place was left
     const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
     const Keyframe& here = at(query);
     const auto count = to_index(places_.places().size());
     if (std::exchange(asked_, count) == count) return {};
     const PlaceCandidates::Place& newest = places_.places().back();
-    if (newest.end > query.value + 1 || newest.end + recent <= query.value || at(newest.center).session != here.session)
+    const Keyframe& left = at(KeyframeId{newest.end - 1});
+    if (left.id > query || left.session != here.session ||
+        (left.T_odom_body.translation() - here.T_odom_body.translation()).norm() > places_.options().spacing)
       return {};
     return places_.find_newest(keyframes, query, [&](const PlaceCandidates::Place& place) {
       const Keyframe &there = at(place.center), &last = at(KeyframeId{place.end - 1});  // any of them may be proposed
