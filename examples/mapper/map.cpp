@@ -216,6 +216,7 @@ int run(const MapArguments& arguments) {
                                    },
                                .journal = [&](const SlamMap& map) { journal.update(map); }};
   MappingResult mapping = map_or_say_what_is_left(datasets, std::move(saved.maps), mapping_run, folder, input);
+  support::return_free_memory();  // the back end's
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     SessionRun& session = mapping.sessions[i];
     session.truth = std::move(truths[i]);

@@ -1,6 +1,9 @@
 #include "support/progress.hpp"
 
 #include <unistd.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 #include <cmath>
 #include <fstream>
@@ -45,6 +48,11 @@ int tenths_done(const ProgressState& state) {
 
 std::uint64_t current_memory() { return memory_figure("VmRSS:"); }
 std::uint64_t peak_memory() { return memory_figure("VmHWM:"); }
+void return_free_memory() {
+#ifdef __GLIBC__
+  ::malloc_trim(0);
+#endif
+}
 
 std::string progress_line(const ProgressState& state, double elapsed_seconds, std::uint64_t memory) {
   std::string line = state.stage + " " + std::to_string(state.done);

@@ -15,6 +15,8 @@ namespace chainslam::support {
 /// Resident memory of this process in bytes, now and at its highest; 0 where the system does not tell.
 [[nodiscard]] std::uint64_t current_memory();
 [[nodiscard]] std::uint64_t peak_memory();
+/// Gives back what this process has freed and the allocator still holds, scattered between what is in use.
+void return_free_memory();
 
 /// Where a run stands.
 struct ProgressState {

@@ -8,7 +8,7 @@
 #include <span>
 #include <utility>
 
-#include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/cloud/cell_set.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/graph/connected_components.hpp"
 #include "chainslam/slam/corrected_trajectory.hpp"
@@ -84,14 +84,14 @@ std::vector<ReportRefusal> refusals_of(const SlamMap& map) {
 }
 
 /// Adds the keyframe's points that are the first in their cells.
-void add_points(const Keyframe& keyframe, const Eigen::Vector3d& offset, double voxel_size, CellTable& cells,
+void add_points(const Keyframe& keyframe, const Eigen::Vector3d& offset, double voxel_size, CellSet& cells,
                 ReportData& data) {
   const auto cloud = keyframe.cloud.load();
   if (!cloud) return;
   for (const Eigen::Vector3f& position : cloud->positions) {
     const Eigen::Vector3d point = keyframe.T_map_body * Eigen::Vector3d(position.cast<double>());
     const std::optional<Cell> cell = cell_of((point - data.points_origin) / voxel_size);
-    if (!cell || !cells.insert(*cell, cells.size()).second) continue;
+    if (!cell || !cells.insert(*cell)) continue;
     data.points.emplace_back((point + offset - data.points_origin).cast<float>());
     data.point_sessions.push_back(static_cast<std::uint8_t>(std::min<Index>(keyframe.session.value, 255)));
   }
@@ -166,7 +166,7 @@ ReportData report_data(const SlamMap& map, double voxel_size) {
 
   if (!map.keyframes.empty()) data.points_origin = map.keyframes.front().T_map_body.translation();
   for (const Session& session : map.sessions) {
-    CellTable cells;
+    CellSet cells;
     for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i)
       add_points(map.keyframes[at(i)], offset_of(session), voxel_size, cells, data);
   }

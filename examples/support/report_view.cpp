@@ -11,7 +11,7 @@
 #include <optional>
 #include <span>
 
-#include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/cloud/cell_set.hpp"
 #include "support/encoding.hpp"
 #include "support/map_picture.hpp"
 
@@ -34,27 +34,33 @@ struct Points {
 /// The first point in each cell of this size.
 Points first_in_cells(const ReportData& data, double size) {
   Points kept;
-  CellTable cells;
+  CellSet cells;
   for (std::size_t i = 0; i < data.points.size(); ++i) {
     const std::optional<Cell> cell = cell_of(data.points[i].cast<double>() / size);
-    if (!cell || !cells.insert(*cell, cells.size()).second) continue;
+    if (!cell || !cells.insert(*cell)) continue;
     kept.positions.push_back(data.points[i]);
     kept.sessions.push_back(data.point_sessions.empty() ? std::uint8_t{0} : data.point_sessions[i]);
   }
   return kept;
 }
 
+/// How many they are.
+std::size_t occupied_cells(const ReportData& data, double size) {
+  CellSet cells;
+  for (const Eigen::Vector3f& point : data.points)
+    if (const std::optional<Cell> cell = cell_of(point.cast<double>() / size)) cells.insert(*cell);
+  return static_cast<std::size_t>(cells.size());
+}
+
 /// Thins the points evenly in space until there are few enough. Points lie on surfaces, so that their number goes with
 /// the inverse square of the cell.
 Points thinned(const ReportData& data, std::size_t largest) {
   double size = 0.05;
-  Points points = first_in_cells(data, size);
-  while (points.positions.size() > largest) {
-    const double excess = static_cast<double>(points.positions.size()) / static_cast<double>(largest);
+  for (std::size_t count; (count = occupied_cells(data, size)) > largest;) {
+    const double excess = static_cast<double>(count) / static_cast<double>(largest);
     size *= std::clamp(std::sqrt(excess), 1.1, 8.0);
-    points = first_in_cells(data, size);
   }
-  return points;
+  return first_in_cells(data, size);
 }
 
 struct Box {
@@ -87,14 +93,14 @@ double spacing_of(const std::vector<Eigen::Vector3f>& points) {
   const std::size_t count = points.size();
   if (count < 2) return 0.5;
   for (double size = 0.1; size < 20.0; size *= 1.3) {
-    CellTable cells;
+    CellSet cells;
     std::size_t inside = 0;
     for (const Eigen::Vector3f& point : points)
       if (const auto cell = cell_of(point.cast<double>() / size)) {
-        cells.insert(*cell, cells.size());
+        cells.insert(*cell);
         ++inside;
       }
-    if (static_cast<double>(inside) >= 1.5 * cells.size()) return size;
+    if (static_cast<double>(inside) >= 1.5 * static_cast<double>(cells.size())) return size;
   }
   return 20.0;
 }
