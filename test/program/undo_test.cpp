@@ -41,6 +41,12 @@ struct ThreeDrives {
   [[nodiscard]] SlamMap mapped() const { return load_map(all / "map.cslam").map; }
 };
 
+/// Mapped once; each test writes files of its own.
+const ThreeDrives& three_drives() {
+  static const ThreeDrives drives;
+  return drives;
+}
+
 Index number_of(const SlamMap& map, ClosureKind kind) {
   const auto found = std::ranges::find_if(map.closures, [&](const LoopClosure& closure) {
     return closure.kind == kind && closure.verdict != ClosureVerdict::reverted;
@@ -58,11 +64,11 @@ std::size_t frame_count(const SlamMap& map) {
 
 TEST_SUITE("program/undo") {
   TEST_CASE("a session that is undone with --replay might never have been there") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const SlamMap map = drives.mapped();
     REQUIRE(frame_count(map) == 1);
     CHECK(std::ranges::any_of(map.keyframes, [](const Keyframe& one) { return one.gnss.has_value(); }));
-    const fs::path never = drives.root / "never", undone = drives.root / "undone.cslam";
+    const fs::path never = drives.root / "never", undone = drives.root / "remade.cslam";
     REQUIRE(drives.map("a c", never) == 0);
     const ProgramResult result = drives.undo("--session b --replay", undone);
     CAPTURE(result.errors);
@@ -76,9 +82,9 @@ TEST_SUITE("program/undo") {
   }
 
   TEST_CASE("without --replay, what does not descend from it stays as it was measured") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const SlamMap map = drives.mapped();
-    const fs::path out = drives.root / "undone.cslam";
+    const fs::path out = drives.root / "left.cslam";
     const ProgramResult result = drives.undo("--session 1", out);
     CAPTURE(result.errors);
     REQUIRE(result.exit_code == 0);
@@ -101,7 +107,7 @@ TEST_SUITE("program/undo") {
   }
 
   TEST_CASE("a closure and a merge go by their numbers, and a replay does not find them again") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const SlamMap map = drives.mapped();
     const Index direct = number_of(map, ClosureKind::direct), merge = number_of(map, ClosureKind::merge);
     for (const bool again : {false, true}) {
@@ -204,7 +210,7 @@ TEST_SUITE("program/undo") {
   }
 
   TEST_CASE("the report of a map is made again from the map alone") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const fs::path again = drives.root / "again";
     const std::string command = "report " + quoted(drives.all / "map.cslam") + " --out " + quoted(again);
     const ProgramResult result = run_program(drives.root, command);
@@ -232,7 +238,7 @@ TEST_SUITE("program/undo") {
   }
 
   TEST_CASE("inspect says of each closure why it was tried and what became of it, also for programs") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const SlamMap map = drives.mapped();
     const auto json =
         nlohmann::json::parse(run_program(drives.root, "inspect " + quoted(drives.all) + " --closures --json").output);
