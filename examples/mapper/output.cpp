@@ -109,19 +109,23 @@ OutputFolder::OutputFolder(fs::path target, bool overwrite) : target_(resolved(t
   make_parents(target_.parent_path());
   std::error_code error;
   staging_ = target_;
-  staging_ = make_folder(staging_ += ".partial");
+  {
+    const std::lock_guard lock(begun_mutex);  // whoever ends the program finds the folder as soon as it is there
+    staging_ = make_folder(staging_ += ".partial");
+    begun = staging_;
+  }
   try {
     sync_entry(staging_);
     AtomicFile trial(staging_ / "writable");
     trial.write(std::string_view("yes\n"));
     trial.commit();
   } catch (...) {
+    set_begun({});
     fs::remove(staging_ / "writable", error);
     fs::remove(staging_, error);
     throw;
   }
   fs::remove(staging_ / "writable", error);
-  set_begun(staging_);
 }
 
 OutputFolder::~OutputFolder() {

@@ -39,7 +39,7 @@ TEST_SUITE("program/map_file") {
     CHECK(contains(result.output, "refusals."));
     CHECK(contains(result.output, "\n      0  direct   0 0              0        4      75%"));
     CHECK(contains(result.output, "near by the estimate"));
-    CHECK(contains(result.output, "closures connect it with closure 0  accepted\n"));
+    CHECK(contains(result.output, "closures connect it with closure 1  accepted\n"));
     CHECK(contains(result.output, "refused: contradicts the chain that led to it\n"));
     CHECK(contains(result.output, "bytes a point"));
     const auto measured = std::ranges::count_if(

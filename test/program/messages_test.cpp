@@ -297,6 +297,16 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
                    "-1, where the map has", "lists sessions and closures with their numbers"});
   cases.push_back({"undo @/map.cslam --session 0 --out @/map.cslam --overwrite", 4, "map.cslam", "the map itself",
                    "choose another name: a map is never changed"});
+  cases.push_back({"undo @/map.cslam --out @/out", 2, "chainslam undo",
+                   "nothing to undo: pass --session, --closure or --merge", "`chainslam undo --help`"});
+  cases.push_back({"undo @/loose.cslam --closure 0 --out @/out", 3, "loose.cslam",
+                   "measurements that do not hold all keyframes without what was to be undone",
+                   "pass --replay: that decides again from the scans"});
+  cases.push_back({"undo @/loose.cslam --closure 0 --replay --out @/out", 3, "loose.cslam",
+                   "no scans, without which nothing can be decided again",
+                   "undo without --replay, or give the map that has them"});
+  cases.push_back(
+      {"report @/empty.cslam --out @/out", 3, "empty.cslam", "a map without keyframes", "give a map that has some"});
   cases.push_back({"report @/none --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back({"export @/none --format tum --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back(
@@ -396,6 +406,11 @@ TEST_SUITE("program/messages") {
     SlamMap bare = random_map(1, 5);
     for (Keyframe& one : bare.keyframes) one.cloud = std::make_shared<const PointCloud<float>>();
     save_map(root / "bare.cslam", bare);
+    save_map(root / "empty.cslam", SlamMap());
+    SlamMap loose = random_map(1, 20);  // without scans, and held by nothing
+    for (Keyframe& keyframe : loose.keyframes) keyframe.cloud.reset();
+    for (Session& session : loose.sessions) session.prior_sqrt_information.setZero();
+    save_map(root / "loose.cslam", loose);
     static_cast<void>(run_program(scratch.path(),
                                   "map " + quoted(root / "data") + " --load " + quoted(root / "earlier.cslam") +
                                       " --out " + quoted(root / "loaded"),

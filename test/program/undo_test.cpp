@@ -1,6 +1,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -10,6 +11,7 @@
 #include "io/maps.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"
+#include "support/real_data.hpp"
 
 namespace {
 
@@ -39,6 +41,12 @@ struct ThreeDrives {
   [[nodiscard]] SlamMap mapped() const { return load_map(all / "map.cslam").map; }
 };
 
+/// Mapped once; each test writes files of its own.
+const ThreeDrives& three_drives() {
+  static const ThreeDrives drives;
+  return drives;
+}
+
 Index number_of(const SlamMap& map, ClosureKind kind) {
   const auto found = std::ranges::find_if(map.closures, [&](const LoopClosure& closure) {
     return closure.kind == kind && closure.verdict != ClosureVerdict::reverted;
@@ -56,11 +64,11 @@ std::size_t frame_count(const SlamMap& map) {
 
 TEST_SUITE("program/undo") {
   TEST_CASE("a session that is undone with --replay might never have been there") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const SlamMap map = drives.mapped();
     REQUIRE(frame_count(map) == 1);
     CHECK(std::ranges::any_of(map.keyframes, [](const Keyframe& one) { return one.gnss.has_value(); }));
-    const fs::path never = drives.root / "never", undone = drives.root / "undone.cslam";
+    const fs::path never = drives.root / "never", undone = drives.root / "remade.cslam";
     REQUIRE(drives.map("a c", never) == 0);
     const ProgramResult result = drives.undo("--session b --replay", undone);
     CAPTURE(result.errors);
@@ -74,9 +82,9 @@ TEST_SUITE("program/undo") {
   }
 
   TEST_CASE("without --replay, what does not descend from it stays as it was measured") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const SlamMap map = drives.mapped();
-    const fs::path out = drives.root / "undone.cslam";
+    const fs::path out = drives.root / "left.cslam";
     const ProgramResult result = drives.undo("--session 1", out);
     CAPTURE(result.errors);
     REQUIRE(result.exit_code == 0);
@@ -99,7 +107,7 @@ TEST_SUITE("program/undo") {
   }
 
   TEST_CASE("a closure and a merge go by their numbers, and a replay does not find them again") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const SlamMap map = drives.mapped();
     const Index direct = number_of(map, ClosureKind::direct), merge = number_of(map, ClosureKind::merge);
     for (const bool again : {false, true}) {
@@ -154,8 +162,55 @@ TEST_SUITE("program/undo") {
     CHECK(same_map(drives.mapped(), map));
   }
 
+  TEST_CASE("a replay says if the map does not state when its fixes came") {
+    const ScratchFolder scratch("undo_earlier");
+    const std::string note = "does not say when GNSS fixes came";
+    for (const char* minor : {"3", "4"}) {
+      const fs::path golden = std::string(CHAINSLAM_SOURCE_DIR) + "/test/io/golden/map_1_" + minor + ".cslam";
+      const ProgramResult result =
+          run_program(scratch.path(), "undo " + quoted(golden) + " --session 1 --replay -o " +
+                                          quoted(scratch.path() / (std::string("undone") + minor)));
+      CHECK(result.exit_code == 0);
+      CHECK(contains(result.errors, note) == (minor[0] == '3'));
+    }
+  }
+
+  TEST_CASE("hku_square_two_sessions: what is left of two walks is the map of one") {
+    const auto data = real_data("hku_square_two_sessions");
+    if (!data) return;
+    const ScratchFolder scratch("undo_hku");
+    const auto succeed = [&](const std::string& arguments) {
+      const ProgramResult result = run_program(scratch.path(), arguments);
+      CAPTURE(result.errors);
+      REQUIRE(result.exit_code == 0);
+    };
+    const std::string walks[] = {quoted(*data / "session1"), quoted(*data / "session2")};
+    const fs::path both = scratch.path() / "both";
+    succeed("map " + walks[0] + " " + walks[1] + " --set goals.merged=true --out " + quoted(both));
+    for (int left = 0; left < 2; ++left) {
+      CAPTURE(left);
+      const fs::path alone = scratch.path() / ("alone" + std::to_string(left)),
+                     undone = scratch.path() / ("undone" + std::to_string(left));
+      succeed("map " + walks[left] + " --out " + quoted(alone));
+      const SlamMap expected = load_map(alone / "map.cslam").map;
+      const std::string undo =
+          "undo " + quoted(both) + " --session " + std::to_string(1 - left) + " -o " + quoted(undone);
+      succeed(undo + " --replay");
+      CHECK(same_map(load_map(undone).map, expected));
+      if (left != 0) continue;  // the second walk has closures that it found since it had been moved
+      succeed(undo + " --overwrite");
+      const SlamMap found = load_map(undone).map;
+      REQUIRE(same_records(found.closures, expected.closures));
+      double most = 0;
+      for (std::size_t i = 0; i < expected.keyframes.size(); ++i)
+        most = std::max(most, expected.keyframes[i].T_map_body.local(found.keyframes[i].T_map_body).norm());
+      std::printf("FIGURE hku_square, second walk undone: poses within %.2g m and rad of the first one's map\n", most);
+      CHECK(most < 1e-9);
+    }
+  }
+
   TEST_CASE("the report of a map is made again from the map alone") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const fs::path again = drives.root / "again";
     const std::string command = "report " + quoted(drives.all / "map.cslam") + " --out " + quoted(again);
     const ProgramResult result = run_program(drives.root, command);
@@ -183,7 +238,7 @@ TEST_SUITE("program/undo") {
   }
 
   TEST_CASE("inspect says of each closure why it was tried and what became of it, also for programs") {
-    const ThreeDrives drives;
+    const ThreeDrives& drives = three_drives();
     const SlamMap map = drives.mapped();
     const auto json =
         nlohmann::json::parse(run_program(drives.root, "inspect " + quoted(drives.all) + " --closures --json").output);
