@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <optional>
 #include <span>
@@ -299,6 +300,7 @@ void Localizer<Closer, Places>::track(const Frame& now, const E& executor) {
 template <class Closer, class Places>
 template <Executor E>
 void Localizer<Closer, Places>::search(const Frame& now, const E& executor) {
+  constexpr Index most_earlier = 10;  // scans that a place is tried with at once
   ++counts_.searches;
   const Index newest = to_index(travelled_at_.size()) - 1;
   for (StartHypothesis& one : hypotheses_.all()) try_scan(one, newest, executor);
@@ -309,7 +311,9 @@ void Localizer<Closer, Places>::search(const Frame& now, const E& executor) {
     const LoopClosure closure = closer_.align(keyframes_, from, query, *guess, executor);
     if (closure.verdict != ClosureVerdict::accepted || !is_determined(placed(closure))) continue;
     StartHypothesis* found = hypotheses_.recognized(frame_of(from), from, placed(closure), now.T_odom_body, travelled_);
-    for (Index scan = newest - 1; found != nullptr && scan >= 0; --scan) try_scan(*found, scan, executor);
+    // Odometry may have slipped since earlier ones: after two refusals the others say nothing.
+    for (Index scan = newest - 1; found != nullptr && scan >= std::max(newest - most_earlier, Index{0}); --scan)
+      if (found->refusing < 2) try_scan(*found, scan, executor);
   }
   hypotheses_.prune();
   const StartHypothesis* start = hypotheses_.accepted();
