@@ -18,7 +18,7 @@ namespace chainslam {
 struct StartOptions {
   /// Times that it was recognized, plus scans that were registered where it and odometry have them, each by itself,
   /// less twice the scans that were not.
-  Index min_evidence = 5;
+  Index min_evidence = 6;
   Index min_recognitions = 2;      ///< of these, by places of the map, or from other scans
   Index min_scans = 3;             ///< registered so,
   double min_travel = 5.0;         ///< and metres along the path between the first and the last of them
