@@ -61,11 +61,11 @@ void open_standard_streams() {
   }
 }
 
-/// Blocks from 256 KiB on go back to the system when they are freed. Those of submaps, which caches let go in any
+/// Blocks from 1 MiB on go back to the system when they are freed. Those of submaps, which caches let go in any
 /// order, otherwise leave holes that take a third of a long run's memory.
 void return_large_blocks() {
 #ifdef __GLIBC__
-  ::mallopt(M_MMAP_THRESHOLD, 1 << 18);
+  ::mallopt(M_MMAP_THRESHOLD, 1 << 20);
 #endif
 }
 

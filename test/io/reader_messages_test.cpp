@@ -232,7 +232,8 @@ TEST_SUITE("io/messages of readers") {
         "folder's entry|giving it its name|something is there already|choose a file's name| is writing this map|what a "
         "run "
         "left that did not finish|locking the file|looking at the file that is there|keeping it as |; what had been "
-        "committed is kept: `chainslam recover |record |allow more open files (ulimit -n)|opening it to be read|the scan of keyframe ";
+        "committed is kept: `chainslam recover |record |allow more open files (ulimit -n)|opening it to be read|the "
+        "scan of keyframe ";
     int calls = 0;
     for (const char* name : {"detail/map_file_reader", "detail/map_decoder", "map_archive", "input_journal",
                              "atomic_file", "detail/partial_file", "detail/final_name", "detail/scan_file"}) {
