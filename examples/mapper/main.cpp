@@ -62,7 +62,7 @@ void open_standard_streams() {
 }
 
 /// Blocks from 1 MiB on go back to the system when they are freed. Those of submaps, which caches let go in any
-/// order, otherwise leave holes that take a third of a long run's memory.
+/// order, otherwise leave holes that take a fifth of a long run's memory.
 void return_large_blocks() {
 #ifdef __GLIBC__
   ::mallopt(M_MMAP_THRESHOLD, 1 << 20);
