@@ -101,7 +101,7 @@ class LazyWalk {
   [[nodiscard]] PointCloud<float> submap(Index center, Index before, Index after) {
     const SubmapRange range{std::max(center - before, Index{0}), std::min(center + after + 1, size())};
     for (Index i = range.begin; i < range.end; ++i) {
-      std::shared_ptr<const PointCloud<float>>& cloud = keyframes_[static_cast<std::size_t>(i)].cloud;
+      KeyframeScan& cloud = keyframes_[static_cast<std::size_t>(i)].cloud;
       const std::string number = std::to_string(i);
       const std::string file = std::string(6 - number.size(), '0') + number + ".pcd";
       if (!cloud) cloud = std::make_shared<PointCloud<float>>(read_pcd(folder_ / "Scans" / file));
