@@ -152,7 +152,7 @@ int run(const LocalizeArguments& arguments) {
   const SessionRun session = DriveLocalizer(*dataset, mapping_run, *localizer).run(result);
   print_notes("warning:", dataset->info().warnings);
   print_notes("note:", session.notes);
-  const bool memory_full = memory_is_full(mapping_run), failed = session.failure.has_value();
+  const bool memory_full = session.memory_full, failed = session.failure.has_value();
   if (failed) std::fprintf(stderr, "error: %s\n", printable(session.failure->what(), true).c_str());
   if (memory_full) print_memory_error(mapping_run.max_memory, "the poses so far are saved: allow more");
   result.interrupted = !failed && mapping_run.stop.stop_requested();

@@ -264,7 +264,8 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
       session.id = SessionId{first + to_index(result.sessions.size())};
       result.sessions.push_back(std::move(session));
       result.failure = result.sessions.back().failure;
-      if (result.failure) break;
+      result.memory_full = result.sessions.back().memory_full;
+      if (result.failure || result.memory_full) break;
     }
     result.memory_full |= memory_is_full(run);
     await(pipeline, metered, run.progress);

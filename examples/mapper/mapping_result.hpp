@@ -24,6 +24,7 @@ struct SessionRun {
   std::optional<support::ImuCalibration> calibration{};  ///< none if the IMU is taken as given, or there is none
   std::optional<Trajectory> truth;                       ///< T_truth_body; none if nothing states it
   std::optional<IoError> failure{};                      ///< of reading: the session ends before its data do
+  bool memory_full = false;                              ///< which ended it; some may be free again
   std::vector<std::string> notes;  ///< what the user should know: scans and points left out, and why
 };
 

@@ -81,7 +81,7 @@ class Recorder {
                              .frame = session,
                              .prior = {}});
     result.map = std::make_shared<const SlamMap>(std::move(map_));
-    result.memory_full = memory_is_full(run_);
+    result.memory_full = result.sessions[0].memory_full;
     result.interrupted = run_.stop.stop_requested() || result.memory_full;
     return result;
   }

@@ -33,8 +33,9 @@ SessionRun SessionFrontEnd::run() {
   return std::move(session_);
 }
 
-bool SessionFrontEnd::wants_more() const {
-  return !run_.stop.stop_requested() && !memory_is_full(run_) &&
+bool SessionFrontEnd::wants_more() {
+  session_.memory_full = memory_is_full(run_);
+  return !run_.stop.stop_requested() && !session_.memory_full &&
          (run_.max_scans == 0 || session_.scans < run_.max_scans);
 }
 

@@ -34,7 +34,7 @@ class SessionFrontEnd {
   [[nodiscard]] SessionRun run();
 
  private:
-  [[nodiscard]] bool wants_more() const;
+  [[nodiscard]] bool wants_more();
   void count_scan();
   void add(const Frame& frame);
   void count_lost(const Frame& frame);
