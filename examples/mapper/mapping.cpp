@@ -191,7 +191,11 @@ class SessionMapper {
   void await_recording() {
     if (!recording_.valid()) return;
     const auto measurement = run_.times.measure("journal");
-    recording_.get();
+    try {
+      recording_.get();
+    } catch (const IoError& error) {  // also where a scan of the map cannot be read: not for want of data
+      throw IoError(IoError::Kind::output, error.report());
+    }
     safe_ = passed_;
   }
 
