@@ -16,7 +16,7 @@
 
 namespace chainslam {
 
-/// How far the graph may be off where a place is recognized: rooms and streets that repeat themselves look alike at any
+/// How far the graph may be off where a place is recognized: halls and streets that repeat themselves look alike at any
 /// distance, and agree with each other.
 struct PlausibleDrift {
   double distance = 30.0;   ///< metres,
