@@ -156,7 +156,7 @@ inline void require_in(const char* what, Index value, std::size_t count) {
 /// @returns how that ended; if it failed, poses are as they were.
 template <class Outliers = GroupGnc>
 [[gnu::cold]] ConvergeReport settle(SlamMap& map, MapGraphOptions options = {}, Outliers outliers = {}) {
-  constexpr int most_rounds = 30;    // each lays the map on the Earth anew, and decides again
+  constexpr int max_rounds = 30;     // each georeferences the map again, and decides outliers again
   constexpr double still = 1e-11;    // metres and radians
   options.remeasure_loaded = false;  // measurements stay what they were
   options.optimizer.relative_tolerance = 0;
@@ -164,7 +164,7 @@ template <class Outliers = GroupGnc>
   MapGraph<Outliers> graph(options, std::move(outliers));
   graph.load(map);
   ConvergeReport report;
-  for (int round = 0; round < most_rounds; ++round) {
+  for (int round = 0; round < max_rounds; ++round) {
     report = graph.converge();
     if (!report.ok()) return report;
     double moved = 0;

@@ -61,6 +61,7 @@ class NearElsePlaces {
       return index.contains(there.id) && near_.eligible(last, here) &&
              (there.T_map_body.translation() - here.T_map_body.translation()).norm() > near_.radius;
     });
+    if (found.empty()) return found;
     const double most = drift_.distance + drift_.per_metre * travelled_to(keyframes, query);
     std::erase_if(found, [&](KeyframeId from) {
       const Eigen::Vector3d there = at(from).T_map_body * guess(from, query).value().translation();

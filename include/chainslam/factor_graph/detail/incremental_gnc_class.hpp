@@ -185,7 +185,7 @@ class IncrementalGnc {
     for (const Index number : waiting_) {
       const Index leader = suspects_[number].leader;
       const bool in = weight_of(suspects_[number], suspects_.group_ratio(leader), decisive_mu) == 1.0 &&
-                      !is_adrift(suspects_[number].factor);
+                      !is_uncorroborated(suspects_[number].factor);
       put(number, in);
       if (!in && leader == number) {
         unexpected_.push_back(leader);
@@ -195,12 +195,12 @@ class IncrementalGnc {
     waiting_.clear();
   }
 
-  /// Whether a suspect would be the only one that holds a stretch of a sequence behind an outlier of it. Anything is
-  /// expected there: a single opinion is none, and waits for another that agrees.
-  [[nodiscard]] bool is_adrift(const Suspect& factor) const {
-    return factor.from != none && (is_adrift(factor.to) || is_adrift(factor.from));
+  /// Whether a suspect would be the only constraint on a segment of a sequence behind an outlier of it. Any measurement
+  /// is consistent there, so that it must wait for a second one that agrees.
+  [[nodiscard]] bool is_uncorroborated(const Suspect& factor) const {
+    return factor.from != none && (is_on_loose_segment(factor.to) || is_on_loose_segment(factor.from));
   }
-  [[nodiscard]] [[gnu::cold]] bool is_adrift(Key key) const;
+  [[nodiscard]] [[gnu::cold]] bool is_on_loose_segment(Key key) const;
   /// What a variable has of the sequence before and after it, and whether another suspect between two holds it.
   struct Surroundings {
     Index before = none, after = none;

@@ -41,7 +41,7 @@ typename IncrementalGnc<Smoother>::Surroundings IncrementalGnc<Smoother>::around
 }
 
 template <class Smoother>
-bool IncrementalGnc<Smoother>::is_adrift(Key key) const {
+bool IncrementalGnc<Smoother>::is_on_loose_segment(Key key) const {
   const Surroundings start = around(key);
   Surroundings at = start;
   while (!at.held && at.after != none && !is_out(at.after)) at = around(factor(at.after).to);
@@ -55,7 +55,7 @@ template <class Smoother>
 bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
   if (suspects_[leader].turned || !may_be_tried(leader)) return false;
   const bool in = is_in(leader);
-  if (!in && !suspects_[leader].trusted && is_adrift(factor(leader))) return false;
+  if (!in && !suspects_[leader].trusted && is_uncorroborated(factor(leader))) return false;
   detail::Table<Suspect> members;
   double squares = 0.0;
   const auto for_each_alike = [&](auto&& visit) {
