@@ -5,8 +5,9 @@ root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 
 usage() {
   cat <<TEXT
-usage: bench/run.sh [--json FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [--smoke] [FILTER]
+usage: bench/run.sh [--json FILE] [--table FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [--smoke] [FILTER]
   --json FILE   write Google Benchmark's JSON to FILE (all modules in one)
+  --table FILE  write the figures to FILE as Markdown, a table for each module
   --peers       install PCL, Open3D and Ceres from Debian and build the comparisons with them
   --peer NAME=PATH
                 build the comparison with sources that Debian does not have; PATH is their root, NAME one of
@@ -21,13 +22,15 @@ TEXT
 }
 
 . "$root/third_party/setup.sh"
-json="" peers=OFF plain=yes minimum_time=0.5 filter=""
+command="bench/run.sh $*"
+json="" table="" peers=OFF plain=yes minimum_time=0.5 filter=""
 peer_names="ikd_tree i_octree nanoflann small_gicp kiss_matcher robin xenium pmc teaser gtsam"
 peer_paths=() packages_by_path=""
 for name in $peer_names; do peer_paths+=("-DCHAINSLAM_PEER_${name^^}="); done
 while [ $# -gt 0 ]; do
   case "$1" in
     --json) [ $# -ge 2 ] || { usage >&2; exit 2; }; json="$2"; shift ;;
+    --table) [ $# -ge 2 ] || { usage >&2; exit 2; }; table="$2"; shift ;;
     --peers) peers=ON ;;
     --peer)
       [ $# -ge 2 ] || { usage >&2; exit 2; }
@@ -45,6 +48,8 @@ while [ $# -gt 0 ]; do
   shift
 done
 case "$json" in "" | /*) ;; *) json="$PWD/$json" ;; esac
+case "$table" in "" | /*) ;; *) table="$PWD/$table" ;; esac
+[ -z "$table" ] || packages_bench="$packages_bench python3"
 
 # shellcheck disable=SC2086
 if [ "$peers" = ON ]; then
@@ -104,5 +109,10 @@ if [ -n "$json" ]; then
     printf '  ]\n}\n'
   } >"$json.part" && mv "$json.part" "$json" || fail "cannot write $json"
   say "json" "$json"
+fi
+if [ -n "$table" ]; then
+  PYTHONPATH="$root/bench" PYTHONDONTWRITEBYTECODE=1 "$(debian_python)" -m benchmark_tables "$table" "$command" "$results"/*.json ||
+    fail "cannot write $table"
+  say "table" "$table"
 fi
 say "passed" "$ran benches ran"
