@@ -169,8 +169,11 @@ class Plan:
         depends = (self.programs.identity("graph_seeds"),)
         return Run(world, 1, row, Task(f"{world.name}/{label}", (command,), (measured, *sets), depends, alone))
 
-    def sequence(self, world: World, seed: int, row: Row) -> list[Run]:
-        """One run for each session, which loads the map of those before: each by itself, for its times."""
+    def sequence(self, world: World, seed: int, row: Row, all_timed: bool) -> list[Run]:
+        """One run for each session, which loads the map of those before.
+
+        @param all_timed  each runs by itself, for its times; else only the last one.
+        """
         sets = self.sets(world, seed, row)
         runs: list[Run] = []
         for i, recording in enumerate(sets):
@@ -181,7 +184,7 @@ class Plan:
                 (self._map_command(world, row, ["{0}/set"], load),),
                 after=(recording, *before),
                 depends=(self.programs.identity(row.program),),
-                alone=True,
+                alone=all_timed or i + 1 == len(sets),
                 drop=UNUSED,
             )
             runs.append(Run(world, seed, row, task))

@@ -353,13 +353,14 @@ class RowsAndWorlds(Scratch):
     def test_each_session_of_a_sequence_loads_the_map_before(self) -> None:
         program = self.root / "chainslam"
         program.touch()
-        runs = Plan(Programs(program)).sequence(simulated("nclt-hard", "small", 1, 3), 1, MAIN_ROWS[-1])
+        runs = Plan(Programs(program)).sequence(simulated("nclt-hard", "small", 1, 3), 1, MAIN_ROWS[-1], True)
         self.assertEqual(len(runs), 3)
         self.assertNotIn("--load", runs[0].task.commands[0])
         self.assertIn("{1}/map/map.cslam", runs[2].task.commands[0])
         self.assertEqual(runs[2].task.after[1], runs[1].task)
         self.assertTrue(all(run.task.alone for run in runs))
-
+        last = Plan(Programs(program)).sequence(simulated("nclt-hard", "small", 1, 3), 1, MAIN_ROWS[-1], False)
+        self.assertEqual([run.task.alone for run in last], [False, False, True])
 
     def test_drawn_graphs_have_the_settings_in_which_a_row_differs_from_its_source(self) -> None:
         program = self.root / "program"
