@@ -364,6 +364,34 @@ void add_undo(CLI::App& program, int& exit_code) {
   });
 }
 
+void add_merge(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<MergeArguments>();
+  CLI::App* verb = program.add_subcommand("merge", "merge saved maps into one");
+  verb->footer(
+      "The sessions of all maps but the first are mapped on top of that one from their saved scans, odometry and\n"
+      "fixes: closures, chains, merges and outliers are decided as by `chainslam map DATA --load MAP`, without the\n"
+      "data. The first map is the one with the earliest keyframe (then the one with most keyframes): any order of the\n"
+      "arguments gives the same file. A recording that several maps have, such as maps that were saved from one\n"
+      "another, is taken once, from the map with most of it. Sessions that match nothing stay in frames of their own;\n"
+      "with --set goals.merged=true the exit code is then 5. Takes as long as loop closure took. The maps are not\n"
+      "modified; Ctrl-C saves nothing.");
+  verb->add_option("MAP", arguments->maps, "map files (.cslam), or folders that `chainslam map` wrote: at least two")
+      ->required()
+      ->option_text("MAP MAP ...")
+      ->expected(2, CLI::detail::expected_max_vector_size);
+  verb->add_option("-o,--out", arguments->out, "output map file")->required()->option_text("NEW");
+  verb->add_flag("--overwrite", arguments->overwrite, "if NEW exists, keep it as NEW~1");
+  verb->add_option("--config", arguments->config, "configuration file (TOML); default: the settings of the first map")
+      ->option_text("FILE");
+  verb->add_option("--set", arguments->overrides, "override a setting; can be repeated")
+      ->option_text("KEY=VALUE")
+      ->allow_extra_args(false);
+  verb->add_option("--threads", arguments->threads, "number of threads; default: all cores; does not change the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
 void add_report(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<ReportArguments>();
   CLI::App* verb = program.add_subcommand("report", "write the report of a map again, from the map alone");
@@ -599,6 +627,7 @@ int run_command_line(int argc, const char* const* argv) {
                  verb.c_str(), printable(unknown.empty() ? error.what() : unknown).c_str(), verb.c_str());
     return exit_usage;
   }
+  add_merge(program, exit_code);
 }
 
 }  // namespace chainslam::mapper

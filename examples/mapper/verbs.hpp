@@ -106,6 +106,14 @@ struct UndoArguments {
   int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
 };
 
+struct MergeArguments {
+  std::vector<std::filesystem::path> maps;
+  std::filesystem::path out, config;
+  std::vector<std::string> overrides{};
+  bool overwrite = false;
+  int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+};
+
 struct ReportArguments {
   std::filesystem::path map, out;
   bool overwrite = false;
@@ -160,6 +168,7 @@ int run(const CheckArguments& arguments);
 int run(const RecoverArguments& arguments);
 int run(const UndoArguments& arguments);
 int run(const ReportArguments& arguments);
+int run(const MergeArguments& arguments);
 int run(const ExportArguments& arguments);
 int run(const EvalArguments& arguments);
 int run(const OptimizeArguments& arguments);

@@ -113,6 +113,7 @@
 #include "chainslam/lie/umeyama.hpp"
 #include "chainslam/map/append_map.hpp"
 #include "chainslam/map/frame.hpp"
+#include "chainslam/map/distinct_sessions.hpp"
 #include "chainslam/map/frame_record.hpp"
 #include "chainslam/map/keyframe.hpp"
 #include "chainslam/map/keyframe_scan.hpp"

@@ -305,6 +305,20 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
   cases.push_back({"undo @/loose.cslam --closure 0 --replay --out @/out", 3, "loose.cslam",
                    "no scans, without which nothing can be decided again",
                    "undo without --replay, or give the map that has them"});
+  cases.push_back({"merge @/none @/map.cslam --out @/out", 3, "none", "no such file", "check the path"});
+  cases.push_back(
+      {"merge @/map.cslam --out @/out", 2, "chainslam merge", "At least 2 required", "`chainslam merge --help`"});
+  cases.push_back(
+      {"merge @/map.cslam @/empty.cslam --out @/out", 3, "empty.cslam", "a map without keyframes", "leave it out"});
+  cases.push_back({"merge @/map.cslam @/loose.cslam --out @/out", 3, "loose.cslam",
+                   "no scans, without which its sessions match nothing", "give the map that has them"});
+  cases.push_back({"merge @/map.cslam @/bare.cslam --out @/bare.cslam --overwrite", 4, "bare.cslam",
+                   "one of the maps that are merged", "choose another name: a map is never changed"});
+  cases.push_back({"merge @/strange.cslam @/strange.cslam --out @/out", 3, "strange.cslam",
+                   "a configuration that this version cannot use: parameters, line 1",
+                   "merge with the version of chainslam that made the map, or pass --config"});
+  cases.push_back({"merge @/map.cslam @/bare.cslam --out @/out --set chane.enabled=false", 2,
+                   "--set chane.enabled=false: unknown key", "did you mean", "correct the name"});
   cases.push_back(
       {"report @/empty.cslam --out @/out", 3, "empty.cslam", "a map without keyframes", "give a map that has some"});
   cases.push_back({"report @/none --out @/out", 3, "none", "no such file", "check the path"});
@@ -410,6 +424,7 @@ TEST_SUITE("program/messages") {
     SlamMap loose = random_map(1, 20);  // without scans, and held by nothing
     for (Keyframe& keyframe : loose.keyframes) keyframe.cloud.reset();
     for (Session& session : loose.sessions) session.prior_sqrt_information.setZero();
+    save_map(root / "strange.cslam", random_map(1, 5), {.parameters = "<settings/>\n"});
     save_map(root / "loose.cslam", loose);
     static_cast<void>(run_program(scratch.path(),
                                   "map " + quoted(root / "data") + " --load " + quoted(root / "earlier.cslam") +
