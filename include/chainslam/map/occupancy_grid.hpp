@@ -175,12 +175,15 @@ template <OccupancyModel Model = LogOdds>
   // On whole cells of the frame, so that grids of one frame fit each other, with an empty cell around.
   grid.origin = ((lower / options.resolution).array().floor() - 1).matrix() * options.resolution;
   const Eigen::Vector2d size = (((upper - grid.origin) / options.resolution).array().floor() + 2).matrix();
-  if (!(size.x() * size.y() <= static_cast<double>(options.max_cells)))
+  const double ground_cell = std::max(options.ground_cell, options.resolution);
+  const double ground_cells = ((upper - lower) / ground_cell).array().ceil().prod();  // each takes 8 times the memory
+  if (!(size.prod() <= static_cast<double>(options.max_cells) &&
+        8 * ground_cells <= static_cast<double>(options.max_cells)))
     throw std::length_error("occupancy_grid: more than " + std::to_string(options.max_cells) + " cells");
   grid.width = static_cast<Index>(size.x());
   grid.height = static_cast<Index>(size.y());
   grid.cells.assign(static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height), Model::unknown);
-  GroundHeights ground(lower, upper, options.ground_cell, options.ground_slope);
+  GroundHeights ground(lower, upper, ground_cell, options.ground_slope);
   detail::for_each_placed_scan(map, sessions, options, [&](const Eigen::Vector3d&, const auto& returns) {
     for (const Eigen::Vector3d& point : returns) ground.add(point);
   });
