@@ -123,6 +123,7 @@ struct ExportArguments {
   std::filesystem::path map, out;
   std::string format;
   ExportOptions options;
+  std::vector<double> heights{};                  ///< of the grid, lowest and highest; or the defaults
   std::vector<double> camera{}, T_body_camera{};  ///< width height fx fy cx cy, and x y z qx qy qz qw; or the defaults
 };
 
@@ -167,8 +168,8 @@ int run(const InspectArguments& arguments);
 int run(const CheckArguments& arguments);
 int run(const RecoverArguments& arguments);
 int run(const UndoArguments& arguments);
-int run(const ReportArguments& arguments);
 int run(const MergeArguments& arguments);
+int run(const ReportArguments& arguments);
 int run(const ExportArguments& arguments);
 int run(const EvalArguments& arguments);
 int run(const OptimizeArguments& arguments);

@@ -322,6 +322,13 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
   cases.push_back(
       {"report @/empty.cslam --out @/out", 3, "empty.cslam", "a map without keyframes", "give a map that has some"});
   cases.push_back({"report @/none --out @/out", 3, "none", "no such file", "check the path"});
+  cases.push_back({"export @/wide.cslam --format grid --out @/out", 2, "--resolution: the grid would be too large",
+                   "more than 1000000000 cells", "choose larger cells, or a shorter --range"});
+  cases.push_back({"export @/wide.cslam --format grid --height 2 1 --out @/out", 2, "chainslam export",
+                   "--height: MIN is less than MAX", "`chainslam export --help`"});
+  cases.push_back({"export @/wide.cslam --format las --out @/out", 4, "out, keyframe ",
+                   "a point more than 2147 km from the middle of the map",
+                   "export the map as PLY, which holds any coordinates"});
   cases.push_back({"export @/none --format tum --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back(
       {"export @/map.cslam --format las --out @/out", 2, "chainslam export", "las", "`chainslam export --help`"});
@@ -417,14 +424,17 @@ TEST_SUITE("program/messages") {
     write_keyframes(root / "data", 3, false, 5, 20);
     save_map(root / "map.cslam", random_map(1, 5));
     save_map(root / "earlier.cslam", random_map(1, 5));
+    save_map(root / "strange.cslam", random_map(1, 5), {.parameters = "<settings/>\n"});
     SlamMap bare = random_map(1, 5);
     for (Keyframe& one : bare.keyframes) one.cloud = std::make_shared<const PointCloud<float>>();
     save_map(root / "bare.cslam", bare);
     save_map(root / "empty.cslam", SlamMap());
+    SlamMap wide = random_map(1, 5);
+    wide.keyframes.front().T_map_body = SE3d(SO3d(), {1e7, 1e7, 0});
+    save_map(root / "wide.cslam", wide);
     SlamMap loose = random_map(1, 20);  // without scans, and held by nothing
     for (Keyframe& keyframe : loose.keyframes) keyframe.cloud.reset();
     for (Session& session : loose.sessions) session.prior_sqrt_information.setZero();
-    save_map(root / "strange.cslam", random_map(1, 5), {.parameters = "<settings/>\n"});
     save_map(root / "loose.cslam", loose);
     static_cast<void>(run_program(scratch.path(),
                                   "map " + quoted(root / "data") + " --load " + quoted(root / "earlier.cslam") +
