@@ -331,7 +331,7 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
                    "export the map as PLY, which holds any coordinates"});
   cases.push_back({"export @/none --format tum --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back(
-      {"export @/map.cslam --format las --out @/out", 2, "chainslam export", "las", "`chainslam export --help`"});
+      {"export @/map.cslam --format e57 --out @/out", 2, "chainslam export", "e57", "`chainslam export --help`"});
   const auto camera = [&](const std::string& options, const std::string& found) {
     cases.push_back({"export @/map.cslam --format colmap --out @/out " + options, 2, "chainslam export", found,
                      "`chainslam export --help`"});
