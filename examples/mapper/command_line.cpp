@@ -377,7 +377,7 @@ void add_merge(CLI::App& program, int& exit_code) {
       "modified; Ctrl-C saves nothing.");
   verb->add_option("MAP", arguments->maps, "map files (.cslam), or folders that `chainslam map` wrote: at least two")
       ->required()
-      ->option_text("MAP MAP ...")
+      ->option_text("MAP ...")
       ->expected(2, CLI::detail::expected_max_vector_size);
   verb->add_option("-o,--out", arguments->out, "output map file")->required()->option_text("NEW");
   verb->add_flag("--overwrite", arguments->overwrite, "if NEW exists, keep it as NEW~1");
@@ -451,7 +451,8 @@ void add_export(CLI::App& program, int& exit_code) {
       ->check(CLI::Range(0.01, 10.0))
       ->option_text("SIZE");
   verb->add_option("--height", arguments->heights,
-                   "heights above the local ground between which returns are obstacles for grid; default 0.2 2.0")
+                   "heights above the local ground between which returns are obstacles for grid;\n"
+                   "default 0.2 2.0")
       ->expected(2)
       ->option_text("MIN MAX");
   verb->add_option("--range", grid.max_range, "maximum length of rays for grid, metres; default 40")
