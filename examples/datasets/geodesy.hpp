@@ -1,5 +1,8 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <string>
+
 #include "chainslam/sensor/gnss_fix.hpp"
 
 namespace chainslam::datasets {
@@ -26,5 +29,23 @@ struct GnssDeviation {
 
 /// Where a position lies from another one, metres east, north and up of it.
 [[nodiscard]] Eigen::Vector3d east_north_up(const GeodeticPosition& origin, const GeodeticPosition& position);
+
+/// A zone of the universal transverse Mercator projection on WGS 84.
+struct UtmZone {
+  int number = 31;  ///< 1 to 60
+  bool north = true;
+};
+
+/// The zone in which a place lies. @param ecef  metres, WGS 84's Earth-centred frame
+[[nodiscard]] UtmZone utm_zone(const Eigen::Vector3d& ecef);
+
+/// Easting, northing, and height above the ellipsoid, metres.
+[[nodiscard]] Eigen::Vector3d utm(const UtmZone& zone, const Eigen::Vector3d& ecef);
+
+/// EPSG's code of the projected coordinate system: 32601 to 32660, 32701 to 32760.
+[[nodiscard]] int epsg_of(const UtmZone& zone);
+
+/// The same system in well-known text (OGC 01-009), as EPSG has it.
+[[nodiscard]] std::string wkt_of(const UtmZone& zone);
 
 }  // namespace chainslam::datasets

@@ -364,6 +364,34 @@ void add_undo(CLI::App& program, int& exit_code) {
   });
 }
 
+void add_merge(CLI::App& program, int& exit_code) {
+  const auto arguments = std::make_shared<MergeArguments>();
+  CLI::App* verb = program.add_subcommand("merge", "merge saved maps into one");
+  verb->footer(
+      "The sessions of all maps but the first are mapped on top of that one from their saved scans, odometry and\n"
+      "fixes: closures, chains, merges and outliers are decided as by `chainslam map DATA --load MAP`, without the\n"
+      "data. The first map is the one with the earliest keyframe (then the one with most keyframes): any order of the\n"
+      "arguments gives the same file. A recording that several maps have, such as maps that were saved from one\n"
+      "another, is taken once, from the map with most of it. Sessions that match nothing stay in frames of their own;\n"
+      "with --set goals.merged=true the exit code is then 5. Takes as long as loop closure took. The maps are not\n"
+      "modified; Ctrl-C saves nothing.");
+  verb->add_option("MAP", arguments->maps, "map files (.cslam), or folders that `chainslam map` wrote: at least two")
+      ->required()
+      ->option_text("MAP ...")
+      ->expected(2, CLI::detail::expected_max_vector_size);
+  verb->add_option("-o,--out", arguments->out, "output map file")->required()->option_text("NEW");
+  verb->add_flag("--overwrite", arguments->overwrite, "if NEW exists, keep it as NEW~1");
+  verb->add_option("--config", arguments->config, "configuration file (TOML); default: the settings of the first map")
+      ->option_text("FILE");
+  verb->add_option("--set", arguments->overrides, "override a setting; can be repeated")
+      ->option_text("KEY=VALUE")
+      ->allow_extra_args(false);
+  verb->add_option("--threads", arguments->threads, "number of threads; default: all cores; does not change the result")
+      ->check(CLI::Range(1, 1024))
+      ->option_text("N");
+  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+}
+
 void add_report(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<ReportArguments>();
   CLI::App* verb = program.add_subcommand("report", "write the report of a map again, from the map alone");
@@ -402,20 +430,34 @@ void add_export(CLI::App& program, int& exit_code) {
   const auto arguments = std::make_shared<ExportArguments>();
   CLI::App* verb = program.add_subcommand("export", "export a map to another format");
   verb->footer(
-      "tum, kitti: PATH is a folder with a trajectory for each session and a joint one. g2o, ply, pcd: PATH is a "
-      "file.\n"
+      "tum, kitti: PATH is a folder with a trajectory for each session and a joint one. g2o, ply, pcd, las: PATH is a\n"
+      "file. las: LAS 1.4, UTM coordinates (WGS 84) where GNSS fixes put the map on the Earth, else those of the map;\n"
+      "point source IDs are sessions. grid: an occupancy grid for the map server of ROS, PATH.yaml and PATH.pgm: rays\n"
+      "from the LiDAR to its returns, at heights over the local ground where a robot drives.\n"
       "colmap: PATH is a folder with cameras.txt, images.txt and points3D.txt; a map has no images, so a camera is\n"
       "assumed at each keyframe, with the image SESSION/NANOSECONDS.png.\n"
       "Sessions that were not merged have separate frames: each gets its own joint trajectory, cloud or folder.");
   verb->add_option("MAP", arguments->map, "map file (.cslam)")->required()->option_text(" ");
-  verb->add_option("--format", arguments->format, "tum, kitti, g2o, ply, pcd or colmap")
+  verb->add_option("--format", arguments->format, "tum, kitti, g2o, ply, pcd, las, grid or colmap")
       ->required()
-      ->check(one_of({"tum", "kitti", "g2o", "ply", "pcd", "colmap"}))
+      ->check(one_of({"tum", "kitti", "g2o", "ply", "pcd", "las", "grid", "colmap"}))
       ->option_text("FORMAT");
   verb->add_option("--out", arguments->out, "output folder or file")->required()->option_text("PATH");
   verb->add_option("--voxel", arguments->options.voxel_size, "voxel size of clouds, metres; 0: all points; default 0.2")
       ->check(CLI::Range(0.0, 10.0))
       ->option_text("SIZE");
+  OccupancyGridOptions& grid = arguments->options.grid;
+  verb->add_option("--resolution", grid.resolution, "cell size of grid, metres; default 0.1")
+      ->check(CLI::Range(0.01, 10.0))
+      ->option_text("SIZE");
+  verb->add_option("--height", arguments->heights,
+                   "heights above the local ground between which returns are obstacles for grid;\n"
+                   "default 0.2 2.0")
+      ->expected(2)
+      ->option_text("MIN MAX");
+  verb->add_option("--range", grid.max_range, "maximum length of rays for grid, metres; default 40")
+      ->check(CLI::Range(1.0, 1000.0))
+      ->option_text("METRES");
   verb->add_option("--camera", arguments->camera,
                    "camera of colmap: pixels, no distortion; default 1280 720 640 640 640 360, 90 degrees wide")
       ->expected(6)
@@ -428,6 +470,11 @@ void add_export(CLI::App& program, int& exit_code) {
   verb->add_flag("--overwrite", arguments->options.overwrite, "if PATH exists, keep it as PATH~1");
   verb->callback([arguments, &exit_code] {
     set_camera(*arguments, arguments->options.colmap);
+    if (const auto& heights = arguments->heights; !heights.empty()) {
+      if (!(heights[0] < heights[1])) throw CLI::ValidationError("--height", "MIN is less than MAX");
+      arguments->options.grid.min_height = heights[0];
+      arguments->options.grid.max_height = heights[1];
+    }
     exit_code = run(*arguments);
   });
 }
@@ -581,6 +628,7 @@ int run_command_line(int argc, const char* const* argv) {
   add_check(program, exit_code);
   add_recover(program, exit_code);
   add_undo(program, exit_code);
+  add_merge(program, exit_code);
   add_report(program, exit_code);
   add_export(program, exit_code);
   add_eval(program, exit_code);

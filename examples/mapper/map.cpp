@@ -70,7 +70,7 @@ struct SavedMaps {
 SavedMaps load_maps(const MapArguments& arguments, std::uint64_t max_memory, const std::shared_ptr<ScanCache>& scans) {
   SavedMaps saved;
   for (const fs::path& given : arguments.maps) {
-    const fs::path path = fs::is_directory(given) ? given / map_name : given;
+    const fs::path path = map_path(given);
     saved.maps.push_back(open_map(path, {.max_memory = max_memory, .scan_cache = scans}).map);
     saved.references.push_back({fs::absolute(path).string(), content_of(path)});
   }

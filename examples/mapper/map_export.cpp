@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <numeric>
+#include <stdexcept>
 #include <string>
 
 #include "chainslam/cloud/transform.hpp"
@@ -15,7 +16,9 @@
 #include "chainslam/io/tum.hpp"
 #include "exit_code.hpp"
 #include "frame_table.hpp"
+#include "grid_export.hpp"
 #include "output.hpp"
+#include "support/configuration.hpp"
 
 namespace chainslam::mapper {
 
@@ -125,6 +128,54 @@ int export_clouds(const SlamMap& map, const fs::path& out, const ExportOptions& 
   return output.exit_code(exit_good);
 }
 
+int export_las(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+  const std::vector<FrameGroup> groups = frames_of(map);
+  Output output(options.overwrite);
+  for (const FrameGroup& group : groups) {
+    const fs::path path = path_of(group, groups.size(), out);
+    std::vector<std::string> account;
+    if (!output.file(path, [&](const FileTarget& target) {
+          account = write_las(target, map, group.sessions, {options.voxel_size, options.earth});
+        }))
+      continue;
+    print_written(path);
+    for (const std::string& line : account) std::printf("%s\n", line.c_str());
+  }
+  return output.exit_code(exit_good);
+}
+
+OccupancyGrid<> grid_of(const SlamMap& map, const FrameGroup& group, const OccupancyGridOptions& options) {
+  try {
+    return occupancy_grid(map, group.sessions, options);
+  } catch (const std::length_error&) {
+    throw support::ConfigError("--resolution", "the grid would be too large",
+                               "more than " + std::to_string(options.max_cells) + " cells",
+                               "choose larger cells, or a shorter --range");
+  }
+}
+
+int export_grids(const SlamMap& map, const fs::path& out, const ExportOptions& options) {
+  const std::vector<FrameGroup> groups = frames_of(map);
+  Output output(options.overwrite);
+  for (const FrameGroup& group : groups) {
+    const GridFiles files = grid_files(path_of(group, groups.size(), out));
+    for (const fs::path& file : {files.image, files.yaml}) require_free(file, options.overwrite);
+    const OccupancyGrid<> grid = grid_of(map, group, options.grid);
+    if (grid.cells.empty()) {
+      std::fprintf(stderr, "note: no grid for frame %d: none of its scans has a return in range\n", group.frame.value);
+      continue;
+    }
+    const bool written = output.file(files.image, [&](const FileTarget& target) { write_grid_image(target, grid); }) &&
+                         output.file(files.yaml, [&](const FileTarget& target) {
+                           write_grid_yaml(target, grid, files.image.filename().native());
+                         });
+    if (!written) continue;
+    print_written(files.yaml);
+    std::printf("grid         %d x %d cells of %g m\n", grid.width, grid.height, grid.resolution);
+  }
+  return output.exit_code(exit_good);
+}
+
 }  // namespace
 
 std::vector<FrameGroup> frames_of(const SlamMap& map) {
@@ -184,6 +235,10 @@ int export_map(const SlamMap& map, const fs::path& out, const ExportOptions& opt
     case ExportFormat::ply:
     case ExportFormat::pcd:
       return export_clouds(map, out, options);
+    case ExportFormat::las:
+      return export_las(map, out, options);
+    case ExportFormat::grid:
+      return export_grids(map, out, options);
     case ExportFormat::colmap:
       return export_colmap(map, out, options);
   }

@@ -4,19 +4,23 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/map/occupancy_grid.hpp"
 #include "chainslam/map/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "colmap_export.hpp"
+#include "las_export.hpp"
 
 namespace chainslam::mapper {
 
-enum class ExportFormat { tum, kitti, g2o, ply, pcd, colmap };
+enum class ExportFormat { tum, kitti, g2o, ply, pcd, las, grid, colmap };
 
 struct ExportOptions {
   ExportFormat format = ExportFormat::tum;
   double voxel_size = 0.2;  ///< metres, of clouds; 0 keeps all points
   bool overwrite = false;
   ColmapExport colmap{};
+  OccupancyGridOptions grid{};
+  GnssFactorOptions earth{};  ///< of las: how fixes put the map on the Earth
 };
 
 /// Sessions that share a frame: those that were merged. `frame` is the session whose start defines it.
@@ -40,6 +44,8 @@ struct FrameGroup {
 ///   and `frames.csv` with the health of every frame if the map has them
 /// - g2o: keyframes, odometry and closures with their information; the first keyframe of each frame is fixed
 /// - ply, pcd: all scans, thinned, in one file
+/// - las: all scans, downsampled, georeferenced where fixes allow it
+/// - grid: an occupancy grid for ROS's map server, NAME.yaml and NAME.pgm
 /// - colmap: a folder with `cameras.txt`, `images.txt` and `points3D.txt`: all of them or none
 /// Where sessions were not merged, each frame has a file or model of its own, `..._frame_N`, but for g2o's.
 /// What cannot be written is reported, and the rest is written.

@@ -11,6 +11,9 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/detail/input_stream.hpp"
 #include "chainslam/io/map_archive.hpp"
+#include "map_export.hpp"
+#include "support/report_data.hpp"
+#include "unfinished_run.hpp"
 
 namespace chainslam::mapper {
 
@@ -33,6 +36,8 @@ bool is_map_file(const fs::path& path) {
   auto file = detail::input_stream(path);
   return file.read(begin.data(), static_cast<std::streamsize>(begin.size())) && begin == mark;
 }
+
+fs::path map_path(const fs::path& given) { return fs::is_directory(given) ? given / map_name : given; }
 
 std::uint64_t machine_memory() {
   const long pages = ::sysconf(_SC_PHYS_PAGES), page_bytes = ::sysconf(_SC_PAGESIZE);
@@ -86,6 +91,37 @@ std::string short_account(const SlamMap& map) {
     }
   return how_many(map.sessions.size(), "session") + ", " + how_many(map.keyframes.size(), "keyframe") + ", " +
          how_many(scans, "scan") + " of " + how_many(points, "point") + ", " + how_many(map.closures.size(), "closure");
+}
+
+std::string sessions_account(const SlamMap& map) {
+  const std::vector<FrameGroup> groups = frames_of(map);
+  std::string text = std::to_string(map.sessions.size()) + " in " + how_many(groups.size(), "frame");
+  for (std::size_t i = 0; groups.size() > 1 && i < groups.size(); ++i) {
+    std::string names;
+    for (const SessionId id : groups[i].sessions) names += (names.empty() ? "" : ", ") + std::to_string(id.value);
+    text += (i == 0 ? ": " : " | ") + names;
+  }
+  return text;
+}
+
+std::string closures_account(const SlamMap& map) {
+  std::string text;
+  for (const ClosureKind kind : support::closure_kinds)
+    text += (text.empty() ? "" : ", ") + std::to_string(std::ranges::count(map.closures, kind, &LoopClosure::kind)) +
+            " " + support::name_of(kind);
+  return text;
+}
+
+std::vector<std::string> replay_notes(const LoadedMap& loaded) {
+  std::vector<std::string> notes;
+  const bool untold = std::ranges::any_of(loaded.map.keyframes, [](const Keyframe& keyframe) {
+    return keyframe.gnss && !keyframe.gnss_arrival.after.valid();
+  });
+  if (untold && loaded.report.format_minor < 4)
+    notes.emplace_back(
+        "a map of format 1.3 or before does not say when GNSS fixes came: they are given with their keyframes, so "
+        "merges may come about earlier than in the run");
+  return notes;
 }
 
 }  // namespace chainslam::mapper

@@ -51,13 +51,15 @@ class MeteredBackEnd {
   void begin_session(std::string name) { back_end_.begin_session(std::move(name)); }
 
   template <Executor E>
-  void add(Keyframe keyframe, const E& executor) {
+  KeyframeId add(Keyframe keyframe, const E& executor) {
     const Index before = back_end_.counts().alignments;
-    measured([&] { back_end_.add(std::move(keyframe), executor); });
+    KeyframeId id;
+    measured([&] { id = back_end_.add(std::move(keyframe), executor); });
     figures_.keyframe_seconds.push_back(seconds_);
     figures_.keyframe_alignments.push_back(back_end_.counts().alignments - before);
     run_.times.add("back end", seconds_);
     publish();
+    return id;
   }
   /// A fix may join two sessions: that work counts to the keyframe before it.
   template <Executor E>
@@ -246,6 +248,29 @@ std::optional<std::string> spacing_note(const ChainOptions& chain, const BackEnd
   return text;
 }
 
+/// Gives a back end sessions again, and shows how far that is.
+std::shared_ptr<const SlamMap> replay_all(MapperBackEnd& back_end, std::span<const ReplayedSession> sessions,
+                                          const char* stage, const MappingRun& run) {
+  const auto session_of = [](const ReplayedSession& one) -> const Session& {
+    return one.map->sessions[static_cast<std::size_t>(one.session.value)];
+  };
+  const ThreadPool threads(run.threads);
+  MeteredBackEnd metered(back_end, run);
+  support::ProgressState state{.stage = stage};
+  for (const ReplayedSession& one : sessions) state.total += session_of(one).keyframes;
+  for (const ReplayedSession& one : sessions)
+    replay(*one.map, session_of(one), metered, threads, [&](KeyframeId) {
+      ++state.done;
+      state.keyframes = metered.keyframes();
+      state.direct_closures = metered.direct_closures();
+      state.chained_closures = metered.chained_closures();
+      run.progress.update(state);
+    });
+  auto replayed = back_end.release();
+  run.progress.finish();
+  return replayed;
+}
+
 }  // namespace
 
 bool memory_is_full(const MappingRun& run) { return run.max_memory > 0 && support::current_memory() > run.max_memory; }
@@ -306,20 +331,17 @@ std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::vect
 }
 
 std::shared_ptr<const SlamMap> map_again(const SlamMap& map, const UndoneClosures& undone, const MappingRun& run) {
+  std::vector<ReplayedSession> sessions;
+  for (const Session& session : map.sessions) sessions.push_back({&map, session.id});
   MapperBackEnd back_end = make_back_end(run.options.back_end, undone);
-  const ThreadPool threads(run.threads);
-  MeteredBackEnd metered(back_end, run);
-  support::ProgressState state{.stage = "deciding again", .total = to_index(map.keyframes.size())};
-  replay(map, metered, threads, [&](KeyframeId) {
-    ++state.done;
-    state.keyframes = metered.keyframes();
-    state.direct_closures = metered.direct_closures();
-    state.chained_closures = metered.chained_closures();
-    run.progress.update(state);
-  });
-  auto replayed = back_end.finish();
-  run.progress.finish();
-  return replayed;
+  return replay_all(back_end, sessions, "deciding again", run);
+}
+
+std::shared_ptr<const SlamMap> map_onto(const SlamMap& first, std::span<const ReplayedSession> sessions,
+                                        const MappingRun& run) {
+  MapperBackEnd back_end = make_back_end(run.options.back_end);
+  if (!first.sessions.empty()) back_end.load(first);
+  return replay_all(back_end, sessions, "merging", run);
 }
 
 ConvergeReport optimize_map(SlamMap& map, const BackEndParts& parts) {

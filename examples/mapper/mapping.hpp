@@ -52,6 +52,18 @@ struct MappingRun {
 [[nodiscard]] std::shared_ptr<const SlamMap> map_again(const SlamMap& map, const UndoneClosures& undone,
                                                        const MappingRun& run);
 
+/// A session of a saved map that a back end is given again.
+struct ReplayedSession {
+  const SlamMap* map;
+  SessionId session;
+};
+
+/// Maps sessions of saved maps on top of a first one, which may be empty: closures, chains and merges are decided as in
+/// `run_mapping`. @returns the map that a run which loads the first and maps these sessions' data would have, bit for
+/// bit, if they were mapped with these settings.
+[[nodiscard]] std::shared_ptr<const SlamMap> map_onto(const SlamMap& first, std::span<const ReplayedSession> sessions,
+                                                      const MappingRun& run);
+
 /// Brings a map to the exact optimum of its measurements, without trying a scan. @returns how that ended.
 [[nodiscard]] ConvergeReport optimize_map(SlamMap& map, const BackEndParts& parts);
 

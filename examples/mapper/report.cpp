@@ -17,7 +17,6 @@
 #include "saved_settings.hpp"
 #include "support/frame_health.hpp"
 #include "support/progress.hpp"
-#include "unfinished_run.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {
@@ -71,7 +70,7 @@ MapperOptions without_truth(MapperOptions options) {
 }  // namespace
 
 int run(const ReportArguments& arguments) {
-  const fs::path source = fs::is_directory(arguments.map) ? arguments.map / map_name : arguments.map;
+  const fs::path source = map_path(arguments.map);
   const EndOnInterrupt interrupt;
   OutputFolder folder(arguments.out, arguments.overwrite);
   support::Progress progress;

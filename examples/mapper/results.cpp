@@ -8,8 +8,6 @@
 #include <span>
 #include <utility>
 
-#include "chainslam/cloud/cell_set.hpp"
-#include "chainslam/cloud/transform.hpp"
 #include "chainslam/evaluation/ape.hpp"
 #include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/io/atomic_file.hpp"
@@ -20,6 +18,7 @@
 #include "chainslam/slam/corrected_trajectory.hpp"
 #include "chainslam/trajectory/association.hpp"
 #include "frame_table.hpp"
+#include "placed_points.hpp"
 #include "run_summary.hpp"
 #include "support/report_data.hpp"
 
@@ -152,16 +151,14 @@ void take_errors(RunOutcome& outcome) {
 
 /// All scans of the sessions that lie in one frame: the first point of each voxel, so that memory holds no more.
 void write_map(const FileTarget& target, const SlamMap& map, SessionId frame, double voxel_size) {
-  const double inverse_size = 1.0 / voxel_size;
+  std::vector<SessionId> sessions;
+  for (const Session& session : map.sessions)
+    if (session.frame == frame) sessions.push_back(session.id);
   PointCloud<float> points;
-  CellSet occupied;
-  for (const Keyframe& keyframe : map.keyframes) {
-    if (!keyframe.cloud || map.sessions[static_cast<std::size_t>(keyframe.session.value)].frame != frame) continue;
-    const PointCloud<float> placed = transformed(keyframe.cloud.load()->positions, keyframe.T_map_body);
-    for (const Eigen::Vector3f& p : placed.positions)
-      if (const auto cell = cell_of(p.cast<double>() * inverse_size); cell && occupied.insert(*cell))
-        points.positions.push_back(p);
-  }
+  for_each_placed_point(map, sessions, voxel_size,
+                        [&](const Keyframe&, const PointCloud<float>&, std::size_t, const Eigen::Vector3f& p) {
+                          points.positions.push_back(p);
+                        });
   write_ply(target, points);
 }
 

@@ -18,7 +18,8 @@ std::string some_of(const std::vector<std::string>& names) {
 
 }  // namespace
 
-SavedSettings saved_settings(const std::string& stated, const std::filesystem::path& file, const std::string& remedy) {
+SavedSettings saved_settings(const std::string& stated, const std::filesystem::path& file, const std::string& remedy,
+                             const std::vector<std::string>& overrides) {
   SavedSettings settings{.options = {}, .text = stated, .notes = {}};
   support::Configuration configuration = make_configuration(settings.options);
   std::vector<std::string> left_out;
@@ -31,6 +32,11 @@ SavedSettings saved_settings(const std::string& stated, const std::filesystem::p
                       "a configuration that this version cannot use: " + problem.substr(0, problem.find('\n')), remedy);
   }
   const std::vector<std::string> defaults = configuration.unassigned();
+  if (!overrides.empty()) {
+    for (const std::string& assignment : overrides) configuration.set(assignment);
+    configuration.apply();
+    settings.text = configuration_text(settings.options);
+  }
   if (left_out.empty() && defaults.empty()) return settings;
   settings.text = configuration_text(settings.options);
   settings.notes.emplace_back("another version of chainslam began this run: its own map may have differed");

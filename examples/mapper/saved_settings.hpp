@@ -15,10 +15,11 @@ struct SavedSettings {
   std::vector<std::string> notes;  ///< what this version does not have, and what it has beside
 };
 
-/// @param stated  the parameters' text of `file`
-/// @param remedy  what to do where this version cannot use it
-/// @throws IoError of kind input for values that this version refuses.
+/// @param stated     the parameters' text of `file`
+/// @param remedy     what to do where this version cannot use it
+/// @param overrides  assignments of the command line
+/// @throws IoError of kind input for values that this version refuses; support::ConfigError for overrides.
 [[nodiscard]] SavedSettings saved_settings(const std::string& stated, const std::filesystem::path& file,
-                                           const std::string& remedy);
+                                           const std::string& remedy, const std::vector<std::string>& overrides = {});
 
 }  // namespace chainslam::mapper

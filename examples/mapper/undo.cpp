@@ -24,7 +24,6 @@
 #include "support/progress.hpp"
 #include "support/report_data.hpp"
 #include "support/statistics.hpp"
-#include "unfinished_run.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {
@@ -91,14 +90,6 @@ UndoRequest request_of(const UndoArguments& arguments, const SlamMap& map) {
   return request;
 }
 
-std::string closures_by_kind(const SlamMap& map) {
-  std::string text;
-  for (const ClosureKind kind : support::closure_kinds)
-    text += (text.empty() ? "" : ", ") + std::to_string(std::ranges::count(map.closures, kind, &LoopClosure::kind)) +
-            " " + support::name_of(kind);
-  return text;
-}
-
 void require_optimum(const ConvergeReport& report, const fs::path& map) {
   if (report.ok()) return;
   throw_input_error(map.string(), "",
@@ -107,36 +98,10 @@ void require_optimum(const ConvergeReport& report, const fs::path& map) {
                     "pass --replay: that decides again from the scans");
 }
 
-/// What the user should know of a replay from this map.
-std::vector<std::string> replay_notes(const LoadedMap& loaded) {
-  std::vector<std::string> notes;
-  const bool untold = std::ranges::any_of(loaded.map.keyframes, [](const Keyframe& keyframe) {
-    return keyframe.gnss && !keyframe.gnss_arrival.after.valid();
-  });
-  if (untold && loaded.report.format_minor < 4)
-    notes.emplace_back(
-        "a map of format 1.3 or before does not say when GNSS fixes came: they are given with their keyframes, so "
-        "merges may come about earlier than in the run");
-  return notes;
-}
-
-void print_frames(const SlamMap& before, const SlamMap& map) {
-  const std::vector<FrameGroup> groups = frames_of(map);
-  std::printf("sessions     %zu in %zu frame%s", map.sessions.size(), groups.size(), groups.size() == 1 ? "" : "s");
-  for (std::size_t i = 0; groups.size() > 1 && i < groups.size(); ++i) {
-    std::string names;
-    for (const SessionId id : groups[i].sessions) names += (names.empty() ? "" : ", ") + std::to_string(id.value);
-    std::printf("%s%s", i == 0 ? ": " : " | ", names.c_str());
-  }
-  std::printf("\n");
-  if (groups.size() > frames_of(before).size())
-    std::printf("note         the map has more frames than before: nothing that remains connects them\n");
-}
-
 }  // namespace
 
 int run(const UndoArguments& arguments) {
-  const fs::path source = fs::is_directory(arguments.map) ? arguments.map / map_name : arguments.map;
+  const fs::path source = map_path(arguments.map);
   std::error_code ignored;
   if (fs::equivalent(source, arguments.out, ignored))
     throw_output_error(arguments.out.string(), "", "the map itself", "choose another name: a map is never changed");
@@ -175,8 +140,10 @@ int run(const UndoArguments& arguments) {
   std::printf("removed      %zu of %zu sessions with %d keyframes; %d of %zu closures%s\n", request.sessions.size(),
               before.sessions.size(), undone.removed_keyframes, undone.removed_closures, before.closures.size(),
               arguments.replay ? "" : ", descendants included");
-  print_frames(before, loaded.map);
-  std::printf("closures     %s\nsaved        %s\nwritten      %s\n", closures_by_kind(loaded.map).c_str(),
+  std::printf("sessions     %s\n", sessions_account(loaded.map).c_str());
+  if (frames_of(loaded.map).size() > frames_of(before).size())
+    std::printf("note         the map has more frames than before: nothing that remains connects them\n");
+  std::printf("closures     %s\nsaved        %s\nwritten      %s\n", closures_account(loaded.map).c_str(),
               short_account(loaded.map).c_str(), printable(arguments.out.native()).c_str());
   return exit_good;
 }

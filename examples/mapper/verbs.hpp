@@ -106,6 +106,14 @@ struct UndoArguments {
   int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
 };
 
+struct MergeArguments {
+  std::vector<std::filesystem::path> maps;
+  std::filesystem::path out, config;
+  std::vector<std::string> overrides{};
+  bool overwrite = false;
+  int threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+};
+
 struct ReportArguments {
   std::filesystem::path map, out;
   bool overwrite = false;
@@ -115,6 +123,7 @@ struct ExportArguments {
   std::filesystem::path map, out;
   std::string format;
   ExportOptions options;
+  std::vector<double> heights{};                  ///< of the grid, lowest and highest; or the defaults
   std::vector<double> camera{}, T_body_camera{};  ///< width height fx fy cx cy, and x y z qx qy qz qw; or the defaults
 };
 
@@ -159,6 +168,7 @@ int run(const InspectArguments& arguments);
 int run(const CheckArguments& arguments);
 int run(const RecoverArguments& arguments);
 int run(const UndoArguments& arguments);
+int run(const MergeArguments& arguments);
 int run(const ReportArguments& arguments);
 int run(const ExportArguments& arguments);
 int run(const EvalArguments& arguments);

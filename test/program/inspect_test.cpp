@@ -167,7 +167,7 @@ TEST_SUITE("program/inspect") {
     CHECK(contains(complaint("map x --oot y"), "found: unknown option '--oot'; did you mean '--out'?\n"));
     CHECK(contains(complaint("map x --outt=y"), "did you mean '--out'?"));
     CHECK(contains(complaint("export a --format pdc --out b"),
-                   "--format: 'pdc' is none of tum|kitti|g2o|ply|pcd|colmap; did you mean 'pcd'?\n"));
+                   "--format: 'pdc' is none of tum|kitti|g2o|ply|pcd|las|grid|colmap; did you mean 'pcd'?\n"));
     CHECK(contains(complaint("eval a b --align sim2"), "'sim2' is none of none|origin|se3|sim3; did you mean 'sim3'?"));
     CHECK(contains(complaint("simulate twon --out x"), "found: twon; did you mean 'town'?\n"));
     CHECK(contains(complaint("simulate nclt-hard --without lazer-angles --out x"), "did you mean 'laser-angles'?"));

@@ -135,6 +135,7 @@ TEST_SUITE("program/interrupts") {
                                                          {"check", in},
                                                          {"recover", in, "--out", out},
                                                          {"undo", in, "--session", "0", "--out", out},
+                                                         {"merge", in, in, "--out", out},
                                                          {"report", in, "--out", out},
                                                          {"export", in, "--format", "tum", "--out", out},
                                                          {"eval", tum, in},
@@ -173,6 +174,7 @@ TEST_SUITE("program/interrupts") {
         {{"export", map.string(), "--format", "g2o", "--out", result.string()}, "write:result:-2:0"},
         {{"recover", map.string(), "--out", result.string()}, "write:result:-2:0"},
         {{"undo", map.string(), "--session", "0", "--out", result.string()}, "write:result:-2:0"},
+        {{"merge", map.string(), map.string(), "--out", result.string()}, "write:result:-2:0"},
         {{"report", map.string(), "--out", result.string()}, "sync:map.ply:-2:0"}};
     for (const auto& one : verbs) {
       const std::string& fault = one.second;
@@ -188,9 +190,9 @@ TEST_SUITE("program/interrupts") {
       REQUIRE(code);
       CHECK(*code == 130);
       // The signal also ends the wait: what took that moment to become whole may stay, whole.
-      if ((one.first.front() == "recover" || one.first.front() == "undo") && fs::exists(result)) {
-        CHECK((load_map(result).map.keyframes.size() == load_map(map).map.keyframes.size()) ==
-              (one.first.front() == "recover"));
+      if (const std::string& verb = one.first.front();
+          (verb == "recover" || verb == "undo" || verb == "merge") && fs::exists(result)) {
+        CHECK((load_map(result).map.keyframes.size() == load_map(map).map.keyframes.size()) == (verb != "undo"));
         fs::remove(result);
       }
       CHECK(names_in(root) == std::set<std::string>{"a.cslam", "errors"});

@@ -34,10 +34,11 @@ inline std::vector<Eigen::Vector3f> walled_place(Rng& rng, int points_of_a_wall)
 /// Writes a data set of keyframes with recorded odometry: one and a third rounds of the circle, with odometry that
 /// drifts, so that loops close. Mapping it takes the back end alone. @param gnss  whether each keyframe has a fix.
 /// @param spacing  of the keyframes in time, seconds.
+/// @param place_seed  another one has other walls.
 inline void write_keyframes(const fs::path& folder, int count, bool gnss = false, std::uint64_t seed = 5,
-                            int points_of_a_wall = 250, double spacing = 1.5) {
+                            int points_of_a_wall = 250, double spacing = 1.5, std::uint64_t place_seed = 1) {
   fs::create_directories(folder / "Scans");
-  Rng rng(1);
+  Rng rng(place_seed);
   const std::vector<Eigen::Vector3f> place = walled_place(rng, points_of_a_wall);
   Rng drift(seed);
   Trajectory odometry;

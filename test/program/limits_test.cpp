@@ -212,7 +212,7 @@ TEST_SUITE("program/limits") {
     for (const char* arguments :
          {"", "mpa x", "map", "map x --out", "map x --out y --threads 0", "map x --out y --no-such",
           "map x --out y --max-memory much", "eval a", "eval a b c", "eval a b --align round",
-          "eval a b --delta 3miles", "export m --format las --out x", "optimize", "recover m", "config",
+          "eval a b --delta 3miles", "export m --format e57 --out x", "optimize", "recover m", "config",
           "simulate nowhere --out y", "simulate --out y", "simulate town --sessions 9 --out y"}) {
       CAPTURE(arguments);
       const ProgramResult result = run_program(scratch.path(), arguments);

@@ -305,12 +305,33 @@ void add_verbs(std::vector<ProgramMessage>& cases) {
   cases.push_back({"undo @/loose.cslam --closure 0 --replay --out @/out", 3, "loose.cslam",
                    "no scans, without which nothing can be decided again",
                    "undo without --replay, or give the map that has them"});
+  cases.push_back({"merge @/none @/map.cslam --out @/out", 3, "none", "no such file", "check the path"});
+  cases.push_back(
+      {"merge @/map.cslam --out @/out", 2, "chainslam merge", "At least 2 required", "`chainslam merge --help`"});
+  cases.push_back(
+      {"merge @/map.cslam @/empty.cslam --out @/out", 3, "empty.cslam", "a map without keyframes", "leave it out"});
+  cases.push_back({"merge @/map.cslam @/loose.cslam --out @/out", 3, "loose.cslam",
+                   "no scans, without which its sessions match nothing", "give the map that has them"});
+  cases.push_back({"merge @/map.cslam @/bare.cslam --out @/bare.cslam --overwrite", 4, "bare.cslam",
+                   "one of the maps that are merged", "choose another name: a map is never changed"});
+  cases.push_back({"merge @/strange.cslam @/strange.cslam --out @/out", 3, "strange.cslam",
+                   "a configuration that this version cannot use: parameters, line 1",
+                   "merge with the version of chainslam that made the map, or pass --config"});
+  cases.push_back({"merge @/map.cslam @/bare.cslam --out @/out --set chane.enabled=false", 2,
+                   "--set chane.enabled=false: unknown key", "did you mean", "correct the name"});
   cases.push_back(
       {"report @/empty.cslam --out @/out", 3, "empty.cslam", "a map without keyframes", "give a map that has some"});
   cases.push_back({"report @/none --out @/out", 3, "none", "no such file", "check the path"});
+  cases.push_back({"export @/wide.cslam --format grid --out @/out", 2, "--resolution: the grid would be too large",
+                   "more than 1000000000 cells", "choose larger cells, or a shorter --range"});
+  cases.push_back({"export @/wide.cslam --format grid --height 2 1 --out @/out", 2, "chainslam export",
+                   "--height: MIN is less than MAX", "`chainslam export --help`"});
+  cases.push_back({"export @/wide.cslam --format las --out @/out", 4, "out, keyframe ",
+                   "a point more than 2147 km from the middle of the map",
+                   "export the map as PLY, which holds any coordinates"});
   cases.push_back({"export @/none --format tum --out @/out", 3, "none", "no such file", "check the path"});
   cases.push_back(
-      {"export @/map.cslam --format las --out @/out", 2, "chainslam export", "las", "`chainslam export --help`"});
+      {"export @/map.cslam --format e57 --out @/out", 2, "chainslam export", "e57", "`chainslam export --help`"});
   const auto camera = [&](const std::string& options, const std::string& found) {
     cases.push_back({"export @/map.cslam --format colmap --out @/out " + options, 2, "chainslam export", found,
                      "`chainslam export --help`"});
@@ -403,10 +424,14 @@ TEST_SUITE("program/messages") {
     write_keyframes(root / "data", 3, false, 5, 20);
     save_map(root / "map.cslam", random_map(1, 5));
     save_map(root / "earlier.cslam", random_map(1, 5));
+    save_map(root / "strange.cslam", random_map(1, 5), {.parameters = "<settings/>\n"});
     SlamMap bare = random_map(1, 5);
     for (Keyframe& one : bare.keyframes) one.cloud = std::make_shared<const PointCloud<float>>();
     save_map(root / "bare.cslam", bare);
     save_map(root / "empty.cslam", SlamMap());
+    SlamMap wide = random_map(1, 5);
+    wide.keyframes.front().T_map_body = SE3d(SO3d(), {1e7, 1e7, 0});
+    save_map(root / "wide.cslam", wide);
     SlamMap loose = random_map(1, 20);  // without scans, and held by nothing
     for (Keyframe& keyframe : loose.keyframes) keyframe.cloud.reset();
     for (Session& session : loose.sessions) session.prior_sqrt_information.setZero();

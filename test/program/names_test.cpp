@@ -43,6 +43,7 @@ TEST_SUITE("program/names") {
         "check " + map,
         "undo " + map + " --session 0 -o " + quoted(out / ("u" + evil)),
         "undo " + map + " --session '" + evil + "' -o " + quoted(root / "u"),
+        "merge " + map + " " + map + " -o " + quoted(root / ("m" + evil)),
         "report " + map + " --out " + quoted(root / ("report" + evil)),
         "check " + none,
         "recover " + map + " --out " + quoted(out / ("r" + evil)),

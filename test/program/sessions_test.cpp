@@ -18,6 +18,7 @@
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "program/run_program.hpp"
+#include "program/sessions.hpp"
 #include "support/real_data.hpp"
 
 #include <doctest/doctest.h>
@@ -97,30 +98,6 @@ void add_fixes(const fs::path& source, const fs::path& folder, const SE3d& T_ref
   write_text(folder / "gnss.txt", text);
 }
 
-SE3d read_matrix(const fs::path& path) {
-  std::ifstream file(path);
-  Eigen::Matrix4d matrix;
-  for (Eigen::Index row = 0; row < 4; ++row)
-    for (Eigen::Index column = 0; column < 4; ++column) file >> matrix(row, column);
-  REQUIRE(static_cast<bool>(file));
-  return SE3d::from_matrix(matrix);
-}
-
-/// Fits a session's keyframes to the reference's poses of it, positions and attitudes: what is fitted are the corners
-/// of a tripod of 10 m at each pose. @returns T_map_reference.
-SE3d fitted(const SlamMap& map, std::size_t session, const std::vector<SE3d>& reference) {
-  std::vector<Eigen::Vector3d> source, target;
-  for (Index i = 0; i < map.sessions[session].keyframes; ++i)
-    for (const Eigen::Vector3d& corner :
-         {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(10, 0, 0), Eigen::Vector3d(0, 10, 0), Eigen::Vector3d(0, 0, 10)}) {
-      source.push_back(reference[static_cast<std::size_t>(i)] * corner);
-      target.push_back(map.keyframes[static_cast<std::size_t>(map.sessions[session].first_keyframe + i)].T_map_body *
-                       corner);
-    }
-  const Sim3d fit = umeyama(source, target, false).value();
-  return SE3d(fit.rotation(), fit.translation());
-}
-
 PointCloud<float> points_of(const SlamMap& map, std::size_t session) {
   PointCloud<float> points;
   for (const Keyframe& keyframe : map.keyframes) {
@@ -139,8 +116,6 @@ SE3d misalignment(const SlamMap& map) {
   const Icp<PointToPlane, GemanMcClure> icp{.max_iterations = 100, .max_distance = 0.5, .kernel = {.width = 0.2}};
   return icp.align(points_of(map, 1), target, SE3d()).T_target_source;
 }
-
-double in_degrees(const SE3d& T) { return T.rotation().log().norm() * 180 / std::numbers::pi; }
 
 /// Mean distance, metres, from one session's points to the other's nearest, where both have seen something.
 double thickness(const SlamMap& map) {

@@ -11,6 +11,7 @@
 #include "io/maps.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"
+#include "program/sessions.hpp"
 #include "support/real_data.hpp"
 
 namespace {
@@ -53,11 +54,6 @@ Index number_of(const SlamMap& map, ClosureKind kind) {
   });
   REQUIRE(found != map.closures.end());
   return static_cast<Index>(found - map.closures.begin());
-}
-
-std::size_t frame_count(const SlamMap& map) {
-  return static_cast<std::size_t>(
-      std::ranges::count_if(map.sessions, [](const Session& session) { return session.frame == session.id; }));
 }
 
 }  // namespace

@@ -29,12 +29,12 @@ class ReplayedFixes {
       if (!keyframe.gnss || !arrival.after.valid()) continue;
       if (newest < arrival.after) break;
       if (!arrival.with_previous && !together.empty()) {
-        give(std::span<const KeyframeFix>(together));
+        give(std::span(together));
         together.clear();
       }
       together.push_back({keyframe.id, *keyframe.gnss});
     }
-    if (!together.empty()) give(std::span<const KeyframeFix>(together));
+    if (!together.empty()) give(std::span(together));
   }
 
  private:
@@ -52,33 +52,40 @@ class ReplayedFixes {
 
 }  // namespace detail
 
-/// Gives a back end again what it was given when it made a map: sessions, frames, keyframes, fixes, in the order in
-/// which they came. A back end with the same settings then makes the same map, bit for bit, if it made this one without
-/// loading others; `without` and `Unrepeated` leave something out. Maps of format 1.3 and before do not say when fixes
-/// came: there they come with their keyframes.
+/// Gives a back end one session of a map, as a new session: its frames, keyframes and fixes, in the order in which they
+/// came. Maps of format 1.3 and before do not say when fixes came: there they come with their keyframes.
 /// @param back_end        takes `begin_session`, `add` of frames, keyframes and fixes, as `BackEnd` does.
 /// @param after_keyframe  called after each keyframe, with its number in `map`.
 template <class Target, Executor E, class AfterKeyframe>
-void replay(const SlamMap& map, Target& back_end, const E& executor, AfterKeyframe&& after_keyframe) {
-  for (const Session& session : map.sessions) {
-    back_end.begin_session(session.name);
-    std::span<const FrameRecord> frames = detail::frames_of_session(map, session.id);
-    detail::ReplayedFixes fixes(map, session);
-    for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) {
-      Keyframe keyframe = map.keyframes[static_cast<std::size_t>(i)];
-      const auto behind = std::partition_point(frames.begin(), frames.end(),
-                                               [&](const FrameRecord& frame) { return frame.time <= keyframe.time; });
-      const auto count = static_cast<std::size_t>(behind - frames.begin());
-      if (count > 0) back_end.add(frames.first(count));
-      frames = frames.subspan(count);
-      if (keyframe.gnss_arrival.after.valid()) keyframe.gnss.reset();
-      keyframe.gnss_arrival = {};
-      back_end.add(std::move(keyframe), executor);
-      fixes.pass(KeyframeId{i}, [&](std::span<const KeyframeFix> together) { back_end.add(together, executor); });
-      after_keyframe(KeyframeId{i});
-    }
-    if (!frames.empty()) back_end.add(frames);
+void replay(const SlamMap& map, const Session& session, Target& back_end, const E& executor,
+            AfterKeyframe&& after_keyframe) {
+  back_end.begin_session(session.name);
+  std::span<const FrameRecord> frames = detail::frames_of_session(map, session.id);
+  detail::ReplayedFixes fixes(map, session);
+  for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) {
+    Keyframe keyframe = map.keyframes[static_cast<std::size_t>(i)];
+    const auto behind = std::partition_point(frames.begin(), frames.end(),
+                                             [&](const FrameRecord& frame) { return frame.time <= keyframe.time; });
+    const auto count = static_cast<std::size_t>(behind - frames.begin());
+    if (count > 0) back_end.add(frames.first(count));
+    frames = frames.subspan(count);
+    if (keyframe.gnss_arrival.after.valid()) keyframe.gnss.reset();
+    keyframe.gnss_arrival = {};
+    const Index offset = back_end.add(std::move(keyframe), executor).value - i;  // of the back end's numbers
+    fixes.pass(KeyframeId{i}, [&](std::span<KeyframeFix> together) {
+      for (KeyframeFix& one : together) one.keyframe.value += offset;
+      back_end.add(std::span<const KeyframeFix>(together), executor);
+    });
+    after_keyframe(KeyframeId{i});
   }
+  if (!frames.empty()) back_end.add(frames);
+}
+
+/// The same of all sessions of a map. A back end with the same settings then makes the same map, bit for bit, if it
+/// made this one without loading others; `without` and `Unrepeated` leave something out.
+template <class Target, Executor E, class AfterKeyframe>
+void replay(const SlamMap& map, Target& back_end, const E& executor, AfterKeyframe&& after_keyframe) {
+  for (const Session& session : map.sessions) replay(map, session, back_end, executor, after_keyframe);
 }
 
 /// The same, on one thread, without progress.
