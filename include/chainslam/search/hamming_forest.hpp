@@ -138,7 +138,7 @@ class HammingForest {
     }
   }
 
-  /// Puts into `similar` the entries whose first word does not tell that they are too far away.
+  /// Puts into `similar` the entries whose first word does not show that they are too far away.
   void scan_leaves(const Tree& tree, std::span<const BinaryDescriptor> queries, std::span<const Index> at,
                    Index max_distance, detail::Table<Found>& similar) const {
     const Index most_of_first = max_distance / 4 + 10;  // of 64 bits: see hamming_distance_within
