@@ -1,7 +1,5 @@
 #pragma once
 
-#include <malloc.h>
-
 #include <ctime>
 #include <string>
 #include <vector>
@@ -37,12 +35,6 @@ inline double helpers_time() {
   timespec time{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec) - ThreadTime::now();
-}
-
-/// Bytes that the program has asked for and not given back.
-inline double heap_bytes() {
-  const struct mallinfo2 info = mallinfo2();
-  return static_cast<double>(info.uordblks) + static_cast<double>(info.hblkhd);
 }
 
 /// `versus` for structures: ours first, then the peers; `seconds_of(i)` does the work of the i-th and says how long it

@@ -45,7 +45,7 @@ std::vector<ImageKeypoint> disturbed(std::vector<ImageKeypoint> keypoints, doubl
   return keypoints;
 }
 
-/// Time of one query, and the share of queries whose place comes first.
+/// Time of one query, the share of queries whose place comes first, and the memory that a place takes.
 void query(benchmark::State& state) {
   constexpr Index asked = 50;
   constexpr std::uint64_t drawn = 100;  // the others are like them, but their keypoints lie elsewhere
@@ -53,9 +53,11 @@ void query(benchmark::State& state) {
   std::vector<std::vector<ImageKeypoint>> kinds;
   for (std::uint64_t kind = 0; kind < drawn; ++kind)
     kinds.push_back(image_keypoints(height_image(neighbourhood(rng.fork(kind)))));
-  PlaceIndex index;
-  std::vector<std::vector<ImageKeypoint>> queries;
   std::size_t keypoints = 0;
+  std::vector<std::vector<ImageKeypoint>> queries;
+  queries.reserve(asked);
+  const double before = heap_bytes();
+  PlaceIndex index;
   for (Index place = 0; place < static_cast<Index>(state.range(0)); ++place) {
     Rng other = rng.fork(drawn + static_cast<std::uint64_t>(place));
     const auto seen = disturbed(kinds[static_cast<std::size_t>(place) % drawn], 30, 60, other);
@@ -64,6 +66,8 @@ void query(benchmark::State& state) {
     Rng again = rng.fork(1'000'000 + static_cast<std::uint64_t>(place));
     if (place < asked) queries.push_back(disturbed(seen, 0.5, 25, again));
   }
+  double held = heap_bytes() - before;
+  for (const auto& query : queries) held -= static_cast<double>(query.capacity() * sizeof(ImageKeypoint));
   Index right = 0;
   for (auto _ : state) {
     right = 0;
@@ -75,6 +79,7 @@ void query(benchmark::State& state) {
     state.SetIterationTime((ThreadTime::now() - start) / asked);
   }
   state.counters["right"] = static_cast<double>(right) / asked;
+  state.counters["bytes_per_place"] = held / static_cast<double>(state.range(0));
   state.counters["keypoints_per_place"] = static_cast<double>(keypoints) / static_cast<double>(state.range(0));
 }
 BENCHMARK(query)

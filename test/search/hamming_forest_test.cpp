@@ -72,6 +72,32 @@ TEST_SUITE("search/hamming_forest") {
     });
   }
 
+  TEST_CASE("queries together find what each finds alone") {
+    for_all(20, [](Rng& rng, int size) {
+      HammingForest forest({.trees = 3, .leaf_size = 8});
+      std::vector<BinaryDescriptor> queries;
+      for (int i = 0; i < 50 * size; ++i) {
+        const BinaryDescriptor one = random_bits(rng);
+        forest.insert(one);
+        if (i % 5 == 0) queries.push_back(flipped(one, 15, rng));
+      }
+      std::vector<HammingForest::Found> together, alone;
+      forest.near_each(queries, 100, together);
+      std::size_t at = 0;
+      for (std::size_t q = 0; q < queries.size(); ++q) {
+        forest.near(queries[q], 100, alone);
+        for (const HammingForest::Found& one : alone) {
+          REQUIRE(at < together.size());
+          CHECK(together[at].query == static_cast<Index>(q));
+          CHECK(together[at].id == one.id);
+          CHECK(together[at].distance == one.distance);
+          ++at;
+        }
+      }
+      CHECK(at == together.size());
+    });
+  }
+
   TEST_CASE("a forest finds as many again as its depth says, more trees find more") {
     // 2^14 random descriptors in leaves of 16 to 32 lie at depth 9 to 10. With 30 of 256 bits changed (28.3 different
     // ones on average) two meet in one of 6 leaves with probability 1 - (1 - 0.89^9.5)^6 = 0.91; in one tree 0.33.

@@ -6,7 +6,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <span>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/binary_descriptor.hpp"
@@ -40,116 +42,168 @@ class HammingForest {
       throw std::invalid_argument(
           "HammingForest: trees, leaf_size and bits_tried must be positive, max_leaf_size no less than leaf_size");
     trees_.resize(static_cast<std::size_t>(options.trees));
-    for (Tree& tree : trees_) {
-      tree.nodes.push_back({.bit = -1, .next = {0, 0}});
-      tree.leaves.emplace_back();
-    }
+    for (Tree& tree : trees_) tree.leaves.emplace_back();
   }
 
   /// Adds a descriptor. @returns its number: they are counted from 0.
   Index insert(const BinaryDescriptor& descriptor) {
-    const Index id = to_index(descriptors_.size(), "number of descriptors");
+    const Index id = to_index(static_cast<std::size_t>(descriptors_.size()), "number of descriptors");
     descriptors_.push_back(descriptor);
     for (Tree& tree : trees_) insert(tree, descriptor, id);
     return id;
   }
 
-  [[nodiscard]] std::size_t size() const { return descriptors_.size(); }  ///< descriptors that were inserted
-  /// A descriptor by its number.
-  [[nodiscard]] const BinaryDescriptor& descriptor(Index id) const {
-    return descriptors_[static_cast<std::size_t>(id)];
+  [[nodiscard]] std::size_t size() const {  ///< descriptors that were inserted
+    return static_cast<std::size_t>(descriptors_.size());
   }
+  /// A descriptor by its number.
+  [[nodiscard]] const BinaryDescriptor& descriptor(Index id) const { return descriptors_[id]; }
 
   /// A similar descriptor.
   struct Found {
     Index id = 0;        ///< number of the descriptor
     Index distance = 0;  ///< bits
+    Index query = 0;     ///< number of the query that it is similar to
   };
 
-  /// Puts into `found` what lies within `max_distance` bits of the query and in one of its leaves, by number.
-  void near(const BinaryDescriptor& query, Index max_distance, std::vector<Found>& found) const {
+  /// Puts into `found` what lies within `max_distance` bits of a query and in one of its leaves, by query and number.
+  /// Many queries at once take less time than one by one: while one waits for memory, others go on.
+  void near_each(std::span<const BinaryDescriptor> queries, Index max_distance, std::vector<Found>& found) const {
+    constexpr std::size_t group = 32;  // more than a processor fetches at a time; their leaves fit into its first cache
     found.clear();
-    const Index most_of_first = max_distance / 4 + 10;  // of 64 bits: see hamming_distance_within
-    for (const Tree& tree : trees_)
-      for (const Entry& entry : leaf(tree, query)) {
-        if (std::popcount(entry.first_word ^ query[0]) > most_of_first) continue;
-        const Index distance = hamming_distance(query, descriptor(entry.id));
-        if (distance <= max_distance) found.push_back({entry.id, distance});
+    detail::Table<Found> similar;
+    std::array<Index, group> leaves{};
+    for (std::size_t first = 0; first < queries.size(); first += group) {
+      const auto some = queries.subspan(first, std::min(group, queries.size() - first));
+      for (const Tree& tree : trees_) {
+        find_leaves(tree, some, leaves);
+        scan_leaves(tree, some, leaves, max_distance, similar);
+        for (const Found& one : similar) {
+          const Index distance = hamming_distance(some[static_cast<std::size_t>(one.query)], descriptor(one.id));
+          if (distance <= max_distance) found.push_back({one.id, distance, static_cast<Index>(first) + one.query});
+        }
       }
-    std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.id < b.id; });
-    found.erase(std::unique(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.id == b.id; }),
-                found.end());
+    }
+    std::sort(found.begin(), found.end(),
+              [](const Found& a, const Found& b) { return a.query != b.query ? a.query < b.query : a.id < b.id; });
+    const auto is_same = [](const Found& a, const Found& b) { return a.query == b.query && a.id == b.id; };
+    found.erase(std::unique(found.begin(), found.end(), is_same), found.end());
+  }
+  /// The same for one query.
+  void near(const BinaryDescriptor& query, Index max_distance, std::vector<Found>& found) const {
+    near_each(std::span(&query, 1), max_distance, found);
   }
 
  private:
   /// The first word is kept beside the number: most others differ in it, which needs no look into memory far away.
   struct Entry {
-    std::uint64_t first_word = 0;
+    std::array<std::uint32_t, 2> first_word{};  ///< in halves, which leave no gap before or after the number
     Index id = 0;
   };
+  using Leaf = std::vector<Entry>;
   struct Node {
-    Index bit = -1;  ///< by which it is split; -1: it is a leaf, number next[0]
-    std::array<Index, 2> next{};
+    Index bit = 0;                ///< by which it is split
+    std::array<Index, 2> next{};  ///< node, or ~leaf
   };
   struct Tree {
-    std::vector<Node> nodes;
-    std::vector<detail::Table<Entry>> leaves;
+    Index root = ~0;
+    detail::Table<Node> nodes;
+    std::vector<Leaf> leaves;
   };
 
   [[nodiscard]] static std::size_t bit_of(const BinaryDescriptor& descriptor, Index bit) {
     return (descriptor[static_cast<std::size_t>(bit / 64)] >> (bit % 64)) & 1U;
   }
-  [[nodiscard]] static std::size_t leaf_node(const Tree& tree, const BinaryDescriptor& descriptor) {
-    std::size_t at = 0;
-    while (tree.nodes[at].bit >= 0)
-      at = static_cast<std::size_t>(tree.nodes[at].next[bit_of(descriptor, tree.nodes[at].bit)]);
-    return at;
+  [[nodiscard]] static const Leaf& leaf(const Tree& tree, Index next) {
+    return tree.leaves[static_cast<std::size_t>(~next)];
   }
-  [[nodiscard]] static const detail::Table<Entry>& leaf(const Tree& tree, const BinaryDescriptor& descriptor) {
-    return tree.leaves[static_cast<std::size_t>(tree.nodes[leaf_node(tree, descriptor)].next[0])];
+  static void fetch(const void* memory) { __builtin_prefetch(memory); }
+
+  /// Goes down a tree with all queries, a level at a time. @param at  becomes ~leaf
+  static void find_leaves(const Tree& tree, std::span<const BinaryDescriptor> queries, std::span<Index> at) {
+    std::fill(at.begin(), at.end(), tree.root);
+    for (bool is_below = tree.root < 0; !is_below;) {
+      is_below = true;
+      for (std::size_t q = 0; q < queries.size(); ++q) {
+        if (at[q] < 0) continue;
+        const Node& node = tree.nodes[at[q]];
+        at[q] = node.next[bit_of(queries[q], node.bit)];
+        if (at[q] < 0) {
+          fetch(&leaf(tree, at[q]));
+        } else {
+          fetch(&tree.nodes[at[q]]);
+          is_below = false;
+        }
+      }
+    }
+  }
+
+  /// Puts into `similar` the entries whose first word does not show that they are too far away.
+  void scan_leaves(const Tree& tree, std::span<const BinaryDescriptor> queries, std::span<const Index> at,
+                   Index max_distance, detail::Table<Found>& similar) const {
+    const Index most_of_first = max_distance / 4 + 10;  // of 64 bits: see hamming_distance_within
+    constexpr std::size_t in_line = 64 / sizeof(Entry);
+    for (std::size_t q = 0; q < queries.size(); ++q)
+      for (std::size_t i = 0; i < leaf(tree, at[q]).size(); i += in_line) fetch(&leaf(tree, at[q])[i]);
+    similar.clear();
+    for (std::size_t q = 0; q < queries.size(); ++q)
+      for (const Entry& entry : leaf(tree, at[q])) {
+        if (detail::count_ones(std::bit_cast<std::uint64_t>(entry.first_word) ^ queries[q][0]) > most_of_first)
+          continue;
+        similar.push_back({entry.id, 0, static_cast<Index>(q)});
+        fetch(&descriptor(entry.id));
+      }
   }
 
   void insert(Tree& tree, const BinaryDescriptor& descriptor, Index id) {
-    const std::size_t at = leaf_node(tree, descriptor);
-    detail::Table<Entry>& entries = tree.leaves[static_cast<std::size_t>(tree.nodes[at].next[0])];
-    if (entries.size() >= options_.max_leaf_size) return;
-    entries.push_back({descriptor[0], id});
-    if (entries.size() > options_.leaf_size) split(tree, at);
+    Index* next = &tree.root;
+    while (*next >= 0) {
+      Node& node = tree.nodes[*next];
+      next = &node.next[bit_of(descriptor, node.bit)];
+    }
+    Leaf& entries = tree.leaves[static_cast<std::size_t>(~*next)];
+    if (to_index(entries.size()) >= options_.max_leaf_size) return;
+    append(entries, {std::bit_cast<std::array<std::uint32_t, 2>>(descriptor[0]), id});
+    if (to_index(entries.size()) > options_.leaf_size) split(tree, *next);
+  }
+  /// Adds to a leaf, which takes memory for few more at a time: most of the forest's memory is that of leaves.
+  static void append(Leaf& entries, const Entry& entry) {
+    constexpr std::size_t step = 4;
+    if (entries.size() == entries.capacity()) entries.reserve(entries.size() + step);
+    entries.push_back(entry);
   }
 
   /// The bit, of some at random, that parts a leaf most evenly; -1 if none parts it.
-  [[nodiscard]] Index best_bit(const detail::Table<Entry>& entries) {
+  [[nodiscard]] Index best_bit(const Leaf& entries) {
     Index best = -1;
-    Offset most_even = entries.size();
+    const Index count = to_index(entries.size());
+    Index most_even = count;
     for (Index k = 0; k < options_.bits_tried; ++k) {
       const Index bit = rng_.uniform_index(256);
-      Offset ones = 0;
-      for (const Entry& entry : entries) ones += static_cast<Offset>(bit_of(descriptor(entry.id), bit));
-      const Offset unevenness = std::abs(2 * ones - entries.size());
+      Index ones = 0;
+      for (const Entry& entry : entries) ones += static_cast<Index>(bit_of(descriptor(entry.id), bit));
+      const Index unevenness = std::abs(2 * ones - count);
       if (unevenness < most_even) best = bit, most_even = unevenness;
     }
     return best;
   }
 
-  void split(Tree& tree, std::size_t at) {
-    const Index low = tree.nodes[at].next[0];
-    const detail::Table<Entry> all = tree.leaves[static_cast<std::size_t>(low)];
-    const Index bit = best_bit(all);
+  /// @param next  where the tree names the leaf
+  void split(Tree& tree, Index& next) {
+    const Index low = ~next, high = to_index(tree.leaves.size());
+    const Index bit = best_bit(tree.leaves[static_cast<std::size_t>(low)]);
     if (bit < 0) return;
-    const Index high = to_index(tree.leaves.size());
+    next = to_index(static_cast<std::size_t>(tree.nodes.size()));
+    tree.nodes.push_back({.bit = bit, .next = {~low, ~high}});
     tree.leaves.emplace_back();
-    tree.leaves[static_cast<std::size_t>(low)] = {};
+    const Leaf all = std::exchange(tree.leaves[static_cast<std::size_t>(low)], {});
     for (const Entry& entry : all)
-      tree.leaves[static_cast<std::size_t>(bit_of(descriptor(entry.id), bit) != 0 ? high : low)].push_back(entry);
-    const Index first = to_index(tree.nodes.size());
-    tree.nodes.push_back({.bit = -1, .next = {low, 0}});
-    tree.nodes.push_back({.bit = -1, .next = {high, 0}});
-    tree.nodes[at] = {.bit = bit, .next = {first, first + 1}};
+      append(tree.leaves[static_cast<std::size_t>(bit_of(descriptor(entry.id), bit) != 0 ? high : low)], entry);
   }
 
   HammingForestOptions options_;
   Rng rng_;
-  std::vector<BinaryDescriptor> descriptors_;
+  detail::Table<BinaryDescriptor> descriptors_;  // whose memory grows where it is
   std::vector<Tree> trees_;
 };
 

@@ -58,10 +58,9 @@ class PlaceIndex {
     const Index place = to_index(ends_.size(), "number of places");
     for (const ImageKeypoint& keypoint : keypoints) {
       forest_.insert(keypoint.descriptor);
-      keypoints_.push_back(keypoint);
-      places_.push_back(place);
+      keypoints_.push_back({keypoint.position.x(), keypoint.position.y(), keypoint.angle});
     }
-    ends_.push_back(to_index(keypoints_.size(), "number of keypoints"));
+    ends_.push_back(to_index(forest_.size(), "number of keypoints"));
     return place;
   }
 
@@ -89,12 +88,11 @@ class PlaceIndex {
 
   /// The motion that most matches between the query and one place agree on.
   [[nodiscard]] PlaceMatch compare(std::span<const ImageKeypoint> query, Index place) const {
-    const std::span<const ImageKeypoint> there = keypoints(place);
     detail::Table<PlanarMatch> matches;
-    for (const Pair& pair : mutual(query, there)) {
+    for (const Pair& pair : mutual(query, place)) {
       const ImageKeypoint& a = query[static_cast<std::size_t>(pair.query)];
-      const ImageKeypoint& b = there[static_cast<std::size_t>(pair.place)];
-      matches.push_back({a.position.cast<double>(), b.position.cast<double>(),
+      const Stored& b = keypoints_[pair.id];
+      matches.push_back({a.position.cast<double>(), b.position().cast<double>(),
                          static_cast<double>(b.angle) - static_cast<double>(a.angle)});
     }
     const PlanarConsensus consensus = planar_consensus(matches.all(), options_.consensus);
@@ -102,17 +100,15 @@ class PlaceIndex {
   }
 
  private:
+  /// A keypoint of a place. The forest has its descriptor.
+  struct Stored {
+    float x = 0, y = 0, angle = 0;
+    [[nodiscard]] Eigen::Vector2f position() const { return {x, y}; }
+  };
   struct Pair {
     Index query = 0;
-    Index place = 0;
+    Index id = 0;
   };
-
-  [[nodiscard]] std::span<const ImageKeypoint> keypoints(Index place) const {
-    const auto begin = static_cast<std::size_t>(place == 0 ? 0 : ends_[static_cast<std::size_t>(place - 1)]);
-    const auto end = static_cast<std::size_t>(ends_[static_cast<std::size_t>(place)]);
-    return std::span(keypoints_).subspan(begin, end - begin);
-  }
-
   /// A stored keypoint that is similar to one of the query's.
   struct Hit {
     Index place = 0;
@@ -120,6 +116,12 @@ class PlaceIndex {
     Index id = 0;
     double weight = 0;
   };
+
+  [[nodiscard]] Index begin(Index place) const { return place == 0 ? 0 : ends_[static_cast<std::size_t>(place - 1)]; }
+  [[nodiscard]] Index end(Index place) const { return ends_[static_cast<std::size_t>(place)]; }
+  [[nodiscard]] Index place_of(Index id) const {
+    return static_cast<Index>(std::upper_bound(ends_.begin(), ends_.end(), id) - ends_.begin());
+  }
 
   /// Places by the weight of the similar keypoints that agree in pairs: they lie as far apart here and there, and are
   /// turned by the same angle.
@@ -144,13 +146,16 @@ class PlaceIndex {
   }
 
   [[nodiscard]] std::vector<Hit> hits(std::span<const ImageKeypoint> query) const {
-    std::vector<Hit> hits;
+    detail::Table<BinaryDescriptor> descriptors;
+    for (const ImageKeypoint& keypoint : query) descriptors.push_back(keypoint.descriptor);
     std::vector<HammingForest::Found> near;
-    for (std::size_t i = 0; i < query.size(); ++i) {
-      forest_.near(query[i].descriptor, options_.vote_distance, near);
-      for (const HammingForest::Found& one : near)
-        hits.push_back({places_[static_cast<std::size_t>(one.id)], static_cast<Index>(i), one.id,
-                        1.0 / std::sqrt(static_cast<double>(near.size()))});  // what is common says little
+    forest_.near_each(descriptors.all(), options_.vote_distance, near);
+    std::vector<Hit> hits;
+    for (std::size_t begin = 0, end = 0; begin < near.size(); begin = end) {
+      while (end < near.size() && near[end].query == near[begin].query) ++end;
+      const double weight = 1.0 / std::sqrt(static_cast<double>(end - begin));  // what is common says little
+      for (std::size_t i = begin; i < end; ++i)
+        hits.push_back({place_of(near[i].id), near[i].query, near[i].id, weight});
     }
     return hits;
   }
@@ -160,54 +165,56 @@ class PlaceIndex {
     const auto here = [&](const Hit& hit) -> const ImageKeypoint& {
       return query[static_cast<std::size_t>(hit.query)];
     };
-    const auto there = [&](const Hit& hit) -> const ImageKeypoint& {
-      return keypoints_[static_cast<std::size_t>(hit.id)];
-    };
+    const auto there = [&](const Hit& hit) -> const Stored& { return keypoints_[hit.id]; };
     const auto allowed = static_cast<float>(options_.consensus.max_distance);
     const auto max_angle = static_cast<float>(options_.consensus.max_angle);
+    const auto agree = [&](const Hit& a, const Hit& b) {
+      if (a.query == b.query || a.id == b.id) return false;
+      const float apart = (here(a).position - here(b).position).norm();
+      if (std::abs(apart - (there(a).position() - there(b).position()).norm()) > allowed) return false;
+      const float turned = (there(a).angle - here(a).angle) - (there(b).angle - here(b).angle);
+      return std::abs(std::remainder(turned, 2 * std::numbers::pi_v<float>)) <= max_angle;
+    };
+    detail::Table<double> weights(static_cast<Offset>(hits.size()), 0.0);  // of what agrees with each
     double most = 0;
-    for (const Hit& a : hits) {
-      double weight = 0;
-      for (const Hit& b : hits) {
-        if (a.query == b.query || a.id == b.id) continue;
-        const float apart = (here(a).position - here(b).position).norm();
-        if (std::abs(apart - (there(a).position - there(b).position).norm()) > allowed) continue;
-        const float turned = (there(a).angle - here(a).angle) - (there(b).angle - here(b).angle);
-        if (std::abs(std::remainder(turned, 2 * std::numbers::pi_v<float>)) <= max_angle) weight += b.weight;
+    for (std::size_t a = 0; a < hits.size(); ++a) {
+      double& weight = weights[static_cast<Offset>(a)];
+      for (std::size_t b = a + 1; b < hits.size(); ++b) {
+        if (!agree(hits[a], hits[b])) continue;
+        weight += hits[b].weight;
+        weights[static_cast<Offset>(b)] += hits[a].weight;
       }
-      most = std::max(most, weight > 0 ? weight + a.weight : 0.0);
+      most = std::max(most, weight > 0 ? weight + hits[a].weight : 0.0);
     }
     return most;
   }
 
   /// Keypoints that are each other's most similar one.
-  [[nodiscard]] detail::Table<Pair> mutual(std::span<const ImageKeypoint> query,
-                                           std::span<const ImageKeypoint> there) const {
+  [[nodiscard]] detail::Table<Pair> mutual(std::span<const ImageKeypoint> query, Index place) const {
     struct Nearest {
       Index distance;
       Index index = -1;
     };
+    const Index first = begin(place), count = end(place) - first;
     detail::Table<Nearest> of_query(static_cast<Offset>(query.size()), {options_.max_distance + 1});
-    detail::Table<Nearest> of_place(static_cast<Offset>(there.size()), {options_.max_distance + 1});
+    detail::Table<Nearest> of_place(count, {options_.max_distance + 1});
     for (Index i = 0; i < static_cast<Index>(query.size()); ++i)
-      for (Index j = 0; j < static_cast<Index>(there.size()); ++j) {
-        const Index distance =
-            hamming_distance_within(query[static_cast<std::size_t>(i)].descriptor,
-                                    there[static_cast<std::size_t>(j)].descriptor, options_.max_distance);
+      for (Index j = 0; j < count; ++j) {
+        const Index distance = hamming_distance_within(query[static_cast<std::size_t>(i)].descriptor,
+                                                       forest_.descriptor(first + j), options_.max_distance);
         if (distance < of_query[i].distance) of_query[i] = {distance, j};
         if (distance < of_place[j].distance) of_place[j] = {distance, i};
       }
     detail::Table<Pair> pairs;
     for (Index i = 0; i < static_cast<Index>(query.size()); ++i)
-      if (const Index j = of_query[i].index; j >= 0 && of_place[j].index == i) pairs.push_back({i, j});
+      if (const Index j = of_query[i].index; j >= 0 && of_place[j].index == i) pairs.push_back({i, first + j});
     return pairs;
   }
 
   PlaceIndexOptions options_;
   HammingForest forest_;
-  std::vector<ImageKeypoint> keypoints_;  ///< place by place; numbered as the forest's descriptors
-  std::vector<Index> places_;             ///< of each keypoint
-  std::vector<Index> ends_;               ///< of each place's keypoints
+  detail::Table<Stored> keypoints_;  ///< place by place; numbered as the forest's descriptors
+  std::vector<Index> ends_;          ///< of each place's keypoints
 };
 
 }  // namespace chainslam
