@@ -59,7 +59,7 @@ compare() {
     /^error / { error = $2 " m" }
     / between keyframes of different sessions/ { between = $1 " m" }
     END { printf "%-12s %s, error %s, %s between sessions\n", label, frames, error, between }' "$demo/$1.log"
-  "$program" inspect "$demo/$1/map.cslam" | sed -nE 's/^ *(sessions [0-9]+ and [0-9]+) +joined by/             \1: /p'
+  "$program" inspect "$demo/$1/map.cslam" | sed -nE 's/^ *(sessions [0-9]+ and [0-9]+) +joined by +/             \1: /p'
   say "" "$demo/$1/report.html"
 }
 

@@ -74,7 +74,7 @@ std::string lost_or_doubtful(const RunOutcome& outcome) {
 }
 
 struct KnownFile {
-  std::string_view begin, end;  ///< of its name: what is between them tells sessions or frames apart
+  std::string_view begin, end;  ///< of its name: between them is what distinguishes sessions or frames
   const char* what;
 };
 

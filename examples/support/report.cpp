@@ -151,7 +151,7 @@ std::string view_section(const ReportData& data) {
 <p>Direct closures tie places seen again; chained ones follow from a direct one through what the map already ties
 together; a merge joins a session to the map.</p>
 <div class="panel"><div class="viewer"><canvas id="view" tabindex="0" aria-label="Map in 3-D"></canvas><div class="tip"></div>
-<p class="no-webgl"><b>No 3-D view: WebGL is not available in this browser.</b><br>The map from above, below, shows the
+<p class="no-webgl"><strong>No 3-D view: WebGL is not available in this browser.</strong><br>The map from above, below, shows the
 same. For the 3-D view switch on hardware acceleration, or open the page in another browser.</p></div>
 <div class="controls">)" +
          sessions + layers + R"(<span class="space"></span>
