@@ -154,7 +154,7 @@ footer { margin-top: 48px; color: var(--quiet); font-size: 13px; }
   body { font-size: 13px; }
   .above image { filter: none; opacity: 0.95; }
   .above svg { max-height: 560px; }
-  .above text { font-size: 18px; }
+  .above text { font-size: 22px; }
   .pair text { font-size: 22px; }
   .pair { grid-template-columns: 1fr 1fr; }
   main { max-width: none; padding: 0; }

@@ -82,11 +82,12 @@ class Page:
         data = self.command("Page.captureScreenshot", captureBeyondViewport=True, **({"clip": clip} if clip else {}))
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(data["data"]))).convert("RGB"))
 
-    def mouse(self, kind: str, place: tuple[float, float], **parameters: Any) -> None:
+    def mouse(self, kind: str, place: tuple[float, float], draws: bool = True, **parameters: Any) -> None:
         """Kind "mouseMoved", "mouseWheel", ...; the place is one of the page and has to be in the window."""
         left, top = self.run("return [scrollX, scrollY];")
         self.command("Input.dispatchMouseEvent", type=kind, x=place[0] - left, y=place[1] - top, **parameters)
-        self.wait()
+        if draws:
+            self.wait()
 
     def click(self, selector: str) -> None:
         self.run("document.querySelector(arguments[0]).click();", selector)
@@ -95,6 +96,22 @@ class Page:
     def scroll_to(self, selector: str) -> None:
         self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'});", selector)
         self.wait()
+
+    def processor_seconds(self) -> dict[int, float]:
+        """Of each process of the browser so far."""
+        seconds, parents = {}, {}
+        for path in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                fields = path.read_text().rpartition(")")[2].split()
+            except OSError:  # it has ended
+                continue
+            pid = int(path.parent.name)
+            parents[pid] = int(fields[1])
+            seconds[pid] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        own = {self.driver.service.process.pid}
+        while more := {pid for pid, parent in parents.items() if parent in own} - own:
+            own |= more
+        return {pid: seconds[pid] for pid in own if pid in seconds}
 
     def logs(self) -> tuple[list[str], list[str]]:
         """Errors of the console and addresses that were asked for, since the last call."""
