@@ -251,7 +251,8 @@ if [ "$mode" = full ]; then
   fi
   run_step "every benchmark runs" "$root/bench/run.sh" --smoke
   run_step "the table of odometries is written" "$root/bench/odometry_table.sh" --only nuscenes_scene
-  run_step "the example runs from end to end" "$root/examples/run.sh"
+  run_step "the example runs from end to end" "$root/test/examples/end_to_end.sh"
+  run_step "the report works in a browser" "$root/test/report/run.sh" "$build/release/examples/chainslam"
   run_step "the paper's tables are made of small worlds" "$root/bench/experiments/run.sh" --size small
   run_step "no value of a preset changes unnoticed" "$root/test/presets_survivors.sh" \
     "$build/gcc/test/test_program" "$build/gcc/examples/chainslam"

@@ -260,8 +260,8 @@ int run(const MapArguments& arguments) {
   outcome.summary.stages = times.rows();
   outcome.summary.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   outcome.summary.peak_memory = support::peak_memory();
-  write_run_report(folder, outcome, options.map_voxel);
   folder.file("summary.json", [&](const FileTarget& target) { support::write_summary(target, outcome.summary); });
+  write_run_report(folder, outcome, options.map_voxel);
   print_outcome(outcome, folder, kept, options.odometry_source);
 
   return folder.exit_code(exit_code_of(outcome.summary, data_failed, memory_full));

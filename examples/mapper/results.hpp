@@ -70,7 +70,7 @@ void write_results(OutputFolder& folder, const RunOutcome& outcome, const Mapper
 /// Writes `map.ply` of the first session's frame, and `map.N.ply` of each other frame, as `write_results` does.
 void write_map_clouds(OutputFolder& folder, const SlamMap& map, double map_voxel);
 
-/// Writes `report.html` and `map.png`, as `write_results` does.
+/// Writes `map.png` and `report.html`, as `write_results` does. The report links what is in the folder by then.
 void write_run_report(OutputFolder& folder, const RunOutcome& outcome, double map_voxel);
 
 }  // namespace chainslam::mapper

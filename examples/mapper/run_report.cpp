@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "chainslam/trajectory/interpolation.hpp"
+#include "report_answers.hpp"
 #include "results.hpp"
 #include "run_report_tables.hpp"
 #include "support/map_picture.hpp"
@@ -132,6 +133,7 @@ void write_run_report(OutputFolder& folder, const RunOutcome& outcome, double ma
   const support::Verdict verdict = support::verdict_of(summary);
   data.verdict = "Verdict: " + verdict.headline;
   data.failed = verdict.failed;
+  add_answers(outcome, data);
   complete_sessions(outcome, data);
   add_figures(outcome, data);
   add_warnings(summary, data);
@@ -143,8 +145,9 @@ void write_run_report(OutputFolder& folder, const RunOutcome& outcome, double ma
   data.plots.push_back(support::match_plot(*outcome.mapping.map));
   data.plots.push_back(support::back_end_plot(outcome.mapping.figures.keyframe_seconds));
   std::erase_if(data.plots, [](const support::ReportPlot& plot) { return plot.series.empty(); });
-  folder.file("report.html", [&](const FileTarget& target) { support::write_report(target.path, data); });
   folder.file("map.png", [&](const FileTarget& target) { support::write_map_picture(target.path, data); });
+  add_files(folder.path(), folder.target(), data);
+  folder.file("report.html", [&](const FileTarget& target) { support::write_report(target.path, data); });
 }
 
 }  // namespace chainslam::mapper

@@ -12,7 +12,8 @@
 namespace chainslam::support {
 namespace {
 
-constexpr double drawing_width = 1100.0, drawing_height = 290.0;
+constexpr double area_width = 1000.0,
+                 area_height = 220.0;         // of grid and lines, which the page stretches; text it does not
 constexpr std::size_t largest_series = 1500;  // points: two for each unit of the drawing
 
 std::string number(double value, int digits) {
@@ -65,10 +66,12 @@ void fit_axes(PlotDrawing& drawing) {
   drawing.max_y = max_y + 0.05 * (max_y - min_y);
 }
 
-std::string text(double x, double y, const char* anchor, const std::string& words, const char* extra = "") {
-  return "<text x=\"" + coordinate(x) + "\" y=\"" + coordinate(y) + "\" text-anchor=\"" + anchor + "\"" + extra + ">" +
-         escape_html(words) + "</text>";
+/// @param place  attributes.
+std::string text(const std::string& place, const char* anchor, const std::string& words) {
+  return "<text " + place + " text-anchor=\"" + anchor + "\">" + escape_html(words) + "</text>";
 }
+
+std::string percent(double value, double whole) { return coordinate(100.0 * value / whole) + "%"; }
 
 std::string line(double x1, double y1, double x2, double y2) {
   return "<line x1=\"" + coordinate(x1) + "\" y1=\"" + coordinate(y1) + "\" x2=\"" + coordinate(x2) + "\" y2=\"" +
@@ -95,29 +98,26 @@ std::vector<double> axis_ticks(double low, double high, int count) {
 }
 
 PlotDrawing draw_plot(const ReportPlot& plot, std::size_t plot_number) {
-  PlotDrawing drawing{.left = 58.0, .right = drawing_width - 14.0, .top = 12.0, .bottom = drawing_height - 44.0};
+  PlotDrawing drawing;
   for (const ReportSeries& series : plot.series) drawing.series.push_back(thinned(series));
   fit_axes(drawing);
-  const auto to_x = [&](double x) {
-    return drawing.left + (x - drawing.min_x) / (drawing.max_x - drawing.min_x) * (drawing.right - drawing.left);
-  };
-  const auto to_y = [&](double y) {
-    return drawing.bottom - (y - drawing.min_y) / (drawing.max_y - drawing.min_y) * (drawing.bottom - drawing.top);
-  };
+  const auto to_x = [&](double x) { return (x - drawing.min_x) / (drawing.max_x - drawing.min_x) * area_width; };
+  const auto to_y = [&](double y) { return (drawing.max_y - y) / (drawing.max_y - drawing.min_y) * area_height; };
 
   std::string grid, labels;
+  bool every_other = false;
   for (const double tick : axis_ticks(drawing.min_x, drawing.max_x, 10)) {
-    grid += line(to_x(tick), drawing.top, to_x(tick), drawing.bottom);
-    labels += text(to_x(tick), drawing.bottom + 16.0, "middle", number(tick, 6));
+    grid += line(to_x(tick), 0.0, to_x(tick), area_height);
+    labels += text("x=\"" + percent(to_x(tick), area_width) + "\" y=\"236\"" + (every_other ? " class=\"wide\"" : ""),
+                   "middle", number(tick, 6));
+    every_other = !every_other;
   }
   for (const double tick : axis_ticks(drawing.min_y, drawing.max_y, 5)) {
-    grid += line(drawing.left, to_y(tick), drawing.right, to_y(tick));
-    labels += text(drawing.left - 8.0, to_y(tick) + 4.0, "end", number(tick, 4));
+    grid += line(0.0, to_y(tick), area_width, to_y(tick));
+    labels += text("x=\"-8\" y=\"" + percent(to_y(tick), area_height) + "\" dy=\"4\"", "end", number(tick, 4));
   }
-  const double middle_y = 0.5 * (drawing.top + drawing.bottom);
-  labels += text(0.5 * (drawing.left + drawing.right), drawing_height - 8.0, "middle", plot.x_label, " class=\"axis\"");
-  const std::string turn = " class=\"axis\" transform=\"rotate(-90 14 " + coordinate(middle_y) + ")\"";
-  labels += text(14.0, middle_y, "middle", plot.y_label, turn.c_str());
+  labels += text("class=\"axis\" x=\"50%\" y=\"258\"", "middle", plot.x_label);
+  labels += text("class=\"axis\" transform=\"translate(-44 110) rotate(-90)\"", "middle", plot.y_label);
 
   std::string lines;
   for (std::size_t i = 0; i < drawing.series.size(); ++i) {
@@ -128,10 +128,12 @@ PlotDrawing draw_plot(const ReportPlot& plot, std::size_t plot_number) {
     lines += "<polyline class=\"" + color_class(plot, i) + (plot.series[i].dashed ? " dashed" : "") + "\" points=\"" +
              points + "\"/>";
   }
-  drawing.svg = "<svg class=\"plot\" data-plot=\"" + std::to_string(plot_number) + "\" viewBox=\"0 0 " +
-                coordinate(drawing_width) + " " + coordinate(drawing_height) + "\" role=\"img\" aria-label=\"" +
-                escape_html(plot.title) + "\"><g class=\"grid\">" + grid + "</g><g class=\"lines\">" + lines +
-                "</g><g class=\"labels\">" + labels + "</g></svg>";
+  const std::string width = coordinate(area_width), height = coordinate(area_height);
+  drawing.html = "<div class=\"plot\" data-plot=\"" + std::to_string(plot_number) + "\" role=\"img\" aria-label=\"" +
+                 escape_html(plot.title) + "\"><svg class=\"area\" viewBox=\"0 0 " + width + " " + height +
+                 "\" preserveAspectRatio=\"none\"><rect width=\"" + width + "\" height=\"" + height +
+                 "\"/><g class=\"grid\">" + grid + "</g><g class=\"lines\">" + lines +
+                 "</g></svg><svg class=\"area labels\">" + labels + "</svg></div>";
   return drawing;
 }
 

@@ -7,12 +7,10 @@
 
 namespace chainslam::support {
 
-/// A plot as an SVG element, and what a page needs to tell values under the pointer.
+/// A plot as an HTML element, and what a page needs to tell values under the pointer.
 struct PlotDrawing {
-  std::string svg{};
+  std::string html{};
   double min_x = 0.0, max_x = 1.0;  ///< values at the frame's sides
-  double left = 0.0, right = 1.0;   ///< the frame's sides in the drawing's units
-  double top = 0.0, bottom = 1.0;
   double min_y = 0.0, max_y = 1.0;
   std::vector<ReportSeries> series{};  ///< thinned to what the drawing shows; finite values alone
 };

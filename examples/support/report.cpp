@@ -83,13 +83,30 @@ std::string color_rules() {
   return rules;
 }
 
+/// What a reader asks first.
+std::string answers(const ReportData& data) {
+  std::string rows;
+  for (const auto& [question, answer] : data.answers)
+    rows += "<div><dt>" + escape_html(question) + "</dt><dd>" + escape_html(answer) + "</dd></div>";
+  if (!data.folder.empty()) {
+    rows += "<div><dt>Files</dt><dd>in " + escape_html(data.folder);
+    for (std::size_t i = 0; i < data.files.size(); ++i) {
+      const std::string name = escape_html(data.files[i].name);
+      rows += (i == 0 ? ": " : ", ") + ("<a href=\"" + name + "\">" + name + "</a>");
+      if (!data.files[i].what.empty()) rows += " (" + escape_html(data.files[i].what) + ")";
+    }
+    rows += "</dd></div>";
+  }
+  return rows.empty() ? "" : "<dl class=\"answers\">" + rows + "</dl>";
+}
+
 std::string header(const ReportData& data) {
   std::string html = "<header><p class=\"kicker\">Mapping report</p><h1>" + escape_html(data.title) + "</h1>";
   if (!data.verdict.empty())
     html +=
         "<p class=\"verdict" + std::string(data.failed ? " failed" : "") + "\">" + escape_html(data.verdict) + "</p>";
   if (!data.subtitle.empty()) html += "<p>" + escape_html(data.subtitle) + "</p>";
-  html += "</header>\n";
+  html += answers(data) + "</header>\n";
   if (!data.figures.empty()) {
     html += "<dl class=\"figures\">";
     for (const ReportFigure& figure : data.figures) {
@@ -134,15 +151,16 @@ std::string view_section(const ReportData& data) {
 <p>Direct closures tie places seen again; chained ones follow from a direct one through what the map already ties
 together; a merge joins a session to the map.</p>
 <div class="panel"><div class="viewer"><canvas id="view" tabindex="0" aria-label="Map in 3-D"></canvas><div class="tip"></div>
-<p class="no-webgl">This browser gives no WebGL: the map from above, below, shows the same.</p></div>
+<p class="no-webgl"><strong>No 3-D view: WebGL is not available in this browser.</strong><br>The map from above, below, shows the
+same. For the 3-D view switch on hardware acceleration, or open the page in another browser.</p></div>
 <div class="controls">)" +
          sessions + layers + R"(<span class="space"></span>
 <label>Colour by <select id="color-mode">)" +
          (has_sessions ? R"(<option value="1">session</option>)" : "") +
          R"(<option value="0">height</option><option value="2">nothing</option></select></label>
 <label>Point size <input type="range" id="point-size" min="-1.2" max="1.2" step="0.05" value="0"></label>
-<span><button type="button" id="view-above">Above</button> <button type="button" id="view-slant">Slant</button>
-<button type="button" id="view-side">Side</button></span>
+<span><button type="button" id="view-above">Above</button> <button type="button" id="view-side">Side</button>
+<button type="button" id="view-reset">Reset view</button></span>
 <p>Drag to turn, right button or Shift to move, wheel to zoom; double click goes to a keyframe.</p></div></div></section>
 )";
 }
@@ -150,7 +168,7 @@ together; a merge joins a session to the map.</p>
 std::string plot_section(const std::vector<ReportPlot>& plots, const std::vector<PlotDrawing>& drawings) {
   std::string html = "<section><h2>Over time</h2>";
   for (std::size_t i = 0; i < plots.size(); ++i) {
-    html += "<h3>" + escape_html(plots[i].title) + "</h3><div class=\"panel plot-panel\">" + drawings[i].svg +
+    html += "<h3>" + escape_html(plots[i].title) + "</h3><div class=\"panel plot-panel\">" + drawings[i].html +
             "<div class=\"legend\">";
     for (std::size_t j = 0; j < plots[i].series.size(); ++j)
       html += legend_entry(color_class(plots[i], j) + (plots[i].series[j].dashed ? " odometry" : ""),

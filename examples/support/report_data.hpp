@@ -20,6 +20,12 @@ struct ReportFigure {
   std::string note{};   ///< small, below: "from 41 direct ones"
 };
 
+/// A file next to the report.
+struct ReportFile {
+  std::string name{};
+  std::string what{};  ///< a few words, or nothing
+};
+
 /// One session's keyframes. All positions in the map frame, metres, moved by `offset`.
 struct ReportSession {
   std::string name{};
@@ -85,6 +91,9 @@ struct ReportData {
   std::string subtitle{};  ///< a sentence below it
   std::string verdict{};   ///< the first line: whether the map is what was asked for
   bool failed = false;     ///< it is not
+  std::vector<std::pair<std::string, std::string>> answers{};  ///< below it: what is asked first, and the answer
+  std::string folder{};                                        ///< of the report and its `files`
+  std::vector<ReportFile> files{};
   std::vector<ReportFigure> figures{};
   std::vector<std::pair<std::string, std::string>> summary{};  ///< rows of a table: what, and how much
   std::vector<ReportTable> tables{};

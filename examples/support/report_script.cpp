@@ -36,19 +36,18 @@ function showTip(tip, panel, event, text) {
   tip.style.top = Math.max(4, Math.min(y - 10, box.height - tip.offsetHeight - 4)) + 'px';
 }
 
-for (const svg of document.querySelectorAll('svg.plot')) {
-  const plot = meta.plots[Number(svg.dataset.plot)];
-  const panel = svg.closest('.plot-panel'), tip = panel.querySelector('.tip');
-  const cursor = document.createElementNS(svg.namespaceURI, 'line');
+for (const drawing of document.querySelectorAll('.plot')) {
+  const plot = meta.plots[Number(drawing.dataset.plot)];
+  const panel = drawing.closest('.plot-panel'), tip = panel.querySelector('.tip');
+  const area = drawing.querySelector('.area'), frame = area.querySelector('rect');
+  const cursor = document.createElementNS(area.namespaceURI, 'line');
   cursor.setAttribute('class', 'cursor');
-  cursor.setAttribute('y1', plot.top);
-  cursor.setAttribute('y2', plot.bottom);
+  cursor.setAttribute('y2', frame.height.baseVal.value);
   cursor.style.visibility = 'hidden';
-  svg.append(cursor);
-  svg.addEventListener('pointermove', event => {
-    const box = svg.getBoundingClientRect();
-    const at = (event.clientX - box.left) / box.width * svg.viewBox.baseVal.width;
-    const share = Math.min(1, Math.max(0, (at - plot.left) / (plot.right - plot.left)));
+  area.append(cursor);
+  drawing.addEventListener('pointermove', event => {
+    const box = frame.getBoundingClientRect();
+    const share = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
     const x = plot.min_x + share * (plot.max_x - plot.min_x);
     const lines = [plot.x_label + ': ' + x.toPrecision(5)];
     for (const series of plot.series) {
@@ -56,13 +55,13 @@ for (const svg of document.querySelectorAll('svg.plot')) {
           x > series.x[series.x.length - 1] + 0.02 * (plot.max_x - plot.min_x)) continue;
       lines.push(series.name + ': ' + Number(series.y[nearest(series.x, x)].toPrecision(4)));
     }
-    const drawn = plot.left + share * (plot.right - plot.left);
+    const drawn = share * frame.width.baseVal.value;
     cursor.setAttribute('x1', drawn);
     cursor.setAttribute('x2', drawn);
     cursor.style.visibility = 'visible';
     showTip(tip, panel, event, lines.slice(0, 14).join('\n'));
   });
-  svg.addEventListener('pointerleave', () => {
+  drawing.addEventListener('pointerleave', () => {
     cursor.style.visibility = 'hidden';
     tip.style.visibility = 'hidden';
   });
@@ -72,7 +71,10 @@ for (const svg of document.querySelectorAll('svg.plot')) {
 
 for (const box of document.querySelectorAll('input[data-switch]')) {
   const shapes = box.closest('.above').querySelectorAll('[data-shape="' + box.dataset.switch + '"]');
-  const apply = () => shapes.forEach(shape => shape.classList.toggle('off', !box.checked));
+  const apply = () => {
+    shapes.forEach(shape => shape.classList.toggle('off', !box.checked));
+    box.parentElement.classList.toggle('unshown', !box.checked);  // in print
+  };
   box.addEventListener('change', apply);
   apply();
 }
@@ -302,7 +304,9 @@ const flat = new THREE.OrthographicCamera(-1, 1, 1, -1, 0, 1);
 
 const home = {centre: new THREE.Vector3().fromArray(meta.centre), reach: meta.reach};
 const orbit = {}, seen = new THREE.Vector3();
+let framed = null;  // direction of a view that the map fills, until the user moves it: kept when the window changes
 function look(azimuth, elevation) {
+  framed = [azimuth, elevation];
   orbit.target = home.centre.clone();
   orbit.azimuth = azimuth;
   orbit.elevation = elevation;
@@ -356,6 +360,9 @@ function zoom(factor) {
   orbit.distance = Math.min(20 * home.reach, Math.max(2, orbit.distance * factor));
   requestDraw();
 }
+
+for (const name of ['pointerdown', 'wheel', 'keydown', 'dblclick'])
+  canvas.addEventListener(name, () => { framed = null; }, {passive: true});
 
 const held = new Map();
 canvas.addEventListener('pointerdown', event => {
@@ -464,7 +471,7 @@ applyColorMode();
 element('point-size').addEventListener('input', requestDraw);
 const views = {
   'view-above': () => look(-Math.PI / 2, Math.PI / 2 - 1e-3),
-  'view-slant': () => look(-Math.PI / 2 - 0.5, 0.75),
+  'view-reset': () => look(-Math.PI / 2 - 0.5, 0.75),
   'view-side': () => look(-Math.PI / 2, 0.12),
 };
 for (const id in views) element(id).addEventListener('click', views[id]);
@@ -492,6 +499,7 @@ function draw() {
   renderer.render(scene, camera);
   renderer.setRenderTarget(null);
   renderer.render(screen, flat);
+  if (!performance.getEntriesByName('first frame').length) performance.mark('first frame');
 }
 
 function resize() {
@@ -503,9 +511,12 @@ function resize() {
   const sharp = Math.max(density, 1.5);  // drawn finer than shown, for smooth edges
   target.setSize(Math.round(width * sharp), Math.round(height * sharp));
   camera.aspect = width / height;
+  if (framed) look(...framed);
   requestDraw();
 }
 
+canvas.addEventListener('webglcontextlost', () => viewer.classList.add('failed'));
+canvas.addEventListener('webglcontextrestored', () => viewer.classList.remove('failed'));
 new ResizeObserver(resize).observe(canvas);
 resize();
 look(-Math.PI / 2 - 0.5, 0.75);

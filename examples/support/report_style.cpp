@@ -28,8 +28,13 @@ header p { margin: 6px 0 0; color: var(--quiet); font-size: 16px; max-width: 75c
 .figure dt { color: var(--quiet); font-size: 13px; }
 .figure dd { margin: 2px 0 0; font-size: 25px; font-weight: 620; font-variant-numeric: tabular-nums; letter-spacing: -0.01em; }
 .figure dd.note { font-size: 13px; font-weight: 400; color: var(--quiet); letter-spacing: 0; }
-.verdict { font-weight: 600; }
-.verdict.failed { padding: 12px 18px; background: var(--warning-panel); color: var(--warning); border-radius: 10px; font-size: 17px; }
+header .verdict { color: var(--ink); font-weight: 600; }
+header .verdict.failed { padding: 12px 18px; background: var(--warning-panel); color: var(--warning); border-radius: 10px; font-size: 17px; }
+.answers { margin: 18px 0 0; max-width: 100ch; }
+.answers div { display: grid; grid-template-columns: 140px minmax(0, 1fr); gap: 0 16px; padding: 5px 0; border-top: 1px solid var(--rule); }
+.answers dt { color: var(--quiet); }
+.answers dd { margin: 0; overflow-wrap: anywhere; }
+a { color: var(--accent); }
 .warnings { margin: 20px 0 0; padding: 12px 18px 12px 34px; background: var(--warning-panel); color: var(--warning); border-radius: 10px; }
 section { margin-top: 44px; }
 h2 { margin: 0 0 4px; font-size: 20px; font-weight: 620; }
@@ -59,7 +64,7 @@ input[type=range] { width: 90px; }
   border-radius: 6px; padding: 4px 9px; font-size: 12px; line-height: 1.45; white-space: pre; z-index: 3;
   font-variant-numeric: tabular-nums;
 }
-.no-webgl { display: none; padding: 60px 24px; color: #c6d2e0; text-align: center; }
+.no-webgl { display: none; margin: 0; padding: 60px 24px; color: #c6d2e0; text-align: center; }
 .viewer.failed canvas, .viewer.failed + .controls { display: none; }
 .viewer.failed .no-webgl { display: block; }
 
@@ -98,34 +103,71 @@ figcaption { padding: 8px 14px; border-top: 1px solid var(--rule); font-size: 13
 .swatch.truth { border-top-color: var(--ink); border-top-width: 1.5px; }
 .viewer + .controls .swatch.truth { border-top-color: currentColor; }
 
-.plot { display: block; width: 100%; height: auto; touch-action: pan-y; }
-.plot .grid line { stroke: var(--grid); stroke-width: 1; }
-.plot .lines polyline { fill: none; stroke: var(--c); stroke-width: 1.6; stroke-linejoin: round; }
+.plot { position: relative; height: 278px; touch-action: pan-y; }
+.plot .area { position: absolute; left: 58px; top: 12px; width: calc(100% - 72px); height: 220px; overflow: visible; }
+.plot rect { fill: none; }
+.plot .grid line { stroke: var(--grid); stroke-width: 1; vector-effect: non-scaling-stroke; }
+.plot .lines polyline { fill: none; stroke: var(--c); stroke-width: 1.6; stroke-linejoin: round; vector-effect: non-scaling-stroke; }
 .plot .lines .dashed { stroke-dasharray: 6 4; }
 .plot text { fill: var(--quiet); font-size: 12px; font-variant-numeric: tabular-nums; }
 .plot text.axis { fill: var(--ink); }
-.plot .cursor { stroke: var(--quiet); stroke-width: 1; stroke-dasharray: 3 3; }
+.plot .cursor { stroke: var(--quiet); stroke-width: 1; stroke-dasharray: 3 3; vector-effect: non-scaling-stroke; }
 .plot-panel { position: relative; padding: 10px 10px 4px; }
 .plot-panel .legend { border: 0; padding: 4px 6px 8px 48px; }
 
 .columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 0 28px; align-items: start; }
+.scroll { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { padding: 7px 12px; text-align: left; border-top: 1px solid var(--rule); overflow-wrap: anywhere; }
 tr:first-child th, tr:first-child td { border-top: 0; }
-thead th { font-size: 13px; font-weight: 500; color: var(--quiet); white-space: nowrap; }
+thead th { font-size: 13px; font-weight: 500; color: var(--quiet); vertical-align: bottom; overflow-wrap: normal; }
 thead + tbody tr:first-child th, thead + tbody tr:first-child td { border-top: 1px solid var(--rule); }
-tbody th { font-weight: 450; }
-.n { text-align: right; white-space: nowrap; }
+tbody th { min-width: 96px; font-weight: 450; }
+.n { text-align: right; }
+td.n { white-space: nowrap; }
+td.words { min-width: 190px; }
 footer { margin-top: 48px; color: var(--quiet); font-size: 13px; }
 
+@media (max-width: 600px) {
+  main { padding: 20px 14px 40px; }
+  header h1 { font-size: 24px; }
+  .answers div { display: block; }
+  .answers dt { font-size: 13px; }
+  .figures { grid-template-columns: repeat(auto-fit, minmax(140px, 1fr)); gap: 8px; }
+  .figure { padding: 10px 12px; }
+  .figure dd { font-size: 20px; }
+  .viewer canvas { height: 400px; }
+  .above text { font-size: 36px; }
+  .above .number { stroke-width: 9px; }
+  .pair text { font-size: 22px; }
+  .plot .wide { display: none; }
+  .plot-panel .legend { padding-left: 6px; }
+  th, td { padding: 6px 8px; }
+}
+
 @media print {
-  :root { --page: #ffffff; --panel: #ffffff; --ink: #000000; --quiet: #444444; --rule: #cccccc; --points: #334155; --grid: #e0e0e0; }
-  .above image { filter: none; }
+  :root {
+    color-scheme: light;
+    --page: #ffffff; --panel: #ffffff; --ink: #000000; --quiet: #444444; --rule: #cccccc; --accent: #1d4ed8;
+    --points: #334155; --grid: #e0e0e0; --warning: #7c2d12; --warning-panel: #ffffff;
+  }
+  body { font-size: 13px; }
+  .above image { filter: none; opacity: 0.95; }
+  .above svg { max-height: 560px; }
+  .above text { font-size: 22px; }
+  .pair text { font-size: 22px; }
+  .pair { grid-template-columns: 1fr 1fr; }
   main { max-width: none; padding: 0; }
-  .interactive, .legend input { display: none; }
+  .interactive, .legend input, .legend .unshown { display: none; }
+  .warnings, header .verdict.failed { border: 1px solid var(--warning); }
   .panel, .figure, tr { break-inside: avoid; }
-  h2, h3 { break-after: avoid; }
+  h2, h3, section > p { break-after: avoid; }
   section { margin-top: 28px; }
+  .scroll { overflow: visible; }
+  table, thead th { font-size: 11px; }
+  th, td { padding: 4px 6px; }
+  tbody th { min-width: 70px; }
+  td.words { min-width: 110px; }
 }
 )css";
 

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "support/encoding.hpp"
@@ -27,29 +28,42 @@ double length_of(const std::vector<Eigen::Vector3d>& path) {
   return length;
 }
 
-/// A table; columns after the first are numbers.
+/// A table; columns after the first are numbers, or words if any of their cells is long.
 class Table {
  public:
-  Table(const std::string& title, const std::vector<std::string>& heads) {
-    html_ = "<div><h3>" + escape_html(title) + "</h3><div class=\"panel\"><table>";
-    if (!heads.empty()) html_ += "<thead>" + row(heads, "th") + "</thead>";
-    html_ += "<tbody>";
+  Table(std::string title, std::vector<std::string> heads) : title_(std::move(title)), heads_(std::move(heads)) {}
+
+  void add(std::vector<std::string> cells) { rows_.push_back(std::move(cells)); }
+
+  [[nodiscard]] std::string html() const {
+    std::string html = "<div><h3>" + escape_html(title_) + "</h3><div class=\"panel scroll\"><table>";
+    if (!heads_.empty()) html += "<thead>" + row(heads_, "th") + "</thead>";
+    html += "<tbody>";
+    for (const std::vector<std::string>& cells : rows_) html += row(cells, "td");
+    return html + "</tbody></table></div></div>";
   }
 
-  void add(const std::vector<std::string>& cells) { html_ += row(cells, "td"); }
-  [[nodiscard]] std::string html() const { return html_ + "</tbody></table></div></div>"; }
-
  private:
-  static std::string row(const std::vector<std::string>& cells, const std::string& tag) {
+  [[nodiscard]] bool has_words(std::size_t column) const {
+    constexpr std::size_t longest_number = 24;
+    return std::ranges::any_of(rows_, [column](const std::vector<std::string>& cells) {
+      return column < cells.size() && cells[column].size() > longest_number;
+    });
+  }
+
+  [[nodiscard]] std::string row(const std::vector<std::string>& cells, const std::string& tag) const {
     std::string html = "<tr>";
-    for (std::size_t i = 0; i < cells.size(); ++i)
-      html += i == 0
-                  ? "<th scope=\"" + std::string(tag == "th" ? "col" : "row") + "\">" + escape_html(cells[i]) + "</th>"
-                  : "<" + tag + " class=\"n\">" + escape_html(cells[i]) + "</" + tag + ">";
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      const std::string opened = i == 0 ? "th scope=\"" + std::string(tag == "th" ? "col" : "row")
+                                        : tag + " class=\"" + (has_words(i) ? "words" : "n");
+      html += "<" + opened + "\">" + escape_html(cells[i]) + (i == 0 ? "</th>" : "</" + tag + ">");
+    }
     return html + "</tr>";
   }
 
-  std::string html_;
+  std::string title_;
+  std::vector<std::string> heads_;
+  std::vector<std::vector<std::string>> rows_;
 };
 
 std::string sessions_table(const ReportData& data) {

@@ -141,8 +141,7 @@ Json rounded(const std::vector<double>& values) {
 }
 
 Json plot_json(const ReportPlot& plot, const PlotDrawing& drawing) {
-  Json json{{"x_label", plot.x_label},  {"left", drawing.left},   {"right", drawing.right}, {"top", drawing.top},
-            {"bottom", drawing.bottom}, {"min_x", drawing.min_x}, {"max_x", drawing.max_x}};
+  Json json{{"x_label", plot.x_label}, {"min_x", drawing.min_x}, {"max_x", drawing.max_x}};
   json["series"] = Json::array();
   for (const ReportSeries& series : drawing.series)
     json["series"].push_back({{"name", series.name}, {"x", rounded(series.x)}, {"y", rounded(series.y)}});

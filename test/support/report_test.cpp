@@ -152,14 +152,14 @@ TEST_SUITE("support/plot") {
     CHECK(std::ranges::count(drawing.series[0].y, 99.0) == 1);
     CHECK(drawing.max_y > 99.0);
     CHECK(std::ranges::is_sorted(drawing.series[0].x));
-    CHECK(drawing.svg.find("nan") == std::string::npos);
+    CHECK(drawing.html.find("nan") == std::string::npos);
   }
 
   TEST_CASE("empty, constant and single values draw") {
     for (const std::vector<double>& values : {std::vector<double>{}, {3.0}, {3.0, 3.0}}) {
       const PlotDrawing drawing = draw_plot({.title = "t", .series = {{.name = "s", .x = values, .y = values}}}, 3);
-      CHECK(drawing.svg.find("data-plot=\"3\"") != std::string::npos);
-      CHECK(drawing.svg.find("nan") == std::string::npos);
+      CHECK(drawing.html.find("data-plot=\"3\"") != std::string::npos);
+      CHECK(drawing.html.find("nan") == std::string::npos);
       CHECK(drawing.max_x > drawing.min_x);
       CHECK(drawing.max_y > drawing.min_y);
     }
@@ -245,7 +245,7 @@ TEST_SUITE("support/report") {
       CAPTURE(part);
       CHECK(html.find(part) != std::string::npos);
     }
-    CHECK(count(html, "<svg class=\"plot\"") == 4);  // speed, errors of both and of each
+    CHECK(count(html, "<div class=\"plot\"") == 4);  // speed, errors of both and of each
     CHECK(count(html, "class=\"closures ") == 6);    // in the plan, and in that after the closures
     CHECK(count(html, "data-switch=\"") == 7);       // trajectories, odometry, truth, three kinds, components
     CHECK(count(html, "data-session=\"") == 2);
@@ -271,6 +271,31 @@ TEST_SUITE("support/report") {
     CHECK(count(html, "class=\"path lost\"") == 2);
     CHECK(count(html, "<circle class=\"lost\"") == 2);
     CHECK(count(html, "data-switch=\"lost\"") == 1);
+  }
+
+  TEST_CASE("what is asked first stands before all figures, with links to the files next to the page") {
+    const Folder folder;
+    ReportData data = square_town();
+    CHECK(count(report_html(data, {.three_js = folder.three_js()}), "<dl class=\"answers\">") == 0);
+    data.answers = {{"Merged", "all 2 <sessions>"}};
+    data.folder = "/maps/a & b";
+    data.files = {{"map.ply", "point cloud"}, {"frames.csv"}};
+    const std::string html = report_html(data, {.three_js = folder.three_js()});
+    CHECK(html.find("<dl class=\"answers\">") < html.find("<dl class=\"figures\">"));
+    CHECK(between(html, "<dl class=\"answers\">", "</dl>") ==
+          "<div><dt>Merged</dt><dd>all 2 &lt;sessions&gt;</dd></div><div><dt>Files</dt><dd>in /maps/a &amp; b: <a "
+          "href=\"map.ply\">map.ply</a> (point cloud), <a href=\"frames.csv\">frames.csv</a></dd></div>");
+  }
+
+  TEST_CASE("columns with long cells are words, others numbers") {
+    const Folder folder;
+    ReportData data = square_town();
+    data.tables = {{.title = "t",
+                    .heads = {"", "note", "count"},
+                    .rows = {{"a", "more than two dozen letters", "1"}, {"b", "short", "2"}}}};
+    const std::string html = report_html(data, {.three_js = folder.three_js()});
+    CHECK(html.find("<th class=\"words\">note</th><th class=\"n\">count</th>") != std::string::npos);
+    CHECK(html.find("<td class=\"words\">short</td><td class=\"n\">2</td>") != std::string::npos);
   }
 
   TEST_CASE("names cannot become markup") {
