@@ -12,7 +12,7 @@
 
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/random.hpp"
-#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 
 namespace chainslam::bench {
 

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/ply.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/lie/se3.hpp"
 
 namespace chainslam::bench {

@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/registration/align.hpp"
 
 int main() {

@@ -1,11 +1,10 @@
 // Errors of a trajectory against a reference: absolute, relative, and KITTI's relative errors.
 // Usage: example_evaluate_trajectory [REFERENCE.tum ESTIMATE.tum]; without files, a generated drive with drift.
 #include <chainslam/core/random.hpp>
-#include <chainslam/evaluation/ape.hpp>
-#include <chainslam/evaluation/kitti_errors.hpp>
-#include <chainslam/evaluation/rpe.hpp>
-#include <chainslam/io/tum.hpp>
+#include <chainslam/io/trajectory_file.hpp>
 #include <chainslam/trajectory/association.hpp>
+#include <chainslam/trajectory/kitti_errors.hpp>
+#include <chainslam/trajectory/pose_errors.hpp>
 #include <cstdio>
 
 using namespace chainslam;

@@ -2,7 +2,7 @@
 // Usage: example_odometry_of_packets [IMU SCAN...]: IMU has lines `t gx gy gz ax ay az` in s, rad/s and m/s^2; scans
 // are .pcd or .ply files named by the seconds at which they start, with time offsets. Prints the poses as TUM lines.
 #include <chainslam/io/cloud_file.hpp>
-#include <chainslam/io/line_fields.hpp>
+#include <chainslam/io/input_file.hpp>
 #include <chainslam/odometry/lidar_inertial_odometry.hpp>
 #include <cstdio>
 

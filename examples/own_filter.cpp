@@ -1,11 +1,11 @@
 // An iterated error-state Kalman filter with a state, a process and a measurement of one's own: a vehicle in the plane
 // whose positions are measured, and whose heading, speed and turn rate follow from them.
 // Usage: example_own_filter [POSITIONS.tum], of which time, x and y are used; without a file, a generated drive.
-#include <chainslam/filter/ieskf.hpp>
-#include <chainslam/io/tum.hpp>
+#include <chainslam/io/trajectory_file.hpp>
 #include <chainslam/lie/product.hpp>
 #include <chainslam/lie/rn.hpp>
 #include <chainslam/lie/se2.hpp>
+#include <chainslam/odometry/ieskf.hpp>
 #include <cstdio>
 
 #include "generated/arc_fixes.hpp"

@@ -13,7 +13,7 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/map_archive.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/dataset.hpp"
 #include "graph/drawn_world.hpp"
 #include "graph/graph_errors.hpp"

@@ -11,13 +11,13 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/evaluation/alignment.hpp"
-#include "chainslam/io/tum.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/io/trajectory_file.hpp"
+#include "chainslam/trajectory/alignment.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
 #include "datasets/dataset.hpp"
 #include "session_arguments.hpp"
 #include "streets/cloud_errors.hpp"

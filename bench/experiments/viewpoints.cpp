@@ -11,8 +11,8 @@
 
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/io/tum.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/io/trajectory_file.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
 #include "datasets/dataset.hpp"
 #include "session_arguments.hpp"
 #include "viewpoints/panorama.hpp"

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "chainslam/cloud/voxel_grid.hpp"
-#include "chainslam/features/neighborhoods.hpp"
+#include "chainslam/features/normals.hpp"
 #include "chainslam/search/kd_tree.hpp"
 #include "clouds.hpp"
 #include "versus.hpp"

@@ -4,16 +4,16 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/graph/adjacency_graph.hpp"
-#include "chainslam/graph/breadth_first_search.hpp"
-#include "chainslam/graph/connected_components.hpp"
+#include "chainslam/slam/adjacency_graph.hpp"
+#include "chainslam/slam/breadth_first_search.hpp"
+#include "chainslam/slam/connected_components.hpp"
 #include "versus.hpp"
 
 #ifdef CHAINSLAM_BENCH_BOOST
 #include <boost/graph/adjacency_list.hpp>
-#include <boost/graph/breadth_first_search.hpp>
 #include <boost/graph/compressed_sparse_row_graph.hpp>
 #include <boost/pending/disjoint_sets.hpp>
+#include <boost/slam/breadth_first_search.hpp>
 #endif
 
 namespace chainslam {

@@ -67,8 +67,9 @@ void update(benchmark::State& state,
       variance.head<3>().setConstant(2.5e-3);
       Ieskf<InertialState, ImuProcess> filter(x.retract(off), variance.asDiagonal());
       const double start = bench::ThreadTime::now();
-      const ScanPrior prior{.state = filter.state(), .error = options.min_error, .variance = 0.0025 * 25};
-      ScanMeasurement measurement(walk.scans[i], map.points(), options.scan_to_map, options.scan, prior, Serial{});
+      const detail::ScanPrior prior{.state = filter.state(), .error = options.min_error, .variance = 0.0025 * 25};
+      detail::ScanMeasurement measurement(walk.scans[i], map.points(), options.scan_to_map, options.scan, prior,
+                                          Serial{});
       const auto report = filter.update(measurement, options.iteration);
       map.extend(walk.scans[i], T_odom_body(filter.state()));
       const double elapsed = bench::ThreadTime::now() - start;

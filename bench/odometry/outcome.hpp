@@ -5,11 +5,11 @@
 #include <optional>
 #include <tuple>
 
-#include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/odometry/lidar_inertial_odometry.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/odometry/self_calibrating.hpp"
 #include "chainslam/search/ikd_tree.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
 #include "support/drive_run.hpp"
 
 namespace chainslam::bench {

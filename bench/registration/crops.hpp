@@ -21,7 +21,7 @@
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/features/normals.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/registration/icp.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 

@@ -9,7 +9,7 @@
 
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/features/oriented_on_demand.hpp"
+#include "chainslam/features/fpfh.hpp"
 #include "chainslam/registration/gaussian_voxel_map.hpp"
 #include "registration_pairs.hpp"
 #include "versus.hpp"

@@ -20,9 +20,9 @@
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/io/map_archive.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/slam/localizer.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
 #include "datasets/dataset.hpp"
 
 namespace chainslam::bench {
@@ -149,7 +149,7 @@ void measure_starts(Localizer<>& localizer, const Drive& drive, const Judge* jud
       if (options.verbose) {
         std::fprintf(stderr, "start %zu: not found, %.1f m travelled;", start,
                      (drive.truth[i - 1].translation() - drive.truth[start].translation()).norm());
-        for (const StartHypothesis& one : localizer.hypotheses())
+        for (const detail::StartHypothesis& one : localizer.hypotheses())
           std::fprintf(stderr, " [%d recognized, %d agree over %.1f m, %d refuse]", one.recognitions, one.agreeing,
                        one.last - one.first, one.refusing);
         std::fprintf(stderr, "\n");

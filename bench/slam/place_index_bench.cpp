@@ -7,7 +7,6 @@
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/features/height_image.hpp"
-#include "chainslam/features/image_keypoints.hpp"
 #include "chainslam/slam/place_index.hpp"
 #include "versus.hpp"
 

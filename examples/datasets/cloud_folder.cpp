@@ -6,10 +6,9 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"

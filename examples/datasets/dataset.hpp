@@ -10,11 +10,11 @@
 
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/map/frame.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/sensor/packet.hpp"
-#include "chainslam/sensor/point_time.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
+#include "datasets/point_time.hpp"
 
 namespace chainslam::datasets {
 

@@ -6,9 +6,8 @@
 #include <string>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "datasets/kitti_calibration.hpp"
 
 namespace chainslam::datasets {

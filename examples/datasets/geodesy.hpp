@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <string>
 
-#include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam::datasets {
 

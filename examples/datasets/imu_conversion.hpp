@@ -6,8 +6,8 @@
 #include <span>
 #include <utility>
 
-#include "chainslam/sensor/imu_sample.hpp"
 #include "chainslam/sensor/imu_units.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "datasets/dataset.hpp"
 
 namespace chainslam::datasets {

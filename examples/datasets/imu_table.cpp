@@ -6,9 +6,8 @@
 #include <string_view>
 #include <utility>
 
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "datasets/files.hpp"
 #include "datasets/number_rows.hpp"
 

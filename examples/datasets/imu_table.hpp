@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "datasets/scan_files.hpp"
 
 namespace chainslam::datasets {

@@ -9,12 +9,10 @@
 #include <string>
 #include <utility>
 
-#include "chainslam/io/euroc_csv.hpp"
 #include "chainslam/io/g2o.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/sensor/imu_check.hpp"
 #include "chainslam/sensor/imu_units.hpp"
 #include "datasets/files.hpp"

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/input_stream.hpp"
 
 namespace chainslam::datasets {

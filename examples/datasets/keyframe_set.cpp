@@ -3,11 +3,10 @@
 #include <string>
 #include <utility>
 
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/kitti.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/pcd.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"

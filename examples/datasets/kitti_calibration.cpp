@@ -4,7 +4,7 @@
 #include <string_view>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/text.hpp"
 #include "chainslam/io/input_file.hpp"
 

@@ -5,8 +5,7 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/kitti.hpp"
-#include "chainslam/io/line_fields.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/imu_table.hpp"

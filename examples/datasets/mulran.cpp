@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"

@@ -6,8 +6,8 @@
 #include <system_error>
 #include <utility>
 
-#include "chainslam/core/finite.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/extrinsic.hpp"
 #include "datasets/files.hpp"

@@ -8,7 +8,7 @@
 
 #include "chainslam/io/input_file.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/sensor/lidar_scan.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam::datasets {

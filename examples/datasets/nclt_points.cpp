@@ -5,7 +5,7 @@
 #include <string>
 #include <utility>
 
-#include "chainslam/io/bytes.hpp"
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/io/detail/point_records.hpp"
 #include "datasets/nclt.hpp"
 

@@ -11,10 +11,9 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
-#include "chainslam/sensor/point_time.hpp"
+#include "datasets/point_time.hpp"
 
 namespace chainslam::datasets {
 

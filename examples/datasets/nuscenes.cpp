@@ -7,8 +7,8 @@
 #include <string>
 #include <utility>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/error.hpp"
-#include "chainslam/io/bytes.hpp"
 #include "chainslam/io/detail/point_records.hpp"
 #include "datasets/azimuth_times.hpp"
 #include "datasets/dataset.hpp"

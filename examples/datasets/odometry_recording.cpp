@@ -4,9 +4,8 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/files.hpp"
 #include "datasets/recorded_rows.hpp"
 

@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/map/frame_record.hpp"
-#include "chainslam/map/keyframe.hpp"
-#include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/sensor/frame.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "datasets/dataset.hpp"
 

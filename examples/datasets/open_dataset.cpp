@@ -3,7 +3,7 @@
 #include <string>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/cloud_folder.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/sensor/lidar_scan.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "datasets/files.hpp"
 
 namespace chainslam::datasets {

@@ -5,7 +5,6 @@
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/io/detail/pose_fields.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam::datasets {

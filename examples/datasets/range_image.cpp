@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/files.hpp"
 #include "datasets/geodesy.hpp"

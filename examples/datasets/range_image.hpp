@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "chainslam/sensor/lidar_scan.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "datasets/png_image.hpp"
 
 namespace chainslam::datasets {

@@ -3,9 +3,9 @@
 #include <cstdint>
 #include <string>
 
-#include "chainslam/io/line_fields.hpp"
-#include "chainslam/map/frame_record.hpp"
-#include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/sensor/frame.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam::datasets {
 

@@ -10,7 +10,6 @@
 
 #include "chainslam/io/detail/input_stream.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "datasets/files.hpp"
 #include "datasets/odometry_recording.hpp"

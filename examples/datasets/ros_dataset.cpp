@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/sensor/time_order.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/extrinsic.hpp"

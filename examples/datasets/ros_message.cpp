@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/scalar_type.hpp"
 
 namespace chainslam::datasets {

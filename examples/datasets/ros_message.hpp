@@ -11,12 +11,12 @@
 #include <string_view>
 #include <vector>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/timestamp.hpp"
-#include "chainslam/io/bytes.hpp"
 #include "chainslam/io/point_file.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
-#include "chainslam/sensor/point_time.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "datasets/geodesy.hpp"
+#include "datasets/point_time.hpp"
 
 namespace chainslam::datasets {
 

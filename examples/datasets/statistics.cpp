@@ -5,7 +5,7 @@
 #include <charconv>
 #include <limits>
 
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam::datasets {
 

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <utility>
 
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam::datasets {
 namespace {

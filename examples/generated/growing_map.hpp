@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "generated/hall.hpp"
 
 namespace generated {

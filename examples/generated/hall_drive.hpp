@@ -3,7 +3,7 @@
 #include <memory>
 #include <vector>
 
-#include "chainslam/map/keyframe.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "generated/hall.hpp"
 
 namespace generated {

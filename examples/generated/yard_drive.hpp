@@ -2,8 +2,8 @@
 
 #include <vector>
 
-#include "chainslam/map/frame.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/sensor/frame.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "generated/hall.hpp"
 
 namespace generated {

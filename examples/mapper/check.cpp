@@ -2,7 +2,7 @@
 #include <filesystem>
 #include <string>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "exit_code.hpp"
 #include "map_file.hpp"
 #include "verbs.hpp"

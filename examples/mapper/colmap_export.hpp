@@ -6,7 +6,7 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::mapper {
 

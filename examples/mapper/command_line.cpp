@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "build_description.hpp"
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "exit_code.hpp"
 #include "simulator/error_sources.hpp"
 #include "simulator/lidar_model.hpp"

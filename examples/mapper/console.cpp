@@ -2,7 +2,7 @@
 
 #include <cstdio>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "support/imu_calibration.hpp"
 #include "support/summary.hpp"
 

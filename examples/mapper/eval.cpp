@@ -9,10 +9,8 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
-#include "chainslam/evaluation/ape.hpp"
-#include "chainslam/evaluation/kitti_errors.hpp"
-#include "chainslam/evaluation/rpe.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "end_on_interrupt.hpp"
 #include "evaluation_report.hpp"
 #include "exit_code.hpp"

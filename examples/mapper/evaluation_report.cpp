@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 
 namespace chainslam::mapper {
 

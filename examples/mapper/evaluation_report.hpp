@@ -3,10 +3,9 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/evaluation/ape.hpp"
-#include "chainslam/evaluation/kitti_errors.hpp"
-#include "chainslam/evaluation/rpe.hpp"
 #include "chainslam/trajectory/association.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "trajectory_file.hpp"
 
 namespace chainslam::mapper {

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::mapper {
 

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/map/occupancy_grid.hpp"
+#include "chainslam/slam/occupancy_grid.hpp"
 
 namespace chainslam::mapper {
 

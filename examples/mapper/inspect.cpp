@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "datasets/odometry_recording.hpp"
 #include "exit_code.hpp"
 #include "inspect_imu.hpp"

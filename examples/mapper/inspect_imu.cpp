@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/sensor/imu_use.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "session_odometry.hpp"
 #include "support/progress.hpp"
 

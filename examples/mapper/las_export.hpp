@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/georeference.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::mapper {
 

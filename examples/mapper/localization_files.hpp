@@ -3,10 +3,10 @@
 #include <optional>
 #include <span>
 
-#include "chainslam/evaluation/ape.hpp"
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/localization.hpp"
+#include "chainslam/slam/slam_map.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "support/statistics.hpp"
 
 namespace chainslam::mapper {

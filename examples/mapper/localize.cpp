@@ -8,12 +8,11 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
-#include "chainslam/evaluation/ape.hpp"
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/slam/localizer.hpp"
 #include "chainslam/trajectory/association.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "console.hpp"
 #include "datasets/dataset.hpp"
 #include "exit_code.hpp"

@@ -13,7 +13,6 @@
 #include <system_error>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "command_line.hpp"
 #include "exit_code.hpp"
 #include "support/configuration.hpp"

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/input_journal.hpp"
 #include "chainslam/io/map_archive.hpp"

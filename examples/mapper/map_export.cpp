@@ -6,14 +6,13 @@
 #include <stdexcept>
 #include <string>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "chainslam/io/g2o.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "exit_code.hpp"
 #include "frame_table.hpp"
 #include "grid_export.hpp"

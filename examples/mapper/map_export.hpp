@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/map/occupancy_grid.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/occupancy_grid.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "colmap_export.hpp"
 #include "las_export.hpp"

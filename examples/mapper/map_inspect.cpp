@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "map_export.hpp"
 #include "map_file.hpp"
 #include "support/closure_words.hpp"

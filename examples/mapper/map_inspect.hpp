@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "datasets/inspect.hpp"
 
 namespace chainslam::mapper {

@@ -14,7 +14,6 @@
 
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
-#include "chainslam/slam/map_replay.hpp"
 #include "chainslam/slam/map_undo.hpp"
 #include "chainslam/slam/near_else_places.hpp"
 #include "chainslam/slam/pipeline.hpp"

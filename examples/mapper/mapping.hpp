@@ -8,9 +8,8 @@
 
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/factor_graph/smoother_reports.hpp"
-#include "chainslam/map/map_input.hpp"
-#include "chainslam/map/slam_map.hpp"
-#include "chainslam/slam/undone_closures.hpp"
+#include "chainslam/slam/closure_descent.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "datasets/dataset.hpp"
 #include "mapping_result.hpp"
 #include "options.hpp"

@@ -7,8 +7,8 @@
 
 #include "chainslam/core/error.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/map/slam_map.hpp"
 #include "chainslam/sensor/imu_check.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "support/imu_calibration.hpp"
 

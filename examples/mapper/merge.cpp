@@ -10,10 +10,9 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/io/input_journal.hpp"
 #include "chainslam/io/map_archive.hpp"
-#include "chainslam/map/distinct_sessions.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "console.hpp"
 #include "end_on_interrupt.hpp"
 #include "exit_code.hpp"

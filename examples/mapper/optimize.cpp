@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/io/g2o.hpp"

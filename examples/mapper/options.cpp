@@ -54,16 +54,16 @@ Configuration::Target hint_of(std::optional<Value>& hint, const std::vector<std:
 }
 
 /// How to read a time field of points whose meaning the data leave open.
-void add_point_time(Configuration& configuration, PointTimeHints& hints) {
+void add_point_time(Configuration& configuration, datasets::PointTimeHints& hints) {
   configuration.add("dataset.point_time_unit",
-                    hint_of<TimeUnit>(hints.unit, {{"s", TimeUnit::seconds},
-                                                   {"ms", TimeUnit::milliseconds},
-                                                   {"us", TimeUnit::microseconds},
-                                                   {"ns", TimeUnit::nanoseconds}}),
+                    hint_of<datasets::TimeUnit>(hints.unit, {{"s", datasets::TimeUnit::seconds},
+                                                             {"ms", datasets::TimeUnit::milliseconds},
+                                                             {"us", datasets::TimeUnit::microseconds},
+                                                             {"ns", datasets::TimeUnit::nanoseconds}}),
                     {.help = "Unit of the time field of points in PCD, PLY and ROS messages. auto: inferred."});
   configuration.add("dataset.point_time_base",
-                    hint_of<PointTimeBase>(
-                        hints.base, {{"relative", PointTimeBase::relative}, {"absolute", PointTimeBase::absolute}}),
+                    hint_of<datasets::PointTimeBase>(hints.base, {{"relative", datasets::PointTimeBase::relative},
+                                                                  {"absolute", datasets::PointTimeBase::absolute}}),
                     {.help = "Whether these times count from the scan's stamp or are absolute. auto: inferred."});
   configuration.add("dataset.point_time_direction",
                     hint_of<bool>(hints.counts_back, {{"forward", false}, {"backward", true}}),

@@ -5,12 +5,12 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/map/scan_cache.hpp"
+#include "chainslam/odometry/detail/inertial_motion.hpp"
 #include "chainslam/odometry/imu_process.hpp"
-#include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
+#include "chainslam/slam/keyframe_scan.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
-#include "chainslam/slam/localizer_options.hpp"
+#include "chainslam/slam/localization.hpp"
 #include "datasets/dataset.hpp"
 #include "presets.hpp"
 #include "support/configuration.hpp"

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "exit_code.hpp"
 
 namespace chainslam::mapper {

@@ -5,9 +5,9 @@
 #include <optional>
 #include <vector>
 
-#include "chainslam/cloud/cell_set.hpp"
-#include "chainslam/cloud/transform.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/cloud/cell_table.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::mapper {
 

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/registration/coarse_to_fine.hpp"
+#include "chainslam/registration/align.hpp"
 #include "chainslam/registration/verified_registration.hpp"
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/place_candidates.hpp"

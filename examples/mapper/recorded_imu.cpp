@@ -6,7 +6,6 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/detail/text.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "recorded_input.hpp"
 #include "support/configuration.hpp"
 

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/files.hpp"
 #include "datasets/kitti_calibration.hpp"
 #include "simulator/rig.hpp"

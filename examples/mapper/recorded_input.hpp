@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "verbs.hpp"
 

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/files.hpp"
 #include "drive_choice.hpp"
 #include "recorded_input.hpp"

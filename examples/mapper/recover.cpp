@@ -6,7 +6,6 @@
 #include <system_error>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "console.hpp"
 #include "end_on_interrupt.hpp"

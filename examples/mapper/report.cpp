@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/slam/closure_descent.hpp"
 #include "console.hpp"
 #include "end_on_interrupt.hpp"

@@ -8,15 +8,14 @@
 #include <span>
 #include <utility>
 
-#include "chainslam/evaluation/ape.hpp"
-#include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/g2o.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/io/tum.hpp"
-#include "chainslam/slam/corrected_trajectory.hpp"
+#include "chainslam/io/trajectory_file.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "chainslam/trajectory/association.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "frame_table.hpp"
 #include "placed_points.hpp"
 #include "run_summary.hpp"

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/evaluation/ape.hpp"
-#include "chainslam/evaluation/inter_session.hpp"
-#include "chainslam/evaluation/kitti_errors.hpp"
+#include "chainslam/trajectory/inter_session.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "mapping_result.hpp"
 #include "options.hpp"

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
 #include "report_answers.hpp"
 #include "results.hpp"
 #include "run_report_tables.hpp"

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/evaluation/kitti_errors.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
 #include "support/imu_calibration.hpp"
 #include "support/session_joins.hpp"
 

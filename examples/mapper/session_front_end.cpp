@@ -7,7 +7,7 @@
 #include <variant>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/odometry/recorded_odometry.hpp"
+#include "chainslam/odometry/odometry_source.hpp"
 #include "datasets/imu_findings.hpp"
 #include "support/summary.hpp"
 

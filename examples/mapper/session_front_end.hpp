@@ -5,8 +5,8 @@
 #include <string>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/map/frame.hpp"
-#include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/sensor/frame.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "datasets/dataset.hpp"
 #include "mapping.hpp"

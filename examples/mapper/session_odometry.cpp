@@ -3,8 +3,8 @@
 #include <limits>
 #include <utility>
 
-#include "chainslam/odometry/fast_lio2.hpp"
 #include "chainslam/odometry/lidar_inertial_odometry.hpp"
+#include "chainslam/odometry/lidar_inertial_options.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/odometry/self_calibrating.hpp"
 #include "chainslam/search/ikd_tree.hpp"

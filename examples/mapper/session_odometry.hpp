@@ -4,8 +4,8 @@
 #include <optional>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/map/frame.hpp"
-#include "chainslam/odometry/odometry_counts.hpp"
+#include "chainslam/odometry/odometry_source.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/sensor/imu_check.hpp"
 #include "chainslam/sensor/packet.hpp"
 #include "datasets/dataset.hpp"

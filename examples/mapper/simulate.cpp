@@ -10,7 +10,7 @@
 #include <string_view>
 #include <vector>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "exit_code.hpp"
 #include "output.hpp"

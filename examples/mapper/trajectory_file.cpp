@@ -6,11 +6,9 @@
 #include <string>
 #include <string_view>
 
-#include "chainslam/core/finite.hpp"
-#include "chainslam/io/euroc_csv.hpp"
-#include "chainslam/io/kitti.hpp"
-#include "chainslam/io/line_fields.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/io/input_file.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/nclt.hpp"
 
 namespace chainslam::mapper {

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/factor_graph/free_part.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/slam/map_undo.hpp"

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "verbs.hpp"
 
 namespace chainslam::mapper {

@@ -9,9 +9,9 @@
 #include <thread>
 #include <vector>
 
-#include "chainslam/evaluation/alignment.hpp"
-#include "chainslam/evaluation/kitti_errors.hpp"
-#include "chainslam/evaluation/rpe.hpp"
+#include "chainslam/trajectory/alignment.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "map_export.hpp"
 #include "trajectory_file.hpp"
 

@@ -5,7 +5,7 @@
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/timestamp.hpp"
-#include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "simulator/ray_caster.hpp"
 #include "simulator/rig.hpp"
 #include "simulator/vehicle_motion.hpp"

@@ -6,7 +6,7 @@
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "simulator/vehicle_motion.hpp"
 
 namespace chainslam::simulator {

@@ -5,7 +5,7 @@
 #include <charconv>
 #include <cmath>
 
-#include "chainslam/io/bytes.hpp"
+#include "chainslam/core/byte_archive.hpp"
 #include "simulator/rig.hpp"
 
 namespace chainslam::simulator {

@@ -7,8 +7,8 @@
 #include <cstdio>
 #include <string_view>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/io/bytes.hpp"
 #include "simulator/angle.hpp"
 #include "simulator/rig.hpp"
 

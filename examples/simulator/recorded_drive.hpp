@@ -5,7 +5,6 @@
 #include <span>
 #include <vector>
 
-#include "chainslam/sensor/imu_sample.hpp"
 #include "chainslam/sensor/packet.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "simulator/gnss_receiver.hpp"

@@ -5,7 +5,7 @@
 
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/pcd.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "simulator/new_folder.hpp"
 #include "simulator/scan_batches.hpp"
 

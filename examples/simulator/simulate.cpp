@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "simulator/nclt_files.hpp"
 #include "simulator/new_folder.hpp"
 #include "simulator/nuscenes_files.hpp"

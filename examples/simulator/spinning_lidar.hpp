@@ -8,7 +8,7 @@
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/sensor/lidar_scan.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "simulator/lidar_model.hpp"
 #include "simulator/lidar_options.hpp"
 #include "simulator/ray_caster.hpp"

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::support {
 

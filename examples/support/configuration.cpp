@@ -10,8 +10,8 @@
 #include <optional>
 #include <tuple>
 
-#include "chainslam/core/finite.hpp"
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/input_stream.hpp"
 #include "support/nearest_name.hpp"
 

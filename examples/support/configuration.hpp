@@ -16,7 +16,7 @@
 #include <variant>
 #include <vector>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <cmath>
 
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam::support {
 

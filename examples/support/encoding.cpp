@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 
 namespace chainslam::support {
 namespace {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/map/frame_record.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/sensor/frame.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::support {
 

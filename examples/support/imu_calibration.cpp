@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <numbers>
 
-#include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 
 namespace chainslam::support {
 namespace {

@@ -5,8 +5,7 @@
 #include <vector>
 
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/odometry/imu_alignment_options.hpp"
-#include "chainslam/sensor/imu_correction.hpp"
+#include "chainslam/odometry/imu_alignment.hpp"
 
 namespace chainslam::support {
 

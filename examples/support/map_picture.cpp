@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <string_view>
 
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/atomic_file.hpp"
 #include "support/drawable.hpp"
 

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::support {
 

@@ -9,7 +9,7 @@
 #include <fstream>
 #include <string>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 
 namespace chainslam::support {
 namespace {
@@ -85,14 +85,6 @@ void Progress::update(const ProgressState& state, Clock::time_point now) {
   shown_last_ = false;
   constexpr auto renewal = std::chrono::milliseconds(100);
   if (terminal_ ? now - last_shown_ >= renewal : tenths_done(state_) > tenths_shown_) show(now);
-}
-
-void Progress::progress(const StageProgress& progress) {
-  ProgressState state = state_;
-  state.stage = progress.stage;
-  state.done = progress.done;
-  state.total = progress.total;
-  update(state);
 }
 
 void Progress::warning(std::string_view text) {

@@ -7,7 +7,6 @@
 #include <string>
 #include <string_view>
 
-#include "chainslam/core/observer.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam::support {
@@ -35,8 +34,6 @@ struct ProgressState {
 [[nodiscard]] std::string progress_line(const ProgressState& state, double elapsed_seconds, std::uint64_t memory);
 
 /// Tells how a run goes: on a terminal one line that renews itself, otherwise a line for every 10 % of a stage.
-///
-/// Models `Observer`: stages reported by the library are shown with the other figures as they last were.
 class Progress {
  public:
   using Clock = std::chrono::steady_clock;
@@ -50,7 +47,6 @@ class Progress {
   /// Shows the state, if the line is old enough or the stage is new.
   void update(const ProgressState& state, Clock::time_point now = Clock::now());
 
-  void progress(const StageProgress& progress);
   void warning(std::string_view text);
 
   /// Leaves the last line of the current stage standing.
@@ -70,6 +66,5 @@ class Progress {
   bool line_open_ = false;   ///< the terminal's cursor stands behind a line of ours
   bool shown_last_ = false;  ///< the state that came last has been shown
 };
-static_assert(Observer<Progress>);
 
 }  // namespace chainslam::support

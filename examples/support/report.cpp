@@ -10,7 +10,7 @@
 #include <stdexcept>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/atomic_file.hpp"
 #include "support/encoding.hpp"
 #include "support/map_picture.hpp"

@@ -8,10 +8,10 @@
 #include <span>
 #include <utility>
 
-#include "chainslam/cloud/cell_set.hpp"
+#include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/core/timestamp.hpp"
-#include "chainslam/graph/connected_components.hpp"
-#include "chainslam/slam/corrected_trajectory.hpp"
+#include "chainslam/slam/connected_components.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "support/frame_health.hpp"
 

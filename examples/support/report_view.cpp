@@ -11,7 +11,7 @@
 #include <optional>
 #include <span>
 
-#include "chainslam/cloud/cell_set.hpp"
+#include "chainslam/cloud/cell_table.hpp"
 #include "support/encoding.hpp"
 #include "support/map_picture.hpp"
 

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::support {
 

@@ -55,6 +55,15 @@ inline std::string module_of(const std::string& path) {
 
 inline bool is_private(const std::string& path) { return path.find("/detail/") != std::string::npos; }
 
+/// Whether a private header has bodies of a class in a public one, which includes it at its end:
+/// module/detail/name_update.hpp of module/name.hpp.
+inline bool has_bodies_of(const std::string& path, const std::string& other) {
+  const auto slash = other.rfind('/');
+  if (slash == std::string::npos || !other.ends_with(".hpp")) return false;
+  const std::string name = other.substr(slash + 1, other.size() - slash - 5);
+  return path.starts_with(other.substr(0, slash) + "/detail/" + name + "_");
+}
+
 /// All modules that a module may include: itself, those its arrows reach, and what those reach.
 inline std::set<std::string> reachable_modules(const IncludeRules& rules, const std::string& module) {
   std::set<std::string> reached = {module};
@@ -100,6 +109,23 @@ class IncludeChecker {
       report(header.path, "has " + std::to_string(lines.size()) + " lines: look for the second idea");
     for (const std::string& word : rules_.forbidden_words)
       if (header.text.find(word) != std::string::npos) report(header.path, "says " + word);
+    if (is_private(header.path)) check_private(header.path, lines);
+  }
+
+  /// What a private header declares is in a namespace of its own: users see what public headers declare.
+  void check_private(const std::string& path, const std::vector<std::string>& lines) {
+    std::vector<std::string> open;
+    for (const std::string& line : lines) {
+      if (line.starts_with("namespace ") && line.ends_with("{"))
+        open.push_back(line);
+      else if (line.starts_with("}  // namespace") && !open.empty())
+        open.pop_back();
+      const auto is_detail = [](const std::string& name) { return name.find("detail") != std::string::npos; };
+      if (open.empty() || std::any_of(open.begin(), open.end(), is_detail) || line.ends_with(";")) continue;
+      for (const char* word : {"class ", "struct ", "enum class ", "concept "})
+        if (line.starts_with(word) && line.find("::") == std::string::npos)
+          report(path, "declares for users: " + line.substr(0, line.find(" {")));
+    }
   }
 
   std::vector<IncludeLine> includes_of(const Header& header) {
@@ -113,7 +139,7 @@ class IncludeChecker {
       if (quoted && !own) report(header.path, "includes \"" + name + "\" without its whole name chainslam/...");
       if (own && !quoted) report(header.path, "includes <" + name + "> with angle brackets");
       includes.push_back({own ? name.substr(prefix.size()) : name, own});
-      if (own) graph_[header.path].push_back(includes.back().name);
+      if (own && !has_bodies_of(header.path, includes.back().name)) graph_[header.path].push_back(includes.back().name);
     }
     return includes;
   }

@@ -1,4 +1,4 @@
-#include "chainslam/cloud/select.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 
 #include <doctest/doctest.h>
 

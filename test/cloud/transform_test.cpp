@@ -1,4 +1,4 @@
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 
 #include <doctest/doctest.h>
 

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/cloud/cell_set.hpp"
+#include "chainslam/cloud/cell_table.hpp"
 #include "support/property.hpp"
 
 namespace chainslam {

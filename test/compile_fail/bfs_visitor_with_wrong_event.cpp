@@ -1,8 +1,8 @@
 // expect: breadth_first_search: Visitor needs one or more of
-// expect: see chainslam/graph/concepts.hpp
+// expect: see chainslam/slam/adjacency_graph.hpp
 // A visitor that wants to be told more about a node than a search knows.
-#include "chainslam/graph/adjacency_graph.hpp"
-#include "chainslam/graph/breadth_first_search.hpp"
+#include "chainslam/slam/adjacency_graph.hpp"
+#include "chainslam/slam/breadth_first_search.hpp"
 
 struct MyVisitor {
 #ifdef CHAINSLAM_RIGHT

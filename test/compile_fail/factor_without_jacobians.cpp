@@ -1,5 +1,5 @@
 // expect: FactorGraph: a factor needs keys(), residual(values) and linearize(values)
-// expect: see chainslam/factor_graph/concepts.hpp
+// expect: see chainslam/factor_graph/values.hpp
 // A factor of the user's own that lacks its Jacobians.
 #include "chainslam/factor_graph/factor_graph.hpp"
 

@@ -1,5 +1,5 @@
 // expect: BasicRansac: Local needs `Hypothesis improve(points, hypothesis, max_distance) const`, as in Refit
-// expect: see chainslam/registration/ransac_policies.hpp
+// expect: see chainslam/registration/ransac.hpp
 #include "chainslam/registration/ransac.hpp"
 
 struct Local {

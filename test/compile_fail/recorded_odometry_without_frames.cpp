@@ -1,5 +1,5 @@
 // expect: RecordedOdometry: NextFrame needs `std::optional<Frame> operator()()`
-#include "chainslam/odometry/recorded_odometry.hpp"
+#include "chainslam/odometry/odometry_source.hpp"
 
 struct MyReader {
 #ifdef CHAINSLAM_RIGHT

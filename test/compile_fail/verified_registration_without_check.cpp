@@ -1,5 +1,5 @@
 // expect: VerifiedRegistration: Check needs `Verification verify(source, target, T_target_source, viewpoints, executor)
-// expect: see chainslam/registration/verifier.hpp
+// expect: see chainslam/registration/verified_registration.hpp
 #include "chainslam/registration/verified_registration.hpp"
 
 #ifdef CHAINSLAM_RIGHT

@@ -1,7 +1,7 @@
 // A Kalman filter of models of one's own: a body that moves at constant velocity, and measured positions.
-#include <chainslam/filter/ieskf.hpp>
 #include <chainslam/lie/product.hpp>
 #include <chainslam/lie/rn.hpp>
+#include <chainslam/odometry/ieskf.hpp>
 
 using State = chainslam::Product<chainslam::R3d, chainslam::R3d>;
 

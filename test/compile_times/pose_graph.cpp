@@ -1,7 +1,6 @@
 // A pose graph, optimised as a whole.
 #include <chainslam/factor_graph/batch_optimizer.hpp>
-#include <chainslam/factor_graph/between_factor.hpp>
-#include <chainslam/factor_graph/prior_factor.hpp>
+#include <chainslam/factor_graph/factors.hpp>
 
 int main() {
   using namespace chainslam;

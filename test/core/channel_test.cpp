@@ -9,7 +9,6 @@
 #include <thread>
 #include <vector>
 
-#include "chainslam/core/snapshot.hpp"
 #include "support/threads_cases.hpp"
 
 namespace chainslam {

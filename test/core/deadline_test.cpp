@@ -1,4 +1,4 @@
-#include "chainslam/core/deadline.hpp"
+#include "chainslam/core/executor.hpp"
 
 #include <doctest/doctest.h>
 

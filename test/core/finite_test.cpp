@@ -4,7 +4,7 @@
 #else
 #pragma GCC optimize("fast-math")
 #endif
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 
 #include <doctest/doctest.h>
 

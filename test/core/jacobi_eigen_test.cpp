@@ -1,4 +1,4 @@
-#include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,11 +1,9 @@
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 
 #include <doctest/doctest.h>
 
 #include <cstdint>
 #include <string>
-
-#include "chainslam/core/error.hpp"
 
 namespace chainslam::test {
 

@@ -1,4 +1,4 @@
-#include "chainslam/core/ranked.hpp"
+#include "chainslam/core/types.hpp"
 
 #include <doctest/doctest.h>
 

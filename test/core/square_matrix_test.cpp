@@ -1,4 +1,4 @@
-#include "chainslam/core/square_matrix.hpp"
+#include "chainslam/core/small_matrix.hpp"
 
 #include <doctest/doctest.h>
 

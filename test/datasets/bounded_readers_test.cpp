@@ -16,14 +16,12 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/euroc_csv.hpp"
 #include "chainslam/io/g2o.hpp"
 #include "chainslam/io/input_journal.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/chunk_codec.hpp"
 #include "datasets/dataset.hpp"
 #include "datasets/extrinsic.hpp"

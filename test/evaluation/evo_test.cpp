@@ -6,9 +6,8 @@
 #include <iterator>
 #include <string>
 
-#include "chainslam/evaluation/ape.hpp"
-#include "chainslam/evaluation/rpe.hpp"
-#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/trajectory_file.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "support/real_data.hpp"
 
 // The expected values are evo's own: the stats.json of its published test results, and those in the data's README.

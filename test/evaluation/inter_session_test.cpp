@@ -1,4 +1,4 @@
-#include "chainslam/evaluation/inter_session.hpp"
+#include "chainslam/trajectory/inter_session.hpp"
 
 #include <doctest/doctest.h>
 

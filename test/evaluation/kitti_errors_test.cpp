@@ -1,4 +1,4 @@
-#include "chainslam/evaluation/kitti_errors.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
 
 #include <doctest/doctest.h>
 
@@ -11,7 +11,7 @@
 #include <numbers>
 #include <vector>
 
-#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "evaluation/paths.hpp"
 #include "support/property.hpp"
 #include "support/real_data.hpp"

@@ -1,4 +1,4 @@
-#include "chainslam/evaluation/statistics.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 
 #include <doctest/doctest.h>
 

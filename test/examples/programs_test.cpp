@@ -10,12 +10,12 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/io/g2o.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "generated/arc_fixes.hpp"
 #include "generated/beacon_drive.hpp"
 #include "generated/circle_drive.hpp"

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
-#include "chainslam/factor_graph/jacobian_error.hpp"
 #include "factor_graph/pose_graphs.hpp"
 #include "factor_graph/smoother_twin.hpp"
 #include "support/property.hpp"

@@ -3,11 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "chainslam/factor_graph/between_factor.hpp"
-#include "chainslam/factor_graph/gnss_factor.hpp"
-#include "chainslam/factor_graph/gravity_factor.hpp"
-#include "chainslam/factor_graph/jacobian_error.hpp"
-#include "chainslam/factor_graph/prior_factor.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/lie/se2.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "factor_graph/pose_graphs.hpp"

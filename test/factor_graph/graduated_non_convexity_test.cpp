@@ -1,4 +1,4 @@
-#include "chainslam/factor_graph/graduated_non_convexity.hpp"
+#include "chainslam/factor_graph/outlier_rejection.hpp"
 
 #include <doctest/doctest.h>
 

@@ -11,12 +11,10 @@
 #include <vector>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
-#include "chainslam/factor_graph/gnss_factor.hpp"
-#include "chainslam/factor_graph/gravity_factor.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/incremental_gnc.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/factor_graph/marginals.hpp"
-#include "chainslam/factor_graph/shared_estimates.hpp"
 #include "chainslam/lie/rn.hpp"
 #include "factor_graph/smoother_twin.hpp"
 #include "support/property.hpp"
@@ -716,35 +714,5 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     CHECK(list[first].members == 1);
     CHECK(list[first].newest == first);
     list.for_each_at(2, [](Index) { FAIL_CHECK("still at its variable"); });
-  }
-
-  TEST_CASE("what is published is what the smoother has, after updates, undoing, moving and loading") {
-    Rng rng(4);
-    Twin twin;
-    Walk walk(rng);
-    SharedEstimates<SE3d> shared;
-    shared.publish(twin.smoother);
-    CHECK(shared.size() == 0);
-    const auto agree = [&](const Smoother& smoother) {
-      shared.publish(smoother);
-      CHECK(largest_difference(shared.values(), smoother.values()) < 1e-12);
-      CHECK(shared.size() == smoother.size());
-    };
-    for (int k = 0; k < 60; ++k) {
-      walk.step(twin);
-      REQUIRE(twin.smoother.update().ok());
-      if (k % 9 != 5) agree(twin.smoother);
-    }
-    REQUIRE(twin.smoother.converge().ok());
-    agree(twin.smoother);
-    twin.smoother.move(std::vector<Key>{3, 4}, random_pose<SE3d>(rng));
-    REQUIRE(twin.smoother.update().ok());
-    agree(twin.smoother);
-    twin.smoother.undo();
-    agree(twin.smoother);
-    SharedEstimates<SE3d> other;
-    const Smoother loaded = Smoother::load(twin.smoother.save());
-    other.publish(loaded);
-    CHECK(largest_difference(other.values(), loaded.values()) == 0.0);
   }
 }

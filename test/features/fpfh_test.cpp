@@ -9,7 +9,7 @@
 #include <numbers>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/features/normals.hpp"
 #include "chainslam/search/brute_force.hpp"

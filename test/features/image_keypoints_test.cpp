@@ -1,4 +1,4 @@
-#include "chainslam/features/image_keypoints.hpp"
+#include "chainslam/features/height_image.hpp"
 
 #include <doctest/doctest.h>
 
@@ -6,7 +6,6 @@
 #include <numbers>
 #include <vector>
 
-#include "chainslam/features/height_image.hpp"
 #include "chainslam/lie/se2.hpp"
 #include "support/property.hpp"
 

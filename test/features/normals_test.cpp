@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "chainslam/cloud/plane_fit.hpp"
-#include "chainslam/cloud/symmetric_eigen.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/features/oriented_on_demand.hpp"
+#include "chainslam/features/fpfh.hpp"
 #include "chainslam/search/brute_force.hpp"
 #include "chainslam/search/voxel_map.hpp"
 #include "support/property.hpp"

@@ -1,4 +1,4 @@
-#include "chainslam/filter/ieskf.hpp"
+#include "chainslam/odometry/ieskf.hpp"
 
 #include <doctest/doctest.h>
 
@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/lie/jacobians.hpp"
 #include "chainslam/lie/product.hpp"
 #include "chainslam/lie/rn.hpp"
 #include "chainslam/lie/so3.hpp"

@@ -1,4 +1,4 @@
-#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "fuzz/input.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

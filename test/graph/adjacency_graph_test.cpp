@@ -1,4 +1,4 @@
-#include "chainslam/graph/adjacency_graph.hpp"
+#include "chainslam/slam/adjacency_graph.hpp"
 
 #include <doctest/doctest.h>
 

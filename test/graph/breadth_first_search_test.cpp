@@ -1,4 +1,4 @@
-#include "chainslam/graph/breadth_first_search.hpp"
+#include "chainslam/slam/breadth_first_search.hpp"
 
 #include <doctest/doctest.h>
 

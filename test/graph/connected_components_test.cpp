@@ -1,4 +1,4 @@
-#include "chainslam/graph/connected_components.hpp"
+#include "chainslam/slam/connected_components.hpp"
 
 #include <doctest/doctest.h>
 

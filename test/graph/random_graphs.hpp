@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/graph/adjacency_graph.hpp"
+#include "chainslam/slam/adjacency_graph.hpp"
 #include "support/property.hpp"
 
 namespace chainslam::test {

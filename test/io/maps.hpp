@@ -13,7 +13,7 @@
 #include "chainslam/cloud/quantize.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/io/file_system.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::test {
 

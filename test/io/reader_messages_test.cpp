@@ -4,12 +4,10 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/euroc_csv.hpp"
 #include "chainslam/io/g2o.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "support/files.hpp"
 #include "support/source_calls.hpp"
 

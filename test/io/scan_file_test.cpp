@@ -16,7 +16,7 @@
 
 #include "chainslam/io/input_journal.hpp"
 #include "chainslam/io/map_archive.hpp"
-#include "chainslam/map/append_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "io/maps.hpp"
 #include "support/files.hpp"
 #include "support/property.hpp"

@@ -2,9 +2,7 @@
 
 #include <limits>
 
-#include "chainslam/io/euroc_csv.hpp"
-#include "chainslam/io/kitti.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "support/files.hpp"
 #include "support/real_data.hpp"
 

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/evaluation/ape.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "simulator/preset.hpp"
 #include "simulator/town_drive.hpp"
 

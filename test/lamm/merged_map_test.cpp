@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/odometry_recording.hpp"
 #include "keyframe_sets.hpp"
 #include "lamm/circle_drives.hpp"

@@ -8,8 +8,7 @@
 
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/concepts.hpp"
-#include "chainslam/lie/numeric_jacobian.hpp"
-#include "chainslam/lie/retract_jacobian.hpp"
+#include "chainslam/lie/jacobians.hpp"
 #include "chainslam/lie/rn.hpp"
 #include "support/property.hpp"
 

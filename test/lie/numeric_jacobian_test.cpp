@@ -1,4 +1,4 @@
-#include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/lie/jacobians.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,8 +1,8 @@
 #include "chainslam/lie/product.hpp"
 #include "chainslam/lie/rn.hpp"
 #include "chainslam/lie/s2.hpp"
+#include "chainslam/lie/se2.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/lie/so2.hpp"
 #include "lie/laws.hpp"
 
 namespace chainslam::test {

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <type_traits>
 
-#include "chainslam/lie/interpolate.hpp"
+#include "chainslam/lie/concepts.hpp"
 #include "lie/dual.hpp"
 #include "lie/laws.hpp"
 

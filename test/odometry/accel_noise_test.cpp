@@ -1,4 +1,4 @@
-#include "chainslam/odometry/accel_noise.hpp"
+#include "chainslam/odometry/detail/accel_noise.hpp"
 
 #include <doctest/doctest.h>
 
@@ -26,7 +26,7 @@ struct NoisyForces {
   }
 
   /// Goes on to the next scan.
-  void follow(AccelNoise& learned) {
+  void follow(detail::AccelNoise& learned) {
     constexpr int steps = 10;
     const double dt = scan_interval / steps;
     Eigen::Vector3d gain(0, 0, 0), way(0, 0, 0);
@@ -45,7 +45,7 @@ struct NoisyForces {
 };
 
 double learned_in(double seconds, NoisyForces forces, const AccelNoiseOptions& options = {}) {
-  AccelNoise noise(options);
+  detail::AccelNoise noise(options);
   for (int i = 0; i < std::lround(seconds / forces.scan_interval); ++i) forces.follow(noise);
   return noise.density();
 }
@@ -72,7 +72,7 @@ TEST_SUITE("odometry/accel_noise") {
   // Gravity is learnt in a drive's first seconds: by an accelerometer as good as usual until it is known to be worse.
   // Taking it for five times as noisy at first cost 0.05 m of a minute through the simulated town.
   TEST_CASE("noise is small until it is known, and known in the first seconds") {
-    CHECK(AccelNoise().density() == doctest::Approx(0.02).scale(0));
+    CHECK(detail::AccelNoise().density() == doctest::Approx(0.02).scale(0));
     CHECK(learned_in(1.9, {.density = 0.3}) == doctest::Approx(0.02).scale(0));
     CHECK(learned_in(4, {.density = 0.3}) > 0.15);
     CHECK(learned_in(10, {.density = 0.3}) > 0.2);
@@ -80,7 +80,7 @@ TEST_SUITE("odometry/accel_noise") {
   }
 
   TEST_CASE("noise that comes or ceases is followed within half a minute") {
-    AccelNoise noise;
+    detail::AccelNoise noise;
     NoisyForces forces{.density = 0.02};
     for (int i = 0; i < 600; ++i) forces.follow(noise);
     CHECK(noise.density() < 0.03);
@@ -93,7 +93,7 @@ TEST_SUITE("odometry/accel_noise") {
   }
 
   TEST_CASE("positions and forces on both sides of an interruption are not compared") {
-    AccelNoise noise;
+    detail::AccelNoise noise;
     NoisyForces forces{.density = 0.02};
     for (int i = 0; i < 600; ++i) forces.follow(noise);
     const double before = noise.density();
@@ -109,7 +109,7 @@ TEST_SUITE("odometry/accel_noise") {
   }
 
   TEST_CASE("one scan that is registered to a wrong place does not make an accelerometer unusable") {
-    AccelNoise noise;
+    detail::AccelNoise noise;
     NoisyForces forces{.density = 0.02};
     for (int i = 0; i < 600; ++i) forces.follow(noise);
     forces.position.x() += 20;

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/map/frame_record.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/slam/gravity_measurement.hpp"
 #include "odometry/imu_samples.hpp"
 #include "support/kitti_drive.hpp"
@@ -20,8 +20,8 @@ namespace {
 namespace delta {
 
 /// A record of a body that turns at `rate` and on which a force acts that is constant in the world, from 0 s on.
-ImuRecord turning(const Eigen::Vector3d& rate, const Eigen::Vector3d& force, double duration) {
-  ImuRecord record;
+detail::ImuRecord turning(const Eigen::Vector3d& rate, const Eigen::Vector3d& force, double duration) {
+  detail::ImuRecord record;
   for (double t = 0; t <= duration + 0.005; t += 0.01)
     record.add(test::sample_at(t, rate, SO3d::exp(t * rate).inverse() * force));
   return record;
@@ -30,7 +30,7 @@ ImuRecord turning(const Eigen::Vector3d& rate, const Eigen::Vector3d& force, dou
 /// Frames of a drive whose poses are the truth and whose accelerometer is real.
 std::vector<FrameRecord> recorded_frames(const test::KittiDrive& drive) {
   constexpr double lag = 0.066;  // seconds, as the data's description measured it
-  ImuRecord record;
+  detail::ImuRecord record;
   for (ImuSample sample : drive.imu) {
     sample.time = sample.time - seconds(lag);
     record.add(sample);
@@ -95,7 +95,7 @@ TEST_SUITE("odometry/delta_velocity") {
     test::for_all(20, [](Rng& rng, int) {
       const Eigen::Vector3d rate(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-1, 1));
       const Eigen::Vector3d force(rng.uniform(-3, 3), rng.uniform(-3, 3), 9.8);
-      const ImuRecord record = turning(rate, force, 1.0);
+      const detail::ImuRecord record = turning(rate, force, 1.0);
       const double begin = rng.uniform(0, 0.4), end = rng.uniform(0.5, 1.0);
       const auto gained = detail::delta_velocity(record, test::at(begin), test::at(end), (end - begin) * rate);
       REQUIRE(gained);
@@ -106,12 +106,12 @@ TEST_SUITE("odometry/delta_velocity") {
 
   TEST_CASE("what was not measured all the time is not stated") {
     const Eigen::Vector3d none = Eigen::Vector3d::Zero(), force(0, 0, 9.8);
-    const ImuRecord record = turning(none, force, 1.0);
+    const detail::ImuRecord record = turning(none, force, 1.0);
     CHECK(detail::delta_velocity(record, test::at(0.5), test::at(1.1), none));  // held a little beyond the last one
     CHECK_FALSE(detail::delta_velocity(record, test::at(0.5), test::at(2.0), none));
     CHECK_FALSE(detail::delta_velocity(record, test::at(-2.0), test::at(0.5), none));
     CHECK_FALSE(detail::delta_velocity(record, test::at(0.5), test::at(0.5), none));
-    CHECK_FALSE(detail::delta_velocity(ImuRecord(), test::at(0.5), test::at(0.6), none));
+    CHECK_FALSE(detail::delta_velocity(detail::ImuRecord(), test::at(0.5), test::at(0.6), none));
   }
 
   TEST_CASE("gravity on five real drives of a car: as exact as stated, and less so by shorter windows") {

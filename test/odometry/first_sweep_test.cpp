@@ -28,7 +28,7 @@ TEST_SUITE("odometry/first_sweep") {
     for_all(20, [](Rng& rng, int) {
       const Eigen::Vector3d rate(rng.uniform(-2, 2), rng.uniform(-2, 2), rng.uniform(-2, 2));
       const Eigen::Vector3d bias(0.02, -0.01, 0.03);
-      ImuRecord imu;
+      detail::ImuRecord imu;
       for (int i = 0; i <= 30; ++i) imu.add(sample_at(0.01 * i, rate + bias));
       const detail::GyroTurn turn(imu, at(0.1), at(0.2), bias);
       REQUIRE(turn.measured());
@@ -46,7 +46,7 @@ TEST_SUITE("odometry/first_sweep") {
 
   TEST_CASE("moves by the twist alone where the gyroscope left a hole, has a stuck axis, or is missing") {
     const Vector6d twist = (Vector6d() << 8, 0, 0, 0, 0, 0.5).finished();
-    ImuRecord missing, hole, stuck;
+    detail::ImuRecord missing, hole, stuck;
     for (int i = 0; i <= 10; ++i) hole.add(sample_at(0.01 * i, {0, 0, 1}));
     hole.add(sample_at(1, {0, 0, 1}));
     for (int i = 0; i <= 30; ++i) {
@@ -54,7 +54,7 @@ TEST_SUITE("odometry/first_sweep") {
       sample.rate_measured = false;
       stuck.add(sample);
     }
-    for (const ImuRecord* imu : {&missing, &hole, &stuck}) {
+    for (const detail::ImuRecord* imu : {&missing, &hole, &stuck}) {
       const detail::GyroTurn turn(*imu, at(0.1), at(0.2), Eigen::Vector3d::Zero());
       CHECK(!turn.measured());
       const Vector6d back = -0.1 * twist;

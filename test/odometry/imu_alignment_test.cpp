@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "odometry/imu_samples.hpp"
 #include "odometry/shared_drives.hpp"
@@ -200,7 +200,7 @@ std::optional<Recording> read_kitti_drive(const std::string& name, double period
   const SE3d T_camera_lidar(SO3d::from_matrix(R_camera_lidar),
                             {-1.198459927713e-02, -5.403984729748e-02, -2.921968648686e-01});
   Recording recording;
-  recording.T_body_lidar = test::detail::kitti_T_body_lidar();
+  recording.T_body_lidar = test::internal::kitti_T_body_lidar();
   recording.time_offset = lag;
   double frame = 0;
   for (const std::vector<double>& row : read_rows(*folder / (name + "_truth_camera.txt"))) {
@@ -222,7 +222,7 @@ std::optional<Recording> read_keyframes() {
   const auto folder = test::real_data("kitti00_keyframes_imu/kitti00_keyframes_imu/kitti00_keyframes_imu");
   if (!folder) return std::nullopt;
   Recording recording;
-  recording.T_body_lidar = test::detail::kitti_T_body_lidar();
+  recording.T_body_lidar = test::internal::kitti_T_body_lidar();
   recording.time_offset = -0.004;  // what is left after the source's correction, against the truth
   recording.imu = read_measurements(*folder / "imu.csv", keyframes_filled, 1);
   const Trajectory truth = read_tum(*folder / "groundtruth_lidar.tum");

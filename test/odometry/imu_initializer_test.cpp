@@ -1,4 +1,4 @@
-#include "chainslam/odometry/imu_initializer.hpp"
+#include "chainslam/odometry/imu_process.hpp"
 
 #include <doctest/doctest.h>
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/filter/ieskf.hpp"
-#include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/lie/jacobians.hpp"
+#include "chainslam/odometry/ieskf.hpp"
 #include "support/property.hpp"
 #include "support/quick.hpp"
 

@@ -1,4 +1,4 @@
-#include "chainslam/odometry/imu_record.hpp"
+#include "chainslam/odometry/detail/imu_record.hpp"
 
 #include <doctest/doctest.h>
 
@@ -24,9 +24,9 @@ struct Step {
   double duration;
   Eigen::Vector3d gyro, accel;
 };
-std::vector<Step> steps_of(const ImuRecord& record, double from, double to) {
+std::vector<Step> steps_of(const detail::ImuRecord& record, double from, double to) {
   std::vector<Step> steps;
-  record.for_each_step(at(from), at(to), [&](const ImuStep& step) {
+  record.for_each_step(at(from), at(to), [&](const detail::ImuStep& step) {
     REQUIRE(step.reading);
     steps.push_back({step.duration, step.reading->gyro, step.reading->accel});
   });
@@ -37,10 +37,10 @@ std::vector<Step> steps_of(const ImuRecord& record, double from, double to) {
 
 TEST_SUITE("odometry/imu_record") {
   TEST_CASE("steps next to a sample with a stuck axis are without that sensor, and no others") {
-    ImuRecord record;
+    detail::ImuRecord record;
     for (int i = 0; i < 6; ++i) record.add({.time = at(0.01 * i), .rate_measured = i != 2, .force_measured = i != 4});
     std::string rates, forces;
-    record.for_each_step(at(0), at(0.05), [&](const ImuStep& step) {
+    record.for_each_step(at(0), at(0.05), [&](const detail::ImuStep& step) {
       REQUIRE(step.reading);
       rates += step.reading->rate_measured ? 'y' : 'n';
       forces += step.reading->force_measured ? 'y' : 'n';
@@ -50,16 +50,16 @@ TEST_SUITE("odometry/imu_record") {
   }
 
   TEST_CASE("a hole takes bounded work, however far the clock jumped, and its steps make up its whole length") {
-    ImuRecord record;
+    detail::ImuRecord record;
     for (int i = 0; i < 3; ++i) record.add({.time = at(0.01 * i)});
     for (const double length : {0.5, 1.0, 9.9, 10.1, 3600.0, 1e9, 4e9}) {
       CAPTURE(length);
       for (const bool sample_behind : {false, true}) {
-        ImuRecord jumped = record;
+        detail::ImuRecord jumped = record;
         if (sample_behind) jumped.add({.time = at(0.02 + length)});
         std::int64_t steps = 0;
         double sum = 0, longest_of_first = 0;
-        jumped.for_each_step(at(0.02), at(0.02 + length), [&](const ImuStep& step) {
+        jumped.for_each_step(at(0.02), at(0.02 + length), [&](const detail::ImuStep& step) {
           CHECK(!step.reading);
           sum += step.duration;
           if (++steps <= 500) longest_of_first = std::max(longest_of_first, step.duration);
@@ -75,12 +75,12 @@ TEST_SUITE("odometry/imu_record") {
     for_all(20, [](Rng& rng, int) {
       const ImuCorrection first{rng.normal(0, 0.05), SO3d::exp(any_vector(rng))};
       const ImuCorrection last{rng.normal(0, 0.05), SO3d::exp(any_vector(rng))};
-      ImuRecord record, corrected_before;
+      detail::ImuRecord record, corrected_before;
       for (int i = 0; i < 60; ++i) {
         const ImuSample sample = sample_at(100 + 0.01 * i, any_vector(rng), any_vector(rng));
         if (i == 20) record.correct(first);
         if (i == 40) record.correct(last);
-        CHECK(record.add(sample) == ImuRecord::Taken::yes);
+        CHECK(record.add(sample) == detail::ImuRecord::Taken::yes);
         corrected_before.add(last(sample));
       }
       REQUIRE(record.samples().size() == corrected_before.samples().size());
@@ -97,12 +97,12 @@ TEST_SUITE("odometry/imu_record") {
   }
 
   TEST_CASE("a clock that is put back loses no sample: those that come after continue those before") {
-    ImuRecord record;
+    detail::ImuRecord record;
     for (int i = 0; i < 50; ++i) record.add(sample_at(10.2 + 0.01 * i, {0, 0, 0.1}));
     record.correct({.time_offset = 0.2});
     CHECK_FALSE(record.reaches(at(10.5)));
     CHECK(record.reaches(at(10.49)));
-    CHECK(record.add(sample_at(10.7, {0, 0, 0.1})) == ImuRecord::Taken::yes);
+    CHECK(record.add(sample_at(10.7, {0, 0, 0.1})) == detail::ImuRecord::Taken::yes);
     CHECK(record.samples().size() == 51);
     CHECK(record.reaches(at(10.5)));
   }

@@ -1,4 +1,4 @@
-#include "chainslam/odometry/imu_rotation.hpp"
+#include "chainslam/odometry/detail/imu_rotation.hpp"
 
 #include <doctest/doctest.h>
 
@@ -36,7 +36,7 @@ TEST_SUITE("odometry/imu_rotation") {
     for_all(20, [](Rng& rng, int) {
       const Eigen::Vector3d rate(rng.uniform(-2, 2), rng.uniform(-2, 2), rng.uniform(-2, 2));
       const Eigen::Vector3d bias(0.02, -0.01, 0.03);
-      ImuRotation imu;
+      detail::ImuRotation imu;
       for (int i = 0; i <= 50; ++i) CHECK(imu.add(sample_at(0.01 * i, rate + bias)));
       const double from = rng.uniform(0, 0.2), to = rng.uniform(0.25, 0.5);
       const auto R = imu.rotation(at(from), at(to), bias);
@@ -47,7 +47,7 @@ TEST_SUITE("odometry/imu_rotation") {
 
   TEST_CASE("a coning motion is followed to fourth order in the sampling interval") {
     const auto error = [](int samples_per_second) {
-      ImuRotation imu;
+      detail::ImuRotation imu;
       for (int i = 0; i <= samples_per_second; ++i) {
         const double t = static_cast<double>(i) / samples_per_second;
         imu.add(sample_at(t, coning_rate(t)));
@@ -62,7 +62,7 @@ TEST_SUITE("odometry/imu_rotation") {
   }
 
   TEST_CASE("rotations join: from a to c is from a to b and from b to c") {
-    ImuRotation imu;
+    detail::ImuRotation imu;
     for (int i = 0; i <= 100; ++i) imu.add(sample_at(0.01 * i, coning_rate(0.01 * i)));
     const Eigen::Vector3d none = Eigen::Vector3d::Zero();
     const SO3d whole = *imu.rotation(at(0.1), at(0.9), none);
@@ -72,7 +72,7 @@ TEST_SUITE("odometry/imu_rotation") {
 
   TEST_CASE("holes: short ones are bridged, long ones have no answer") {
     const Eigen::Vector3d rate(0, 0, 1), none = Eigen::Vector3d::Zero();
-    ImuRotation imu(seconds(0.25));
+    detail::ImuRotation imu(seconds(0.25));
     CHECK_FALSE(imu.rotation(at(0), at(0.1), none).has_value());
     for (const double t : {0.0, 0.1, 0.3, 0.4}) imu.add(sample_at(t, rate));
     for (const double t : {1.0, 1.1}) imu.add(sample_at(t, rate));
@@ -88,7 +88,7 @@ TEST_SUITE("odometry/imu_rotation") {
 
   TEST_CASE("broken samples are dropped; a clock set back starts the record anew") {
     const double nan = std::numeric_limits<double>::quiet_NaN();
-    ImuRotation imu(seconds(0.25));
+    detail::ImuRotation imu(seconds(0.25));
     CHECK(imu.add(sample_at(10, {0, 0, 1})));
     CHECK_FALSE(imu.add(sample_at(10, {0, 0, 1})));
     CHECK_FALSE(imu.add(sample_at(9.9, {0, 0, 1})));

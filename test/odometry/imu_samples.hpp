@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 
 #include "chainslam/lie/so3.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam::test {
 

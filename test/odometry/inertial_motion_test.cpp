@@ -1,4 +1,4 @@
-#include "chainslam/odometry/inertial_motion.hpp"
+#include "chainslam/odometry/detail/inertial_motion.hpp"
 
 #include <doctest/doctest.h>
 
@@ -22,7 +22,7 @@ Eigen::Vector3d velocity(double t) { return speed + t * acceleration; }
 Eigen::Vector3d place(double t) { return t * speed + 0.5 * t * t * acceleration; }
 
 /// Puts the filter where scans would have, with so much doubt of all of the pose and the velocity.
-void put(InertialMotion& motion, double t, double deviation = 0.01) {
+void put(detail::InertialMotion& motion, double t, double deviation = 0.01) {
   InertialState x = motion.state();
   x.get<Inertial::position>() = R3d(place(t));
   x.get<Inertial::rotation>() = attitude(t);
@@ -38,8 +38,9 @@ void put(InertialMotion& motion, double t, double deviation = 0.01) {
 struct Errors {
   Eigen::Vector3d gyro = Eigen::Vector3d::Zero(), accel = Eigen::Vector3d::Zero();
 };
-InertialMotion moving(const Errors& errors = {}, double gap_from = 1e9, const InertialMotionOptions& options = {}) {
-  InertialMotion motion(options);
+detail::InertialMotion moving(const Errors& errors = {}, double gap_from = 1e9,
+                              const InertialMotionOptions& options = {}) {
+  detail::InertialMotion motion(options);
   motion.start(at(begin_time));
   put(motion, 0);
   for (int i = 0; i <= 70; ++i) {
@@ -73,11 +74,11 @@ struct Place {
 
 TEST_SUITE("odometry/inertial_motion") {
   TEST_CASE("what an IMU without errors measured agrees with the scans") {
-    InertialMotion motion = moving();
+    detail::InertialMotion motion = moving();
     motion.predict(at(begin_time + interval));
     CHECK((motion.state().get<Inertial::position>().value() - place(interval)).norm() < 1e-4);
     put(motion, interval);
-    const ImuComparison comparison = motion.comparison();
+    const detail::ImuComparison comparison = motion.comparison();
     CHECK(comparison.interval == doctest::Approx(interval));
     CHECK(comparison.force_measured);
     CHECK(comparison.rate_error.norm() < 1e-6);
@@ -94,7 +95,7 @@ TEST_SUITE("odometry/inertial_motion") {
       options.accel_noise.start = start;
       options.process.noise.accel = own;
       options.start_accel_bias = 0;
-      InertialMotion motion = moving({}, 1e9, options);
+      detail::InertialMotion motion = moving({}, 1e9, options);
       InertialState::Jacobian known = zeros<InertialState::Jacobian>();  // all else is certain
       motion.filter().reset(motion.state(), known);
       CHECK(motion.accel_noise() == doctest::Approx(std::max(start, own)).scale(0));
@@ -112,8 +113,8 @@ TEST_SUITE("odometry/inertial_motion") {
 
   TEST_CASE("errors of the gyroscope and the accelerometer are found apart") {
     const Eigen::Vector3d gyro_error(0.02, -0.03, 0.05), accel_error(0.5, 1, -0.7);
-    InertialMotion gyro = moving({.gyro = gyro_error}), accel = moving({.accel = accel_error});
-    for (InertialMotion* motion : {&gyro, &accel}) {
+    detail::InertialMotion gyro = moving({.gyro = gyro_error}), accel = moving({.accel = accel_error});
+    for (detail::InertialMotion* motion : {&gyro, &accel}) {
       motion->predict(at(begin_time + interval));
       put(*motion, interval);
     }
@@ -125,16 +126,16 @@ TEST_SUITE("odometry/inertial_motion") {
   }
 
   TEST_CASE("nothing is compared where measurements are missing, or scans have not told the velocity") {
-    InertialMotion gap = moving({}, 0.1);
+    detail::InertialMotion gap = moving({}, 0.1);
     gap.predict(at(begin_time + 0.5));
     put(gap, 0.5);
     CHECK(gap.comparison().interval == 0);
-    InertialMotion unknown = moving();
+    detail::InertialMotion unknown = moving();
     put(unknown, 0, 3);  // m/s
     unknown.predict(at(begin_time + interval));
     put(unknown, interval);
     CHECK(unknown.comparison().interval == 0);
-    InertialMotion still_unknown = moving();
+    detail::InertialMotion still_unknown = moving();
     still_unknown.predict(at(begin_time + interval));
     put(still_unknown, interval, 3);
     CHECK(still_unknown.comparison().interval == 0);
@@ -142,7 +143,7 @@ TEST_SUITE("odometry/inertial_motion") {
 
   TEST_CASE(
       "predicted again with less: without the accelerometer the velocity stays, without the IMU the turn does too") {
-    InertialMotion motion = moving();
+    detail::InertialMotion motion = moving();
     motion.predict(at(begin_time + interval));
     put(motion, interval);
     motion.follow();  // by which the rate is known
@@ -168,7 +169,7 @@ TEST_SUITE("odometry/inertial_motion") {
   }
 
   TEST_CASE("what was learnt from a sensor that is not believed is as uncertain as at the start") {
-    InertialMotion motion = moving();
+    detail::InertialMotion motion = moving();
     const InertialMotionOptions defaults;
     InertialState::Jacobian covariance = motion.filter().covariance();
     for (int i = inertial_offset<Inertial::gyro_bias>; i < inertial_offset<Inertial::up> + 2; ++i)
@@ -190,7 +191,7 @@ TEST_SUITE("odometry/inertial_motion") {
   TEST_CASE(
       "in doubt of the motion, a scan that lies elsewhere changes the velocity by its distance over the interval") {
     for (const double distance : {0.5, 1.5}) {
-      InertialMotion motion = moving();
+      detail::InertialMotion motion = moving();
       motion.predict(at(begin_time + interval));
       const InertialState predicted = motion.state();
       motion.doubt_motion();
@@ -203,7 +204,7 @@ TEST_SUITE("odometry/inertial_motion") {
       CHECK((gained - off / interval).norm() < 0.02 * off.norm() / interval);
       // Without doubt, the same scan is taken for an acceleration that gravity's direction has hidden, and the velocity
       // at the end is off by twice as much.
-      InertialMotion sure = moving();
+      detail::InertialMotion sure = moving();
       sure.predict(at(begin_time + interval));
       CHECK(sure.filter().update(measured).accepted());
       const Eigen::Vector3d more =
@@ -213,7 +214,7 @@ TEST_SUITE("odometry/inertial_motion") {
   }
 
   TEST_CASE("a guess that is moved is as much faster") {
-    InertialMotion motion = moving();
+    detail::InertialMotion motion = moving();
     motion.predict(at(begin_time + interval));
     Vector6d step = Vector6d::Zero();
     step[0] = 0.4;  // forward, in the body's axes
@@ -229,7 +230,7 @@ TEST_SUITE("odometry/inertial_motion") {
 
   TEST_CASE("quiet measurements are of rest or of a slow turn: the bias at the start allows for both") {
     const Eigen::Vector3d mean(0.002, -0.001, 0.02);  // rad/s
-    InertialMotion motion;
+    detail::InertialMotion motion;
     for (int i = 0; i < 100; ++i) motion.add(sample_at(begin_time - 1 + 0.01 * i, mean));
     REQUIRE(motion.start(at(begin_time)).at_rest);
     constexpr int bias = inertial_offset<Inertial::gyro_bias>;
@@ -248,7 +249,7 @@ TEST_SUITE("odometry/inertial_motion") {
 
   TEST_CASE("what was measured of the mounting is told without what was assumed of it") {
     InertialMotionOptions options;
-    InertialMotion motion(options, SE3d(SO3d::exp({0.1, 0.2, 0.3}), {1, 0, 0}));
+    detail::InertialMotion motion(options, SE3d(SO3d::exp({0.1, 0.2, 0.3}), {1, 0, 0}));
     motion.start(at(begin_time));
     CHECK(motion.mounting_evidence().information.norm() == 0);  // held
     motion.doubt_mounting();

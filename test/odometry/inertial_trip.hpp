@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/random.hpp"
-#include "chainslam/map/frame.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/sensor/packet.hpp"
 #include "support/world.hpp"
 

@@ -365,7 +365,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     x.get<Inertial::position>() = R3d(Eigen::Vector3d(100, -50, 3));
     x.get<Inertial::up>() = S2d::from_vector({0.01, 0.02, 1});
     x.get<Inertial::creep>() = R2d(Eigen::Vector2d(0.004, -0.003));
-    Leveller leveller;
+    detail::Leveller leveller;
     leveller.follow(x);
     CHECK((leveller.T_odom_map() * x.get<Inertial::position>().value() - x.get<Inertial::position>().value()).norm() <
           1e-9);

@@ -9,7 +9,6 @@
 
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/odometry/odometry_source.hpp"
-#include "chainslam/odometry/recorded_odometry.hpp"
 #include "support/quick.hpp"
 #include "support/threads_cases.hpp"
 #include "support/world.hpp"

@@ -7,7 +7,7 @@
 
 #include "chainslam/odometry/lidar_inertial_odometry.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
 #include "odometry/shared_drives.hpp"
 #include "support/quick.hpp"
 #include "support/real_drives.hpp"

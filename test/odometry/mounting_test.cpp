@@ -8,8 +8,8 @@
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/odometry/detail/imu_comparison.hpp"
-#include "chainslam/odometry/imu_record.hpp"
-#include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/odometry/detail/imu_record.hpp"
+#include "chainslam/odometry/imu_process.hpp"
 
 using namespace chainslam;
 
@@ -73,12 +73,12 @@ TEST_SUITE("odometry/mounting") {
   TEST_CASE("what is learnt of the mounting between two scans is no turn of the body") {
     Rng rng(5);
     const Timestamp begin = Timestamp::from_seconds(10), end = Timestamp::from_seconds(10.1);
-    ImuRecord imu;
+    detail::ImuRecord imu;
     for (int i = 0; i <= 12; ++i)
       imu.add({.time = Timestamp::from_seconds(9.99 + 0.01 * i), .gyro = {0, 0, 0}, .accel = {0, 0, 9.81}});
     const InertialState from = random_state(rng);
     const SE3d learnt = T_body_lidar(from) * SE3d(SO3d::exp({0.01, -0.02, 0.01}), Eigen::Vector3d::Zero());
-    const ImuComparison comparison =
+    const detail::ImuComparison comparison =
         chainslam::detail::compare_imu(imu, begin, from, end, chainslam::detail::remounted(from, learnt), 9.81);
     CHECK(comparison.interval == doctest::Approx(0.1));
     CHECK(comparison.rate_error.norm() < 1e-9);  // by the body's attitudes alone it would be 0.24 rad/s

@@ -1,4 +1,4 @@
-#include "chainslam/odometry/scan_filter.hpp"
+#include "chainslam/odometry/deskew.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "chainslam/odometry/scan_measurement.hpp"
+#include "chainslam/odometry/detail/scan_measurement.hpp"
 
 #include <doctest/doctest.h>
 
@@ -9,9 +9,8 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/filter/ieskf.hpp"
-#include "chainslam/lie/numeric_jacobian.hpp"
-#include "chainslam/odometry/fast_lio2.hpp"
+#include "chainslam/lie/jacobians.hpp"
+#include "chainslam/odometry/ieskf.hpp"
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
 #include "chainslam/search/brute_force.hpp"
@@ -167,7 +166,7 @@ TEST_SUITE("odometry/scan_measurement") {
     const BruteForce<float> map;
     const std::vector<Eigen::Vector3f> scan;
     const ScanToMap<> rule;
-    const ScanMeasurement measurement(scan, map, rule, {}, {.state = any(), .mean_age = 0.05}, Serial{});
+    const detail::ScanMeasurement measurement(scan, map, rule, {}, {.state = any(), .mean_age = 0.05}, Serial{});
     const State x = any();
     const auto numeric = numeric_jacobian([&](const State& y) { return measurement.pose(y); }, x);
     CHECK((measurement.pose_jacobian(x) - numeric).cwiseAbs().maxCoeff() < 1e-9);
@@ -210,8 +209,8 @@ TEST_SUITE("odometry/scan_measurement") {
       std::vector<Eigen::Vector3f> scan;
       for (const auto& p : hall_points(trip.pose(0.1 * frame) * mount, 20, rng))
         scan.push_back((mount * Eigen::Vector3d(p.cast<double>())).cast<float>());
-      ScanMeasurement measurement(scan, map, preset.scan_to_map, preset.scan,
-                                  {.state = filter.state(), .variance = preset.variance}, Serial{});
+      detail::ScanMeasurement measurement(scan, map, preset.scan_to_map, preset.scan,
+                                          {.state = filter.state(), .variance = preset.variance}, Serial{});
       const auto report = filter.update(measurement, preset.iteration);
       corrected += report.accepted() ? 1 : 0;
       CHECK(report.iterations == literal.update(map, scan));

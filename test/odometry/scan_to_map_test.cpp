@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/search/kd_tree.hpp"

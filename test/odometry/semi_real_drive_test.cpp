@@ -7,11 +7,11 @@
 #include <string>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/evaluation/kitti_errors.hpp"
 #include "chainslam/odometry/lidar_inertial_odometry.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/odometry/self_calibrating.hpp"
 #include "chainslam/search/ikd_tree.hpp"
+#include "chainslam/trajectory/kitti_errors.hpp"
 #include "support/drive_run.hpp"
 #include "support/property.hpp"
 #include "support/quick.hpp"

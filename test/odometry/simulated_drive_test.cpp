@@ -9,8 +9,8 @@
 #include <variant>
 #include <vector>
 
-#include "chainslam/map/frame_record.hpp"
 #include "chainslam/odometry/lidar_inertial_odometry.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "simulator/town_drive.hpp"
 #include "support/graph_nees.hpp"
 #include "support/quick.hpp"

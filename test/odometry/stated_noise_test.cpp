@@ -4,12 +4,12 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/odometry/fast_lio2.hpp"
 #include "chainslam/odometry/lidar_inertial_odometry.hpp"
+#include "chainslam/odometry/lidar_inertial_options.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "chainslam/odometry/self_calibrating.hpp"
 #include "chainslam/search/ikd_tree.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
 #include "odometry/shared_drives.hpp"
 #include "support/graph_nees.hpp"
 

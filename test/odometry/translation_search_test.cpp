@@ -9,10 +9,9 @@
 #include <numbers>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/random.hpp"
-#include "chainslam/odometry/local_map.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
 #include "chainslam/search/voxel_map.hpp"
 #include "support/property.hpp"

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::test {
 

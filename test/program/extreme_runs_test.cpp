@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/io/pcd.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "program/faults.hpp"
 #include "program/run_program.hpp"
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "chainslam/io/map_archive.hpp"
-#include "chainslam/map/occupancy_grid.hpp"
+#include "chainslam/slam/occupancy_grid.hpp"
 #include "program/drawn_map.hpp"
 #include "program/run_program.hpp"
 

@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "program/run_program.hpp"
 #include "support/drive_run.hpp"
 #include "support/imu_faults.hpp"

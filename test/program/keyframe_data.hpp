@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/random.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "program/run_program.hpp"
 
 namespace chainslam::test {

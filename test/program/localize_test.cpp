@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "chainslam/io/map_archive.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"
 

@@ -3,11 +3,10 @@
 #include <algorithm>
 
 #include "chainslam/io/g2o.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "io/maps.hpp"
 #include "program/run_program.hpp"
 

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "chainslam/io/detail/map_chunk.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/map_archive.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "io/maps.hpp"
 #include "program/keyframe_data.hpp"
 #include "program/run_program.hpp"

@@ -1,7 +1,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "program/faults.hpp"
 #include "program/keyframe_data.hpp"

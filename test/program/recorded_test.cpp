@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "program/run_program.hpp"
 #include "support/real_data.hpp"
 

@@ -5,8 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/io/kitti.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "program/run_program.hpp"
 #include "support/real_data.hpp"
 

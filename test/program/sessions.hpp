@@ -7,9 +7,9 @@
 #include <numbers>
 #include <vector>
 
-#include "chainslam/io/kitti.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/lie/umeyama.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "program/run_program.hpp"
 
 #include <doctest/doctest.h>

@@ -7,12 +7,12 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/features/normals.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/map_archive.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/lie/umeyama.hpp"
 #include "chainslam/registration/icp.hpp"
 #include "chainslam/search/indexed_cloud.hpp"

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/features/normals.hpp"
 #include "registration/scenes.hpp"

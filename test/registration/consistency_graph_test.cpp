@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/registration/max_clique.hpp"
+#include "chainslam/registration/graph_consensus.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"
 #include "support/threads_cases.hpp"

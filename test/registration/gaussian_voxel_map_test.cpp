@@ -5,7 +5,6 @@
 #include <limits>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/registration/gaussian_cloud.hpp"
 #include "chainslam/registration/icp.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"

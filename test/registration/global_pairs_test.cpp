@@ -12,12 +12,12 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
-#include "chainslam/io/kitti.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
-#include "chainslam/map/submap.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/registration/feature_registration.hpp"
+#include "chainslam/slam/submap.hpp"
 #include "registration/scenes.hpp"
 #include "support/numbers.hpp"
 #include "support/quick.hpp"

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/registration/coarse_to_fine.hpp"
+#include "chainslam/registration/align.hpp"
 #include "chainslam/registration/icp.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"

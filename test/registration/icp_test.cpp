@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/lie/jacobians.hpp"
 #include "chainslam/registration/align.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "registration/scenes.hpp"

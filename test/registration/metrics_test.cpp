@@ -2,12 +2,9 @@
 
 #include <Eigen/LU>
 
-#include "chainslam/lie/numeric_jacobian.hpp"
+#include "chainslam/lie/jacobians.hpp"
 #include "chainslam/registration/detail/pair_sums.hpp"
-#include "chainslam/registration/distribution_to_distribution.hpp"
-#include "chainslam/registration/plane_to_plane.hpp"
-#include "chainslam/registration/point_to_plane.hpp"
-#include "chainslam/registration/point_to_point.hpp"
+#include "chainslam/registration/metrics.hpp"
 #include "registration/scenes.hpp"
 #include "support/property.hpp"
 

@@ -1,4 +1,4 @@
-#include "chainslam/registration/overlap.hpp"
+#include "chainslam/registration/alignment_checks.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "chainslam/registration/planar_consensus.hpp"
+#include "chainslam/registration/consistency_graph.hpp"
 
 #include <doctest/doctest.h>
 

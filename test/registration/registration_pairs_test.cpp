@@ -5,8 +5,8 @@
 
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/features/normals.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/ply.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/registration/gaussian_voxel_map.hpp"
 #include "chainslam/registration/icp.hpp"
 #include "chainslam/search/indexed_cloud.hpp"

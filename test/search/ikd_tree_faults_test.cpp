@@ -11,7 +11,7 @@
 #include <tuple>
 #include <vector>
 
-#include "chainslam/core/snapshot.hpp"
+#include "chainslam/core/channel.hpp"
 #include "chainslam/search/ikd_tree.hpp"
 #include "search/search_laws.hpp"
 

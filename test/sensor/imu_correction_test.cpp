@@ -1,4 +1,4 @@
-#include "chainslam/sensor/imu_correction.hpp"
+#include "chainslam/odometry/imu_alignment.hpp"
 
 #include <doctest/doctest.h>
 

@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "chainslam/cloud/voxel_grid.hpp"
-#include "chainslam/map/submap.hpp"
 #include "chainslam/registration/verified_registration.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/map_merger.hpp"
+#include "chainslam/slam/submap.hpp"
 #include "simulator/hard_presets.hpp"
 #include "simulator/town_drive.hpp"
 

@@ -9,7 +9,7 @@
 
 #include "brute_force.hpp"
 #include "chainslam/core/executor.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/dataset.hpp"
 #include "simulator/recorded_files.hpp"
 #include "support/files.hpp"

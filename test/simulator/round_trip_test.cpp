@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "datasets/dataset.hpp"
 #include "simulator/hurry.hpp"
 #include "simulator/rig.hpp"

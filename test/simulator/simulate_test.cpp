@@ -15,7 +15,7 @@
 #include <sstream>
 
 #include "chainslam/core/thread_pool.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "simulator/hurry.hpp"
 #include "simulator/rig.hpp"
 #include "simulator/town_drive.hpp"

@@ -1,4 +1,4 @@
-#include "chainslam/slam/alignment_starts.hpp"
+#include "chainslam/slam/closure_candidates.hpp"
 
 #include <doctest/doctest.h>
 

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/map/submap.hpp"
+#include "chainslam/slam/submap.hpp"
 #include "slam/scripted.hpp"
 #include "slam/street.hpp"
 #include "support/property.hpp"

@@ -1,4 +1,4 @@
-#include "chainslam/slam/closure_covariance.hpp"
+#include "chainslam/slam/loop_closer.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "chainslam/slam/corrected_trajectory.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 #include <doctest/doctest.h>
 

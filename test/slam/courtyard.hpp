@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/slam/place_candidates.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "support/real_data.hpp"
 #include "support/real_matrix.hpp"
 

@@ -1,4 +1,4 @@
-#include "chainslam/slam/fix_evidence.hpp"
+#include "chainslam/slam/detail/fix_evidence.hpp"
 
 #include <doctest/doctest.h>
 
@@ -56,8 +56,8 @@ struct FixedDrives {
       map.keyframes[static_cast<std::size_t>(i)].gnss->position_ecef += test::ecef(by) - test::ecef({0, 0, 0});
   }
 
-  [[nodiscard]] FixVerdict ask(const SE3d& T, const FixEvidenceOptions& options = {}) const {
-    return FixEvidence(options)(
+  [[nodiscard]] detail::FixVerdict ask(const SE3d& T, const FixEvidenceOptions& options = {}) const {
+    return detail::FixEvidence(options)(
         map, [](const Session& one) { return one.id == SessionId{0}; },
         [](const Session& one) { return one.id == SessionId{1}; }, T);
   }
@@ -76,14 +76,14 @@ TEST_SUITE("slam/fix_evidence") {
   TEST_CASE("fixes agree where sessions lie right, and contradict what is far off or turned") {
     for_all(50, [](Rng& rng, int) {
       const FixedDrives drives(rng);
-      CHECK(drives.ask(drives.T_a_b) == FixVerdict::agree);
-      CHECK(drives.ask(drives.but_for(test::shift(3, 2, 0))) == FixVerdict::agree);
-      CHECK(drives.ask(drives.but_for(test::shift(70, 0, 0))) == FixVerdict::contradict);
-      CHECK(drives.ask(drives.but_for(test::shift(0, 70, 0))) == FixVerdict::contradict);
-      CHECK(drives.ask(drives.but_for(turned(90))) == FixVerdict::contradict);
-      CHECK(drives.ask(drives.but_for(turned(180))) == FixVerdict::contradict);
-      CHECK(drives.ask(drives.T_a_b.inverse()) == FixVerdict::contradict);
-      CHECK(drives.ask(drives.but_for(turned(45))) != FixVerdict::agree);
+      CHECK(drives.ask(drives.T_a_b) == detail::FixVerdict::agree);
+      CHECK(drives.ask(drives.but_for(test::shift(3, 2, 0))) == detail::FixVerdict::agree);
+      CHECK(drives.ask(drives.but_for(test::shift(70, 0, 0))) == detail::FixVerdict::contradict);
+      CHECK(drives.ask(drives.but_for(test::shift(0, 70, 0))) == detail::FixVerdict::contradict);
+      CHECK(drives.ask(drives.but_for(turned(90))) == detail::FixVerdict::contradict);
+      CHECK(drives.ask(drives.but_for(turned(180))) == detail::FixVerdict::contradict);
+      CHECK(drives.ask(drives.T_a_b.inverse()) == detail::FixVerdict::contradict);
+      CHECK(drives.ask(drives.but_for(turned(45))) != detail::FixVerdict::agree);
     });
   }
 
@@ -91,9 +91,9 @@ TEST_SUITE("slam/fix_evidence") {
     for_all(50, [](Rng& rng, int) {
       FixedDrives drives(rng);
       drives.spoil(0.3, 50);
-      CHECK(drives.ask(drives.T_a_b) == FixVerdict::agree);
-      CHECK(drives.ask(drives.but_for(test::shift(70, 0, 0))) == FixVerdict::contradict);
-      CHECK(drives.ask(drives.but_for(turned(180))) == FixVerdict::contradict);
+      CHECK(drives.ask(drives.T_a_b) == detail::FixVerdict::agree);
+      CHECK(drives.ask(drives.but_for(test::shift(70, 0, 0))) == detail::FixVerdict::contradict);
+      CHECK(drives.ask(drives.but_for(turned(180))) == detail::FixVerdict::contradict);
     });
   }
 
@@ -101,25 +101,25 @@ TEST_SUITE("slam/fix_evidence") {
     for_all(50, [](Rng& rng, int) {
       FixedDrives drives(rng);
       drives.spoil(0.4, 300);
-      CHECK(drives.ask(drives.T_a_b) == FixVerdict::agree);
+      CHECK(drives.ask(drives.T_a_b) == detail::FixVerdict::agree);
     });
   }
 
   TEST_CASE("fixes of one drive that are all off by 200 m contradict where it truly is") {
     FixedDrives drives(Rng(3));
     drives.bias_second({0, 200, 0});
-    CHECK(drives.ask(drives.T_a_b) == FixVerdict::contradict);
+    CHECK(drives.ask(drives.T_a_b) == detail::FixVerdict::contradict);
   }
 
   TEST_CASE("few fixes, fixes on one spot and fixes of no use say nothing, nor do any if they are not asked") {
     FixedDrives drives(Rng(4));
-    CHECK(drives.ask(drives.T_a_b, {.apart = 0}) == FixVerdict::silent);
-    CHECK(drives.ask(drives.T_a_b, {.least_fixes = FixedDrives::each + 1}) == FixVerdict::silent);
-    CHECK(drives.ask(drives.T_a_b, {.least_fixes = FixedDrives::each}) == FixVerdict::agree);
-    CHECK(drives.ask(drives.T_a_b, {.max_sigma = 0.5}) == FixVerdict::silent);
+    CHECK(drives.ask(drives.T_a_b, {.apart = 0}) == detail::FixVerdict::silent);
+    CHECK(drives.ask(drives.T_a_b, {.least_fixes = FixedDrives::each + 1}) == detail::FixVerdict::silent);
+    CHECK(drives.ask(drives.T_a_b, {.least_fixes = FixedDrives::each}) == detail::FixVerdict::agree);
+    CHECK(drives.ask(drives.T_a_b, {.max_sigma = 0.5}) == detail::FixVerdict::silent);
     const FixedDrives standing(Rng(4), 0.1);
-    CHECK(standing.ask(standing.T_a_b) == FixVerdict::silent);
-    CHECK(standing.ask(standing.but_for(test::shift(200, 0, 0))) == FixVerdict::silent);
+    CHECK(standing.ask(standing.T_a_b) == detail::FixVerdict::silent);
+    CHECK(standing.ask(standing.but_for(test::shift(200, 0, 0))) == detail::FixVerdict::silent);
   }
 
   TEST_CASE("a drive that stays on one spot may be contradicted, but says nothing of how it is turned") {
@@ -129,8 +129,8 @@ TEST_SUITE("slam/fix_evidence") {
       keyframe = drives.map.keyframes[FixedDrives::each];
       keyframe.id = KeyframeId{i};
     }
-    CHECK(drives.ask(drives.T_a_b) == FixVerdict::silent);
-    CHECK(drives.ask(drives.but_for(test::shift(150, 0, 0))) == FixVerdict::contradict);
+    CHECK(drives.ask(drives.T_a_b) == detail::FixVerdict::silent);
+    CHECK(drives.ask(drives.but_for(test::shift(150, 0, 0))) == detail::FixVerdict::contradict);
   }
 
   TEST_CASE("closures are contradicted that hold two sessions where their fixes do not put them") {
@@ -146,7 +146,7 @@ TEST_SUITE("slam/fix_evidence") {
       for (const Index to : {20, 70, 71})
         map.closures.push_back({.from = KeyframeId{3}, .to = KeyframeId{to}, .T_from_to = {}});
       map.closures.back().verdict = ClosureVerdict::inconsistent;
-      const detail::Table<Index> found = contradicted_closures(map, FixEvidence());
+      const detail::Table<Index> found = detail::contradicted_closures(map, detail::FixEvidence());
       REQUIRE(found.size() == (wrong ? 1 : 0));
       if (wrong) CHECK(found[0] == 1);
     }

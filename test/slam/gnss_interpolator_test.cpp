@@ -1,4 +1,4 @@
-#include "chainslam/slam/gnss_interpolator.hpp"
+#include "chainslam/slam/gnss_candidates.hpp"
 
 #include <doctest/doctest.h>
 

@@ -77,37 +77,38 @@ double off(const Localization& now, const SE3d& truth) {
 
 TEST_SUITE("slam/pose_filter") {
   TEST_CASE("a measurement counts by its share of the information, and its distance by both covariances") {
-    const UncertainPose predicted{SE3d(SO3d(), {1, 2, 3}), 4 * Matrix6d::Identity()};
-    const UncertainPose measured{SE3d(SO3d(), {2, 2, 3}), Matrix6d::Identity()};
-    const CorrectedPose pose = corrected(predicted, measured);
+    const detail::UncertainPose predicted{SE3d(SO3d(), {1, 2, 3}), 4 * Matrix6d::Identity()};
+    const detail::UncertainPose measured{SE3d(SO3d(), {2, 2, 3}), Matrix6d::Identity()};
+    const detail::CorrectedPose pose = detail::corrected(predicted, measured);
     CHECK(pose.pose.pose.translation().x() == doctest::Approx(1.8));
     CHECK(pose.pose.covariance.isApprox(0.8 * Matrix6d::Identity(), 1e-12));
     CHECK(pose.squared_distance == doctest::Approx(1.0 / 5));
-    CHECK_THROWS_AS((void)corrected({predicted.pose, Matrix6d::Zero()}, {measured.pose, Matrix6d::Zero()}),
+    CHECK_THROWS_AS((void)detail::corrected({predicted.pose, Matrix6d::Zero()}, {measured.pose, Matrix6d::Zero()}),
                     std::invalid_argument);
   }
 
   TEST_CASE("an error of the heading becomes one of the position along the path, and odometry adds its own") {
-    UncertainPose from;
+    detail::UncertainPose from;
     from.covariance(5, 5) = 0.01 * 0.01;
-    const UncertainPose to = moved(from, SE3d(SO3d(), {100, 0, 0}), 1e-4 * Matrix6d::Identity());
+    const detail::UncertainPose to = detail::moved(from, SE3d(SO3d(), {100, 0, 0}), 1e-4 * Matrix6d::Identity());
     CHECK(to.pose.translation().x() == 100);
     CHECK(to.covariance(1, 1) == doctest::Approx(1.0 + 1e-4));
     CHECK(to.covariance(0, 0) == doctest::Approx(1e-4));
-    CHECK(covariance_of(SqrtInformation<6>(0.5 * Matrix6d::Identity())).isApprox(4 * Matrix6d::Identity(), 1e-12));
+    CHECK(detail::covariance_of(SqrtInformation<6>(0.5 * Matrix6d::Identity()))
+              .isApprox(4 * Matrix6d::Identity(), 1e-12));
   }
 }
 
 TEST_SUITE("slam/start_hypotheses") {
-  const UncertainPose here{SE3d(SO3d(), {5, 0, 0}), Matrix6d::Identity()};
+  const detail::UncertainPose here{SE3d(SO3d(), {5, 0, 0}), Matrix6d::Identity()};
   SE3d along(double metres) { return SE3d(SO3d(), {metres, 0, 0}); }
 
   TEST_CASE("a start needs recognitions, scans and travel between them; a refusal takes as much as two scans give") {
     const StartOptions asked{.min_evidence = 6, .min_scans = 3, .min_travel = 5};
-    StartHypotheses hypotheses(asked);
-    StartHypothesis* one = hypotheses.recognized(SessionId{0}, KeyframeId{7}, here, along(0), 0);
+    detail::StartHypotheses hypotheses(asked);
+    detail::StartHypothesis* one = hypotheses.recognized(SessionId{0}, KeyframeId{7}, here, along(0), 0);
     REQUIRE(one != nullptr);
-    const auto at = [](double metres) { return UncertainPose{SE3d(SO3d(), {5 + metres, 0, 0}), {}}; };
+    const auto at = [](double metres) { return detail::UncertainPose{SE3d(SO3d(), {5 + metres, 0, 0}), {}}; };
     hypotheses.tried(*one, KeyframeId{8}, at(3), along(3), 3);
     hypotheses.tried(*one, KeyframeId{8}, at(4), along(4), 4);
     CHECK(hypotheses.recognized(SessionId{0}, KeyframeId{8}, at(4), along(4), 4) == nullptr);
@@ -129,10 +130,10 @@ TEST_SUITE("slam/start_hypotheses") {
 
   TEST_CASE("a rival in the same frame forbids a start, one in another frame does not") {
     for (const SessionId frame : {SessionId{0}, SessionId{1}}) {
-      StartHypotheses hypotheses({.min_evidence = 1, .min_recognitions = 1, .min_scans = 1, .min_travel = 0});
+      detail::StartHypotheses hypotheses({.min_evidence = 1, .min_recognitions = 1, .min_scans = 1, .min_travel = 0});
       REQUIRE(hypotheses.recognized(SessionId{0}, KeyframeId{7}, here, along(0), 0) != nullptr);
       CHECK(hypotheses.accepted() != nullptr);
-      const UncertainPose there{SE3d(SO3d(), {50, 0, 0}), Matrix6d::Identity()};
+      const detail::UncertainPose there{SE3d(SO3d(), {50, 0, 0}), Matrix6d::Identity()};
       REQUIRE(hypotheses.recognized(frame, KeyframeId{9}, there, along(0), 0) != nullptr);
       CHECK((hypotheses.accepted() == nullptr) == (frame == SessionId{0}));
       hypotheses.tried(hypotheses.all().back(), {}, {}, along(1), 1);
@@ -141,8 +142,8 @@ TEST_SUITE("slam/start_hypotheses") {
       CHECK(hypotheses.all().size() == 1);
       CHECK(hypotheses.accepted() != nullptr);
     }
-    CHECK_THROWS_AS(StartHypotheses({.min_scans = 0}), std::invalid_argument);
-    CHECK_THROWS_AS(StartHypotheses({.lead = 0.5}), std::invalid_argument);
+    CHECK_THROWS_AS(detail::StartHypotheses({.min_scans = 0}), std::invalid_argument);
+    CHECK_THROWS_AS(detail::StartHypotheses({.lead = 0.5}), std::invalid_argument);
   }
 }
 

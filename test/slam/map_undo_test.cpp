@@ -10,7 +10,6 @@
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
 #include "chainslam/slam/back_end.hpp"
-#include "chainslam/slam/map_replay.hpp"
 #include "slam/block_drives.hpp"
 #include "slam/scripted.hpp"
 

@@ -7,8 +7,7 @@
 
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
-#include "chainslam/io/tum.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/lie/umeyama.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 

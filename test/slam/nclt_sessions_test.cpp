@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "chainslam/core/random.hpp"
-#include "chainslam/evaluation/ape.hpp"
-#include "chainslam/evaluation/inter_session.hpp"
 #include "chainslam/slam/back_end.hpp"
+#include "chainslam/trajectory/inter_session.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "slam/nclt_drives.hpp"
 #include "support/quick.hpp"
 #include "support/real_data.hpp"

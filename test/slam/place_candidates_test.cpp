@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/map_merger.hpp"
 #include "chainslam/slam/near_else_places.hpp"

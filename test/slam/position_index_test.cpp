@@ -1,4 +1,4 @@
-#include "chainslam/slam/position_index.hpp"
+#include "chainslam/slam/closure_candidates.hpp"
 
 #include <doctest/doctest.h>
 

@@ -9,11 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/features/normals.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/near_else_places.hpp"

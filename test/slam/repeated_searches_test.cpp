@@ -1,4 +1,4 @@
-#include "chainslam/slam/repeated_searches.hpp"
+#include "chainslam/slam/detail/repeated_searches.hpp"
 
 #include <doctest/doctest.h>
 
@@ -31,7 +31,8 @@ detail::Table<char> only_first() {
   return joined;
 }
 
-std::vector<Index> all_of(Recheck& recheck, const std::vector<Keyframe>& keyframes, double travel, Index pause) {
+std::vector<Index> all_of(detail::Recheck& recheck, const std::vector<Keyframe>& keyframes, double travel,
+                          Index pause) {
   std::vector<Index> found;
   while (const auto id = recheck.next(keyframes, travel)) {
     found.push_back(id->value);
@@ -43,7 +44,8 @@ std::vector<Index> all_of(Recheck& recheck, const std::vector<Keyframe>& keyfram
 TEST_SUITE("slam/repeated_searches") {
   TEST_CASE("a recheck goes along the session by its way, from the first keyframe to the last there was") {
     const std::vector<Keyframe> keyframes = two_sessions(10, 1.5);
-    Recheck each(second(10), only_first(), 7), some(second(10), only_first(), 7), seldom(second(10), only_first(), 7);
+    detail::Recheck each(second(10), only_first(), 7), some(second(10), only_first(), 7),
+        seldom(second(10), only_first(), 7);
     CHECK(all_of(each, keyframes, 0, 0) == std::vector<Index>{10, 11, 12, 13, 14, 15, 16, 17, 18, 19});
     CHECK(all_of(some, keyframes, 4, 0) == std::vector<Index>{10, 13, 16, 19});
     CHECK(all_of(seldom, keyframes, 0, 4) == std::vector<Index>{10, 15});
@@ -55,7 +57,7 @@ TEST_SUITE("slam/repeated_searches") {
   TEST_CASE("keyframes that were moved are searched from again, once for each move") {
     std::vector<Keyframe> keyframes = two_sessions(10, 1.5);
     const Session session = second(10);
-    MovedKeyframes moved;
+    detail::MovedKeyframes moved;
     for (Index i = 10; i < 20; ++i) moved.searched(keyframes[static_cast<std::size_t>(i)]);
     const auto pass = [&](double travel) {
       std::vector<Index> found;
@@ -75,7 +77,7 @@ TEST_SUITE("slam/repeated_searches") {
 
   TEST_CASE("a pass that was broken off is continued by the next one") {
     std::vector<Keyframe> keyframes = two_sessions(10, 1.5);
-    MovedKeyframes moved;
+    detail::MovedKeyframes moved;
     for (Index i = 10; i < 20; ++i) moved.searched(keyframes[static_cast<std::size_t>(i)]);
     for (std::size_t i = 10; i < 20; ++i) keyframes[i].T_map_body = SE3d(SO3d(), {0, 4, 0}) * keyframes[i].T_map_body;
     std::vector<Index> found;

@@ -12,12 +12,10 @@
 
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/executor.hpp"
-#include "chainslam/map/keyframe.hpp"
-#include "chainslam/map/loop_closure.hpp"
-#include "chainslam/map/slam_map.hpp"
 #include "chainslam/registration/concepts.hpp"
-#include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::test {
 

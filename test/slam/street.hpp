@@ -9,8 +9,8 @@
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/random.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/map/keyframe.hpp"
 #include "chainslam/slam/loop_closer.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::test {
 

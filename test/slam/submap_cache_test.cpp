@@ -1,4 +1,4 @@
-#include "chainslam/slam/submap_cache.hpp"
+#include "chainslam/slam/submap.hpp"
 
 #include <doctest/doctest.h>
 

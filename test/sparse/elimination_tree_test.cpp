@@ -1,4 +1,4 @@
-#include "chainslam/sparse/elimination_tree.hpp"
+#include "chainslam/sparse/detail/elimination_tree.hpp"
 
 #include <doctest/doctest.h>
 
@@ -36,8 +36,8 @@ TEST_SUITE("sparse/elimination_tree") {
   TEST_CASE("tree and column counts agree with elimination by the definition") {
     for_all(60, [](Rng& rng, int size) {
       const BlockPattern pattern = random_pattern(rng, size, rng.uniform(0.0, 1.5));
-      const std::vector<Index> parents = elimination_tree(pattern);
-      const std::vector<Index> counts = factor_column_counts(pattern, parents);
+      const std::vector<Index> parents = detail::elimination_tree(pattern);
+      const std::vector<Index> counts = detail::factor_column_counts(pattern, parents);
       const auto filled = eliminate_by_definition(pattern);
       for (std::size_t j = 0; j < filled.size(); ++j) {
         Index parent = -1;
@@ -56,9 +56,9 @@ TEST_SUITE("sparse/elimination_tree") {
   TEST_CASE("a postorder visits each subtree in one piece, the heaviest child last") {
     for_all(40, [](Rng& rng, int size) {
       const BlockPattern pattern = random_pattern(rng, size, 0.5);
-      const std::vector<Index> parents = elimination_tree(pattern);
-      const std::vector<Index> weights = factor_column_counts(pattern, parents);
-      const std::vector<Index> order = postorder(parents, weights);
+      const std::vector<Index> parents = detail::elimination_tree(pattern);
+      const std::vector<Index> weights = detail::factor_column_counts(pattern, parents);
+      const std::vector<Index> order = detail::postorder(parents, weights);
       std::vector<Index> place(order.size(), -1);
       for (std::size_t k = 0; k < order.size(); ++k) place[static_cast<std::size_t>(order[k])] = static_cast<Index>(k);
       REQUIRE(std::ranges::count(place, -1) == 0);
@@ -86,15 +86,15 @@ TEST_SUITE("sparse/elimination_tree") {
     std::vector<BlockCoordinate> blocks;
     for (Index k = 1; k < 1'000'000; ++k) blocks.push_back({k, k - 1});
     const BlockPattern chain(1'000'000, blocks);
-    const std::vector<Index> parents = elimination_tree(chain);
+    const std::vector<Index> parents = detail::elimination_tree(chain);
     CHECK(parents[0] == 1);
     CHECK(parents[999'999] == -1);
-    const std::vector<Index> order = postorder(parents, factor_column_counts(chain, parents));
+    const std::vector<Index> order = detail::postorder(parents, detail::factor_column_counts(chain, parents));
     CHECK(std::ranges::is_sorted(order));
   }
 
   TEST_CASE("nothing has an empty tree") {
-    CHECK(elimination_tree(BlockPattern()).empty());
-    CHECK(postorder({}, {}).empty());
+    CHECK(detail::elimination_tree(BlockPattern()).empty());
+    CHECK(detail::postorder({}, {}).empty());
   }
 }

@@ -1,4 +1,4 @@
-#include "chainslam/sparse/ordering.hpp"
+#include "chainslam/sparse/concepts.hpp"
 
 #include <doctest/doctest.h>
 
@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "chainslam/sparse/cholmod.hpp"
+#include "chainslam/sparse/detail/elimination_tree.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
-#include "chainslam/sparse/elimination_tree.hpp"
 #include "sparse/patterns.hpp"
 #include "support/property.hpp"
 #include "support/real_data.hpp"
@@ -37,7 +37,7 @@ bool is_permutation(std::vector<Index> order, Index size) {
 Offset fill(const BlockPattern& pattern, const std::vector<Index>& order) {
   namespace sparse = chainslam::detail;
   const BlockPattern ordered = sparse::permuted(pattern, sparse::inverse_permutation(sparse::Table<Index>(order)));
-  const std::vector<Index> counts = factor_column_counts(ordered, elimination_tree(ordered));
+  const std::vector<Index> counts = detail::factor_column_counts(ordered, detail::elimination_tree(ordered));
   return std::accumulate(counts.begin(), counts.end(), Offset{0});
 }
 

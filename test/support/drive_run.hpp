@@ -8,12 +8,11 @@
 #include <variant>
 #include <vector>
 
-#include "chainslam/evaluation/ape.hpp"
-#include "chainslam/map/frame.hpp"
-#include "chainslam/map/frame_record.hpp"
-#include "chainslam/odometry/odometry_counts.hpp"
+#include "chainslam/odometry/odometry_source.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/sensor/packet.hpp"
 #include "chainslam/trajectory/association.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 #include "support/real_drives.hpp"
 
 namespace chainslam::test {
@@ -26,7 +25,7 @@ struct DriveRun {
   double seconds_per_scan = 0;  ///< processor time of the thread, IMU measurements included
 };
 
-namespace detail {
+namespace internal {
 
 /// Processor time of this thread, seconds: other programs do not count.
 inline double thread_seconds() {
@@ -35,7 +34,7 @@ inline double thread_seconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-}  // namespace detail
+}  // namespace internal
 
 /// An odometry while it is fed, and what it has made of the packets so far.
 template <class Odometry>
@@ -61,9 +60,9 @@ class OdometryRun {
  private:
   template <class Work>
   bool take(const Work& work) {
-    const double begin = detail::thread_seconds();
+    const double begin = internal::thread_seconds();
     const std::optional<Frame> frame = work();
-    spent_ += detail::thread_seconds() - begin;
+    spent_ += internal::thread_seconds() - begin;
     if (!frame) return false;
     run_.lidar.times.push_back(frame->time);
     run_.lidar.poses.push_back(frame->T_odom_body * T_body_lidar_);

@@ -9,9 +9,9 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/evaluation/rpe.hpp"
-#include "chainslam/map/frame_record.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/slam/map_graph.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 
 namespace chainslam::test {
 
@@ -22,7 +22,7 @@ struct NeesRatio {
   std::size_t count = 0;
 };
 
-namespace detail {
+namespace internal {
 
 /// The root of a median of squared errors per degree of freedom, three of them, over that of a chi-squared.
 inline double deviations(std::vector<double> nees) {
@@ -32,7 +32,7 @@ inline double deviations(std::vector<double> nees) {
   return std::sqrt(nees[nees.size() / 2] / median_of_chi_squared);
 }
 
-}  // namespace detail
+}  // namespace internal
 
 /// What a back end made of a drive: its steps between keyframes, with the truth of each keyframe.
 class GraphNees {
@@ -80,7 +80,7 @@ class GraphNees {
       translation.push_back(nees(0));
       rotation.push_back(nees(3));
     }
-    return {detail::deviations(translation), detail::deviations(rotation), translation.size()};
+    return {internal::deviations(translation), internal::deviations(rotation), translation.size()};
   }
 
  private:

@@ -10,7 +10,7 @@
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/so3.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam::test {
 

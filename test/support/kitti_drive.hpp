@@ -12,8 +12,8 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/io/kitti.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/io/trajectory_file.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "simulator/rig.hpp"
 #include "support/real_data.hpp"
 
@@ -26,7 +26,7 @@ struct KittiDrive {
   std::vector<ImuSample> imu;
 };
 
-namespace detail {
+namespace internal {
 
 /// The intervals of a sequence, in frames, in which the source drew straight lines for want of measurements.
 inline std::vector<std::pair<double, double>> filled_gaps(const std::filesystem::path& path,
@@ -57,7 +57,7 @@ inline std::vector<std::pair<double, ImuSample>> imu_by_frames(const std::filesy
   return rows;
 }
 
-}  // namespace detail
+}  // namespace internal
 
 /// As `chainslam simulate --trajectory NN_truth_camera.txt --imu NN_imu.csv --skip filled.txt` reads it: a drive that
 /// begins in a gap begins behind it.
@@ -65,7 +65,7 @@ inline std::vector<std::pair<double, ImuSample>> imu_by_frames(const std::filesy
 inline std::optional<KittiDrive> kitti_drive(const std::string& sequence, double period) {
   const auto folder = real_data("kitti_imu");
   if (!folder) return std::nullopt;
-  const auto gaps = detail::filled_gaps(*folder / "filled.txt", sequence);
+  const auto gaps = internal::filled_gaps(*folder / "filled.txt", sequence);
   const Trajectory truth = read_kitti_poses(*folder / (sequence + "_truth_camera.txt"));
   const double first = !gaps.empty() && gaps.front().first == 0.0 ? std::ceil(gaps.front().second) : 0.0;
   const SE3d T_camera_imu = simulator::kitti_T_camera_lidar() * simulator::kitti_T_lidar_imu();
@@ -74,7 +74,7 @@ inline std::optional<KittiDrive> kitti_drive(const std::string& sequence, double
     drive.trajectory.times.push_back(Timestamp(seconds(static_cast<double>(i) * period)));
     drive.trajectory.poses.push_back(T_camera_imu.inverse() * truth.poses[i] * T_camera_imu);
   }
-  for (const auto& [frame, sample] : detail::imu_by_frames(*folder / (sequence + "_imu.csv"), period)) {
+  for (const auto& [frame, sample] : internal::imu_by_frames(*folder / (sequence + "_imu.csv"), period)) {
     const auto lies_in = [&frame = frame](const auto& gap) { return frame >= gap.first && frame <= gap.second; };
     if (std::ranges::none_of(gaps, lies_in)) drive.imu.push_back(sample);
   }

@@ -15,11 +15,9 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
-#include "chainslam/io/tum.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
-#include "chainslam/sensor/lidar_scan.hpp"
+#include "chainslam/io/trajectory_file.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "support/real_data.hpp"
 
@@ -46,7 +44,7 @@ enum class ImuRows { measured, with_filled_gaps };
 /// Whether the points of raw sweeps get their times, or the sweeps are passed on as snapshots.
 enum class PointTimes { from_azimuth, none };
 
-namespace detail {
+namespace internal {
 
 /// Rows of `timestamp,gx,gy,gz,ax,ay,az` (seconds, rad/s, m/s^2) outside of `gaps`.
 inline std::vector<ImuSample> read_imu_rows(const std::filesystem::path& path, const std::vector<TimeSpan>& gaps) {
@@ -117,7 +115,7 @@ inline std::optional<Trajectory> kitti00_truth(double delay) {
   return truth;
 }
 
-}  // namespace detail
+}  // namespace internal
 
 /// The first 101 scans of KITTI 00 (10 Hz, corrected for motion, at 8 m/s from the first one on) with its IMU. Nothing
 /// if the data are not at hand. Reference: SemanticKITTI's poses.
@@ -130,12 +128,12 @@ inline std::optional<Drive> kitti00_first101(ImuRows rows = ImuRows::measured) {
     files.push_back(entry.path());
   std::ranges::sort(files);
   Drive drive;
-  for (const auto& file : files) drive.scans.push_back(detail::read_revolution(file));
+  for (const auto& file : files) drive.scans.push_back(internal::read_revolution(file));
   std::vector<TimeSpan> gaps;
   if (rows == ImuRows::measured) gaps.push_back({-std::numeric_limits<double>::infinity(), 1317600001.392});
-  drive.imu = detail::read_imu_rows(*imu, gaps);
+  drive.imu = internal::read_imu_rows(*imu, gaps);
   drive.reference = read_tum(*folder / "poses_semantickitti.tum");
-  drive.T_body_lidar = detail::kitti_T_body_lidar();
+  drive.T_body_lidar = internal::kitti_T_body_lidar();
   return drive;
 }
 
@@ -144,7 +142,7 @@ inline std::optional<Drive> kitti00_first101(ImuRows rows = ImuRows::measured) {
 inline std::optional<Drive> kitti00_keyframes(PointTimes times = PointTimes::from_azimuth,
                                               ImuRows rows = ImuRows::measured) {
   const auto folder = real_data("kitti00_keyframes_imu/kitti00_keyframes_imu/kitti00_keyframes_imu");
-  auto truth = detail::kitti00_truth(100);  // the folder's clock is KITTI's + 100 s
+  auto truth = internal::kitti00_truth(100);  // the folder's clock is KITTI's + 100 s
   if (!folder || !truth) return std::nullopt;
   Drive drive;
   std::ifstream stamps(*folder / "scans/times.txt");
@@ -154,16 +152,16 @@ inline std::optional<Drive> kitti00_keyframes(PointTimes times = PointTimes::fro
     const auto time = Timestamp::from_seconds(stamp);
     PointCloud<float> cloud = read_pcd(*folder / "scans" / name);
     drive.scans.push_back(times == PointTimes::from_azimuth
-                              ? detail::turning_sweep(std::move(cloud), time)
+                              ? internal::turning_sweep(std::move(cloud), time)
                               : LidarScan{.time = time, .end = time, .cloud = std::move(cloud)});
   }
   std::vector<TimeSpan> gaps;
   std::ifstream filled(*folder / "imu_filled.txt");
   for (TimeSpan gap; rows == ImuRows::measured && filled >> gap.begin >> gap.end;) gaps.push_back(gap);
-  drive.imu = detail::read_imu_rows(*folder / "imu.csv", gaps);
+  drive.imu = internal::read_imu_rows(*folder / "imu.csv", gaps);
   drive.reference = std::move(*truth);
   drive.not_counted = {{135.87, 137.40}};  // frames 346 to 361
-  drive.T_body_lidar = detail::kitti_T_body_lidar();
+  drive.T_body_lidar = internal::kitti_T_body_lidar();
   return drive;
 }
 

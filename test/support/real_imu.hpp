@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "support/real_data.hpp"
 
 namespace chainslam::test {

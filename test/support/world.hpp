@@ -10,7 +10,7 @@
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/sensor/lidar_scan.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam::test {
 

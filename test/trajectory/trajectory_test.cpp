@@ -5,8 +5,6 @@
 #include <limits>
 #include <vector>
 
-#include "chainslam/trajectory/interpolation.hpp"
-
 using namespace chainslam;
 
 namespace {

@@ -7,8 +7,7 @@
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/core/timestamp.hpp"
-#include "chainslam/map/slam_map.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam::experiments {

@@ -4,9 +4,9 @@
 #include <span>
 #include <vector>
 
-#include "chainslam/evaluation/ape.hpp"
-#include "chainslam/evaluation/inter_session.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
+#include "chainslam/trajectory/inter_session.hpp"
+#include "chainslam/trajectory/pose_errors.hpp"
 
 namespace chainslam::experiments {
 

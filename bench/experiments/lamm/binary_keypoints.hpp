@@ -14,7 +14,6 @@
 
 #include "chainslam/cloud/cell_table.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/types.hpp"
 #include "surface_planes.hpp"
 

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/types.hpp"

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/odometry/recorded_odometry.hpp"
+#include "chainslam/odometry/odometry_source.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "datasets/dataset.hpp"
 

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/map/frame_record.hpp"
-#include "chainslam/map/keyframe.hpp"
+#include "chainslam/sensor/frame.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 #include "drive.hpp"
 

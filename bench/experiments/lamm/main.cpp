@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/core/thread_pool.hpp"
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/map_archive.hpp"

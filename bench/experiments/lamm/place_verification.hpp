@@ -12,7 +12,7 @@
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/lie/umeyama.hpp"
 #include "chainslam/registration/icp.hpp"
-#include "chainslam/registration/point_to_plane.hpp"
+#include "chainslam/registration/metrics.hpp"
 #include "chainslam/registration/rejectors.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "descriptor_table.hpp"

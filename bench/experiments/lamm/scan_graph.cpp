@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
-#include "chainslam/graph/connected_components.hpp"
+#include "chainslam/slam/connected_components.hpp"
 #include "chainslam/sparse/cholmod.hpp"
 
 namespace chainslam::lamm {

@@ -6,9 +6,9 @@
 
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/between_factor.hpp"
+#include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/factor_graph.hpp"
-#include "chainslam/factor_graph/optimize_report.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "drive.hpp"
 #include "loop_search.hpp"

@@ -10,7 +10,7 @@
 #include "chainslam/cloud/plane_fit.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/graph/connected_components.hpp"
+#include "chainslam/slam/connected_components.hpp"
 
 namespace chainslam {
 

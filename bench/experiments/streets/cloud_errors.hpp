@@ -7,7 +7,6 @@
 
 #include "chainslam/cloud/plane_fit.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/cloud/transform.hpp"
 #include "chainslam/registration/feature_registration.hpp"
 #include "chainslam/registration/icp.hpp"
 #include "chainslam/search/indexed_cloud.hpp"

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 
 namespace chainslam::experiments {

@@ -12,9 +12,8 @@
 #include <span>
 #include <vector>
 
-#include "chainslam/cloud/transform.hpp"
-#include "chainslam/registration/free_space.hpp"
-#include "chainslam/registration/surface_fit.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/registration/alignment_checks.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "slam/closure_gates/closure_pairs.hpp"
 

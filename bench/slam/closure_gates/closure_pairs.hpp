@@ -12,7 +12,6 @@
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
-#include "chainslam/slam/position_index.hpp"
 #include "slam/closure_gates/places.hpp"
 
 namespace chainslam::bench {

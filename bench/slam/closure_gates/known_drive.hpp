@@ -8,10 +8,10 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/map/frame.hpp"
-#include "chainslam/map/keyframe.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::bench {
 

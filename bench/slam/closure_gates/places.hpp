@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/io/kitti.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/io/trajectory_file.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
 #include "datasets/dataset.hpp"
 #include "simulator/town_drive.hpp"
 #include "slam/closure_gates/known_drive.hpp"

@@ -8,11 +8,8 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/cloud/transform.hpp"
 #include "chainslam/features/height_image.hpp"
-#include "chainslam/features/image_keypoints.hpp"
-#include "chainslam/map/keyframe.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
+#include "chainslam/slam/slam_map.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam::bench {

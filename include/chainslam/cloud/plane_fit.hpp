@@ -4,9 +4,9 @@
 #include <algorithm>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/cloud/symmetric_eigen.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam {
 

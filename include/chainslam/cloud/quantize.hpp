@@ -11,10 +11,9 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam {
 

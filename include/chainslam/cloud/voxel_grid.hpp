@@ -12,14 +12,12 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/detail/cell_block.hpp"
 #include "chainslam/cloud/detail/voxel_table.hpp"
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/cloud/select.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam {
 

@@ -1,4 +1,4 @@
-#include "chainslam/registration/coarse_to_fine.hpp"
+#include "chainslam/registration/align.hpp"
 #include "chainslam/registration/feature_registration.hpp"
 #include "chainslam/registration/icp.hpp"
 

@@ -1,10 +1,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <bit>
 #include <compare>
 #include <concepts>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -53,5 +56,42 @@ struct Id {
 using KeyframeId = Id<struct KeyframeTag>;
 /// Sessions of a map are numbered in the order in which they were added, from 0.
 using SessionId = Id<struct SessionTag>;
+
+/// True for numbers, false for NaN and infinities. Reads the exponent's bits: under `-ffast-math` a compiler takes
+/// `std::isfinite` to be true always.
+[[nodiscard]] constexpr bool is_finite(float value) {
+  constexpr std::uint32_t exponent = 0x7f80'0000;
+  return (std::bit_cast<std::uint32_t>(value) & exponent) != exponent;
+}
+
+/// @copydoc is_finite(float)
+[[nodiscard]] constexpr bool is_finite(double value) {
+  constexpr std::uint64_t exponent = 0x7ff0'0000'0000'0000;
+  return (std::bit_cast<std::uint64_t>(value) & exponent) != exponent;
+}
+
+/// True if all coefficients are finite.
+template <class Derived>
+  requires std::same_as<typename Derived::Scalar, float> || std::same_as<typename Derived::Scalar, double>
+[[nodiscard]] bool is_finite(const Eigen::DenseBase<Derived>& coefficients) {
+  for (Eigen::Index column = 0; column < coefficients.cols(); ++column)
+    for (Eigen::Index row = 0; row < coefficients.rows(); ++row)
+      if (!is_finite(coefficients.derived().coeff(row, column))) return false;
+  return true;
+}
+
+/// A thing by its number, and what it is sorted by.
+struct Ranked {
+  double rank = 0;  ///< what it is sorted by
+  Index index = 0;  ///< what it stands for
+
+  /// By rank, then by index.
+  [[nodiscard]] bool operator<(const Ranked& other) const {
+    return rank != other.rank ? rank < other.rank : index < other.index;
+  }
+};
+
+/// The least rank first, equal ones by index. Whatever is sorted, the sort is compiled once.
+[[gnu::noinline]] inline void sort_ranked(std::span<Ranked> all) { std::sort(all.data(), all.data() + all.size()); }
 
 }  // namespace chainslam

@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/chordal_initialization.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"

@@ -7,12 +7,12 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/core/jacobi_eigen.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
-#include "chainslam/lie/horn_matrix.hpp"
 #include "chainslam/lie/so3.hpp"
+#include "chainslam/lie/umeyama.hpp"
 #include "chainslam/sparse/cholesky.hpp"
 
 namespace chainslam {

@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "chainslam/core/robust_kernels.hpp"
-#include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/values.hpp"
 
 namespace chainslam {

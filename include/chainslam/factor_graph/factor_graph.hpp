@@ -8,10 +8,8 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/between_factor.hpp"
-#include "chainslam/factor_graph/concepts.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
-#include "chainslam/factor_graph/prior_factor.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/lie/concepts.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -28,7 +26,7 @@ class FactorGraph {
                 "FactorGraph: Group needs exp, log, adjoint and Jacobians, as in SE3d; see chainslam/lie/concepts.hpp");
   static_assert((Factor<Extra> && ...),
                 "FactorGraph: a factor needs keys(), residual(values) and linearize(values); see "
-                "chainslam/factor_graph/concepts.hpp");
+                "chainslam/factor_graph/values.hpp");
 
  public:
   using Value = Group;                   ///< type of the variables

@@ -1,5 +1,387 @@
 #pragma once
 
-// `IncrementalGnc`: its class, and what it tries.
-#include "chainslam/factor_graph/detail/incremental_gnc_class.hpp"
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <utility>
+
+#include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/detail/suspect_list.hpp"
+#include "chainslam/factor_graph/factors.hpp"
+#include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/factor_graph/smoother_reports.hpp"
+
+namespace chainslam {
+
+/// Set on three real drives of NCLT with sampled closures, right and wrong (test/slam/nclt_sessions_test.cpp).
+struct IncrementalGncOptions {
+  double growth = 2.0;   ///< of the control parameter, per step
+  Index max_steps = 40;  ///< smoother updates per call
+  /// Unexpected groups that agree with each other, so that it is tried what follows from them all: an outlier that was
+  /// taken in, or a trusted factor that is wrong, makes all later ones unexpected.
+  Index support = 2;
+  /// Standard deviations of a measurement up to which the way between two may be uncertain, if they are to agree:
+  /// farther apart, any two would.
+  double max_blur = 10.0;
+  Index memory = 50;               ///< unexpected groups that are remembered for that
+  double consecutive_price = 0.1;  ///< fraction of its price that an outlier costs shortly after another
+  Index consecutive_gap = 3;       ///< of the same sequence: so many places after it at most
+  /// Rows of residuals of suspects near a change, the newest first, that an update tries the other way round.
+  Index tried_rows = 600;
+};
+
+/// How a factor that may be wrong is judged.
+struct Suspicion {
+  /// Squared whitened residual beyond which it is an outlier. 0: what one good factor in a hundred exceeds.
+  double threshold = 0.0;
+  /// What an outlier costs the truncated squares. 0: its threshold.
+  double price = 0.0;
+  /// What an outlier still counts. More than 0 for what alone may hold parts of the graph together.
+  double outlier_weight = 0.0;
+  bool begins_in = true;  ///< or as an outlier, as it was when it was saved
+  /// Whether it begins as an outlier where the graph, by its own covariance, does not expect it: its error would be
+  /// shared out over what is less certain, and never show.
+  bool forecast = false;
+  /// Whether it is beyond suspicion until enough others agree that the graph is wrong.
+  bool trusted = false;
+  /// Number of the preceding suspect of a sequence that fails as a whole, such as steps of odometry: of consecutive
+  /// outliers only the first costs its full price. -1: none.
+  Index previous = -1;
+};
+
+/// What an update did.
+struct IncrementalGncReport {
+  UpdateReport last;       ///< of the last update
+  Index steps = 0;         ///< updates,
+  FactorizationWork work;  ///< and what all of them took
+  bool decided = true;     ///< whether each suspect is in or out, as its residual says; else the steps did not suffice
+};
+
+/// Takes suspects into a growing graph, and decides again which of them are outliers whenever they contradict each
+/// other or the rest, so that the truncated squares become least: squared whitened residuals of what is in, prices of
+/// what is out. Three kinds of steps lower them:
+/// - graduated non-convexity (Yang et al. 2020) where a residual says something else than its weight, each step an
+///   update of the smoother (McGann, Rogers and Kaess 2023, "riSAM", where the steps are those of a scale-invariant
+///   kernel);
+/// - one group out or in, by what the smoother forecasts: an outlier that came early bends what is weaker than it, and
+///   its residual does not show;
+/// - several unexpected groups that agree with each other (Mangelson et al. 2018) in, whatever is found to contradict
+///   them out; what does not lower the truncated squares is taken back.
+///
+/// A suspect counts in full until it is contradicted. Outliers count again when the estimate comes to agree with them.
+/// Suspects that follow from one another form a group with one vote: it is in as long as half of it agrees with the
+/// estimate, and then each member is judged by itself too. Without contradictions, an update costs what the smoother's
+/// does and some forecasts. The smoother's own factors, or the weights of outliers, must constrain the whole graph.
+template <class Smoother>
+class IncrementalGnc {
+ public:
+  using Group = typename Smoother::Value;  ///< type of the variables
+  using Suspect = BetweenFactor<Group>;    ///< the factor that is judged
+  static constexpr Index none = -1;        ///< no suspect, no key
+
+  /// @param smoother  stays the caller's, and outlives this.
+  explicit IncrementalGnc(Smoother& smoother, const IncrementalGncOptions& options = {})
+      : smoother_(smoother), options_(options) {}
+
+  /// Adds a suspect to the smoother. @returns its number: 0, 1, ...
+  /// @param leader  number of the suspect whose group it joins, the first of that group; none: a group of its own.
+  [[gnu::cold]] Index add(const Suspect& suspect, const Suspicion& suspicion = {}, Index leader = none) {
+    Entry entry;
+    entry.factor = suspect;
+    entry.threshold = suspicion.threshold > 0.0 ? suspicion.threshold : chi_squared_99(Group::dof);
+    entry.price = suspicion.price > 0.0 ? suspicion.price : entry.threshold;
+    entry.outlier_weight = suspicion.outlier_weight;
+    entry.trusted = suspicion.trusted;
+    entry.forecast = suspicion.forecast;
+    entry.leader = leader;
+    entry.previous = suspicion.previous;
+    const Index number = suspects_.add(entry);
+    if (suspicion.forecast && suspicion.begins_in)
+      waiting_.push_back(number);
+    else
+      put(number, suspicion.begins_in);
+    return number;
+  }
+
+  /// Adds a suspect on one variable.
+  Index add(const PriorFactor<Group>& prior, const Suspicion& suspicion = {}) {
+    return add(Suspect{none, prior.key, prior.mean, prior.sqrt_information}, suspicion);
+  }
+
+  /// Takes a suspect out for good.
+  [[gnu::cold]] void remove(Index number) {
+    Entry& of = suspects_[number];
+    if (smoother_.contains(of.id)) smoother_.remove(of.id);
+    of.ratio = 0.0;
+  }
+
+  /// Puts another measurement of the same variable in the place of a prior; it counts as that did.
+  [[gnu::cold]] void replace(Index number, const Group& mean, const SqrtInformation<Group::dof>& sqrt_information) {
+    Entry& of = suspects_[number];
+    const bool in = is_in(number);
+    smoother_.remove(of.id);
+    of.factor.measurement = mean;
+    of.factor.sqrt_information = sqrt_information;
+    put(number, in);
+  }
+
+  /// Puts suspects that wait for a forecast into the smoother, in full: where nothing else holds what they hold.
+  /// @returns whether there were any.
+  [[gnu::cold]] bool admit() {
+    const bool any = !waiting_.empty();
+    for (const Index number : waiting_) put(number, true);
+    waiting_.clear();
+    return any;
+  }
+
+  /// Leaders of groups that the graph did not expect and that are still out, the newest last.
+  [[nodiscard]] std::span<const Index> unexpected() const { return unexpected_.all(); }
+  /// Lets an unexpected group count in full, for reasons of the caller's own, and all that speaks against it, trusted
+  /// or not, be decided again by the next update.
+  void vouch_for(Index leader) { vouched_for_.push_back(leader); }
+
+  /// Updates the smoother until each suspect is in or out. If the first update fails, the suspects added since the last
+  /// are gone, as all else; if a later one does, the decision waits for the next time.
+  [[gnu::cold]] IncrementalGncReport update() {
+    IncrementalGncReport report;
+    changed_.clear();
+    if (!step(report) || (!waiting_.empty() && (forecast(), !step(report)))) {
+      drop_unsettled();
+      return report;
+    }
+    for (Index number = settled_; number < suspects_.size(); ++number) measure(number);
+    settled_ = suspects_.size();
+    decide(report);
+    try_others(report, options_.tried_rows);
+    try_unexpected(report);
+    forget_touched();
+    return report;
+  }
+
+  /// Measures all suspects again and decides: after the estimate was moved otherwise.
+  [[gnu::cold]] IncrementalGncReport reconsider() {
+    IncrementalGncReport report;
+    changed_.clear();
+    for (Index number = 0; number < settled_; ++number) measure(number);
+    decide(report);
+    try_others(report, std::numeric_limits<Index>::max());
+    forget_touched();
+    return report;
+  }
+
+  /// Keys whose estimate the last call changed, some several times.
+  [[nodiscard]] std::span<const Key> changed() const { return changed_.all(); }
+
+  /// A prior's `from` is none.
+  [[nodiscard]] const Suspect& factor(Index number) const { return suspects_[number].factor; }
+  /// The factor's name in the smoother; none yet before the first update.
+  [[nodiscard]] FactorId id(Index number) const { return suspects_[number].id; }
+  /// Whether a suspect counts in full.
+  [[nodiscard]] bool is_in(Index number) const { return smoother_.weight(id(number)) == 1.0; }
+
+ private:
+  using Entry = typename detail::SuspectList<Group>::Entry;
+  static constexpr double decisive_mu = 1e6;
+
+  [[gnu::cold]] void drop_unsettled() {
+    const auto settled = [&](Index number) { return number < settled_; };
+    watched_.keep_if(settled);
+    unexpected_.keep_if(settled);
+    touched_.keep_if([&](const Ranked& one) { return settled(one.index); });
+    news_ = 0;
+    waiting_.clear();
+    while (suspects_.size() > settled_) suspects_.drop_last();
+  }
+
+  [[gnu::cold]] void decide(IncrementalGncReport& report) {
+    double mu = 0.0;
+    while (contradicted()) {
+      report.decided = report.steps < options_.max_steps;
+      mu = mu > 0.0 ? options_.growth * mu : first_mu();
+      for (const Index leader : watched_) weigh(leader, report.decided ? mu : decisive_mu);
+      if (!step(report) || !report.decided) break;
+    }
+  }
+
+  /// Trusted factors are judged only while all is decided again, and where they are out already.
+  [[nodiscard]] bool is_judged(const Entry& one) const {
+    return smoother_.contains(one.id) && !(trusting_ && one.trusted && smoother_.weight(one.id) == 1.0);
+  }
+
+  [[gnu::cold]] void put(Index number, bool in) {
+    Entry& of = suspects_[number];
+    const Suspect& f = of.factor;
+    const double weight = in ? 1.0 : of.outlier_weight;
+    of.id = f.from == none ? smoother_.add(PriorFactor<Group>{f.to, f.measurement, f.sqrt_information}, weight)
+                           : smoother_.add(f, weight);
+  }
+
+  /// Puts what waits into the smoother: as outliers what the graph does not expect.
+  [[gnu::cold]] void forecast() {
+    for (const Index number : waiting_)
+      suspects_[number].ratio = smoother_.what_if(suspects_[number].factor).rise / suspects_[number].threshold;
+    for (const Index number : waiting_) {
+      const Index leader = suspects_[number].leader;
+      const bool in = weight_of(suspects_[number], suspects_.group_ratio(leader), decisive_mu) == 1.0 &&
+                      !is_uncorroborated(suspects_[number].factor);
+      put(number, in);
+      if (!in && leader == number) {
+        unexpected_.push_back(leader);
+        ++news_;
+      }
+    }
+    waiting_.clear();
+  }
+
+  /// Whether a suspect would be the only constraint on a segment of a sequence behind an outlier of it. Any measurement
+  /// is consistent there, so that it must wait for a second one that agrees.
+  [[nodiscard]] bool is_uncorroborated(const Suspect& factor) const {
+    return factor.from != none && (is_on_loose_segment(factor.to) || is_on_loose_segment(factor.from));
+  }
+  [[nodiscard]] [[gnu::cold]] bool is_on_loose_segment(Key key) const;
+  /// What a variable has of the sequence before and after it, and whether another suspect between two holds it.
+  struct Surroundings {
+    Index before = none, after = none;
+    bool held = false;
+  };
+  [[nodiscard]] [[gnu::cold]] Surroundings around(Key key) const;
+
+  /// Trusted factors are tried where they are out and next to those.
+  [[nodiscard]] bool may_be_tried(Index leader) const {
+    const Entry& one = suspects_[leader];
+    return one.factor.from != none && (one.forecast || is_out(leader) || follows_one(leader) || is_out(one.next));
+  }
+
+  /// Takes single groups near a change out or in, each once, as long as the forecast says that the truncated squares
+  /// fall.
+  [[gnu::cold]] void try_others(IncrementalGncReport& report, Index rows);
+  /// Takes a group out or in, if that lowers the truncated squares. @param rows  is lowered by the forecast's.
+  [[nodiscard]] [[gnu::cold]] bool turn(Index leader, Index& rows);
+  /// Whether an earlier forecast for the same members already says that these stay as they are.
+  [[nodiscard]] [[gnu::cold]] bool stays(Index leader, bool in, Index members, double squares, double limit) const;
+  /// Tries what follows from groups that were vouched for, and from unexpected ones of which enough agree with a new
+  /// one.
+  [[gnu::cold]] void try_unexpected(IncrementalGncReport& report);
+  /// Lets groups count in full and decides again on what speaks against them, first with what is trusted, then without;
+  /// takes that back unless the truncated squares fall by more than `margin`.
+  [[gnu::cold]] void try_in(std::span<const Index> leaders, double margin, IncrementalGncReport& report);
+  [[nodiscard]] [[gnu::cold]] double truncated_squares() const;
+  [[nodiscard]] bool is_out(Index number) const {
+    return number != none && smoother_.contains(id(number)) && !is_in(number);
+  }
+  /// Whether one shortly before it in its sequence is out.
+  [[nodiscard]] bool follows_one(Index number) const {
+    Index before = suspects_[number].previous;
+    for (Index k = 0; k < options_.consecutive_gap && before != none; ++k, before = suspects_[before].previous)
+      if (is_out(before)) return true;
+    return false;
+  }
+  /// What it adds to the truncated squares that some members of a group are out.
+  [[nodiscard]] [[gnu::cold]] double price(Index leader, Offset members) const {
+    const Entry& one = suspects_[leader];
+    return (follows_one(leader) || is_out(one.next) ? options_.consecutive_price : 1.0) * one.price *
+           static_cast<double>(members) / suspects_.votes(leader);
+  }
+
+  void set_in(Index number, bool in) { smoother_.set_weight(id(number), in ? 1.0 : suspects_[number].outlier_weight); }
+
+  [[nodiscard]] [[gnu::cold]] bool step(IncrementalGncReport& report) {
+    report.last = smoother_.update();
+    report.work += report.last.work;
+    ++report.steps;
+    if (!report.last.ok()) return false;
+    ++steps_;
+    for (const Key key : smoother_.changed()) {
+      changed_.push_back(key);
+      suspects_.for_each_at(key, [&](Index number) {
+        if (std::exchange(suspects_[number].measured, steps_) != steps_) measure(number);
+      });
+    }
+    return true;
+  }
+
+  /// A suspect that was removed from the smoother is never contradicted.
+  [[gnu::cold]] void measure(Index number) {
+    Entry& of = suspects_[number];
+    of.ratio = smoother_.contains(of.id) ? suspects_.ratio_at(smoother_, number) : 0.0;
+    if (!smoother_.contains(of.id)) return;
+    Entry& leader = suspects_[of.leader];
+    if (!std::exchange(leader.watched, true)) watched_.push_back(of.leader);
+    if (may_be_tried(of.leader) && !std::exchange(leader.touched, true))
+      touched_.push_back({leader.trusted ? -std::numeric_limits<double>::infinity() : -1.0 * of.leader, of.leader});
+  }
+
+  [[gnu::cold]] void forget_touched() {
+    for (const Ranked& one : touched_) suspects_[one.index].touched = suspects_[one.index].turned = false;
+    touched_.clear();
+  }
+
+  /// Whether a suspect that was measured has not the weight that its residual asks for.
+  [[nodiscard]] [[gnu::cold]] bool contradicted() {
+    for (const Index leader : watched_) {
+      const double of_group = suspects_.group_ratio(leader);
+      bool found = false;
+      suspects_.for_each_member(leader, [&](Index number) {
+        const Entry& one = suspects_[number];
+        found |= is_judged(one) && smoother_.weight(one.id) != weight_of(one, of_group, decisive_mu);
+      });
+      if (found) return true;
+    }
+    for (const Index leader : watched_) suspects_[leader].watched = false;
+    watched_.clear();
+    return false;
+  }
+
+  /// @param mu  the control parameter; `decisive_mu`: in or out
+  [[nodiscard]] [[gnu::cold]] double weight_of(const Entry& one, double of_group, double mu) const {
+    const double ratio = std::max(suspects_.votes(one.leader) * one.ratio, of_group);
+    const double weight = mu < decisive_mu ? truncated_weight(ratio, 1.0, mu) : (ratio <= 1.0 ? 1.0 : 0.0);
+    return std::max(weight, one.outlier_weight);
+  }
+
+  [[nodiscard]] [[gnu::cold]] double first_mu() const {
+    double largest = 1.0;
+    for (const Index leader : watched_) {
+      suspects_.for_each_member(leader, [&](Index number) {
+        const Entry& one = suspects_[number];
+        const bool is_weighed = is_judged(one) && smoother_.weight(one.id) > one.outlier_weight;
+        if (is_weighed) largest = std::max(largest, suspects_.votes(leader) * one.ratio);
+      });
+    }
+    return 1.0 / (2.0 * largest - 1.0);
+  }
+
+  [[gnu::cold]] void weigh(Index leader, double mu) {
+    const double of_group = suspects_.group_ratio(leader);
+    suspects_.for_each_member(leader, [&](Index number) {
+      const Entry& of = suspects_[number];
+      if (!is_judged(of)) return;
+      const double next = weight_of(of, of_group, mu);
+      if (std::abs(next - smoother_.weight(of.id)) > 1e-3 || next == of.outlier_weight || next == 1.0)
+        smoother_.set_weight(of.id, next);
+    });
+  }
+
+  Smoother& smoother_;
+  IncrementalGncOptions options_;
+  detail::SuspectList<Group> suspects_;
+  detail::Table<Index> watched_;   ///< leaders of groups measured since there was last no contradiction
+  detail::Table<Ranked> touched_;  ///< leaders of groups that may be tried, measured by this call
+  detail::Table<Key> changed_;
+  detail::Table<Index> waiting_;      ///< to be put into the smoother by the next update
+  detail::Table<Index> unexpected_;   ///< leaders of groups
+  Index news_ = 0;                    ///< how many of these are new
+  detail::Table<Index> vouched_for_;  ///< leaders
+  bool trusting_ = true;
+  std::uint64_t steps_ = 0;  ///< updates so far
+  Index settled_ = 0;        ///< suspects that have taken part in an update
+};
+
+}  // namespace chainslam
+
+// Bodies of its members.
 #include "chainslam/factor_graph/detail/incremental_gnc_trials.hpp"

@@ -7,7 +7,6 @@
 #include <string>
 
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam {

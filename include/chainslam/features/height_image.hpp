@@ -2,15 +2,20 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <stdexcept>
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/random.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/features/detail/image_filters.hpp"
+#include "chainslam/search/hamming_forest.hpp"
 
 namespace chainslam {
 
@@ -97,6 +102,167 @@ template <Cloud C>
   for (std::size_t pixel = 0; pixel < pixels; ++pixel)
     image.values[pixel] = std::clamp((highest[pixel] - lowest[pixel]) / white, 0.0F, 1.0F);  // -inf: none
   return image;
+}
+
+/// A corner of a height image.
+struct ImageKeypoint {
+  Eigen::Vector2f position{0, 0};  ///< metres, in the frame of the image's cloud
+  float angle = 0;                 ///< radians, of the direction in which its surroundings are brighter
+  BinaryDescriptor descriptor{};   ///< of its surroundings, turned to its orientation
+};
+
+/// Which corners are found, and how they are described.
+struct ImageKeypointOptions {
+  double smoothing = 1.0;      ///< pixels: deviation of the Gaussian by which corners are sought
+  double window = 1.5;         ///< pixels: deviation of the Gaussian that weights gradients around a corner
+  double min_response = 1e-4;  ///< the structure tensor's smaller eigenvalue, of an image from 0 to 1
+  Index separation = 3;        ///< pixels to the next stronger corner, at least
+  Index max_count = 200;       ///< the strongest
+  double radius = 20.0;        ///< pixels, of the disc that a descriptor compares
+  double spread = 1.5;         ///< pixels: deviation of the Gaussian over which a compared value is averaged
+};
+
+namespace detail {
+
+[[gnu::cold]] inline void check(const ImageKeypointOptions& options) {
+  if (!(options.smoothing > 0 && options.window > 0 && options.radius >= 2 && options.spread > 0) ||
+      options.separation < 1 || options.max_count < 0)
+    throw std::invalid_argument(
+        "ImageKeypointOptions: smoothing, window and spread must be positive, radius 2 or more, separation 1 or more");
+}
+
+/// Pairs of places in the unit disc that a descriptor compares: normally distributed (Calonder et al. 2010, BRIEF,
+/// pattern G II), the same in every program.
+struct ComparisonPattern {
+  std::array<std::array<Eigen::Vector2f, 2>, 256> pairs;
+
+  ComparisonPattern() {
+    Rng rng(1);
+    const auto place = [&] {
+      for (;;) {
+        const Eigen::Vector2d p(rng.normal(0, 0.4), rng.normal(0, 0.4));
+        if (p.squaredNorm() <= 1) return p;
+      }
+    };
+    for (auto& pair : pairs) {
+      do {
+        pair[0] = place().cast<float>();
+        pair[1] = place().cast<float>();
+      } while ((pair[0] - pair[1]).norm() < 0.2F);
+    }
+  }
+  [[nodiscard]] static const ComparisonPattern& instance() {
+    static const ComparisonPattern pattern;
+    return pattern;
+  }
+};
+
+/// The smaller eigenvalue of the structure tensor at each pixel (Shi and Tomasi 1994).
+[[nodiscard]] inline GrayImage corner_response(const GrayImage& smooth, double window) {
+  GrayImage xx = smooth, xy = smooth, yy = smooth;
+  for (Index y = 0; y < smooth.height; ++y)
+    for (Index x = 0; x < smooth.width; ++x) {
+      const float dx = 0.5F * (smooth.value(x + 1, y) - smooth.value(x - 1, y));
+      const float dy = 0.5F * (smooth.value(x, y + 1) - smooth.value(x, y - 1));
+      xx(x, y) = dx * dx, xy(x, y) = dx * dy, yy(x, y) = dy * dy;
+    }
+  xx = blurred(xx, window), xy = blurred(xy, window), yy = blurred(yy, window);
+  for (std::size_t i = 0; i < xx.values.size(); ++i) {
+    const float mean = 0.5F * (xx.values[i] + yy.values[i]), half = 0.5F * (xx.values[i] - yy.values[i]);
+    xx.values[i] = mean - std::sqrt(half * half + xy.values[i] * xy.values[i]);
+  }
+  return xx;
+}
+
+/// Where between the pixels the response is largest: the vertex of the parabolas through the neighbours' values.
+[[nodiscard]] inline Eigen::Vector2d vertex(const GrayImage& response, const Eigen::Vector2i& corner) {
+  const auto offset = [&](Index dx, Index dy) {
+    const auto value = [&](Index step) {
+      return static_cast<double>(response.value(corner.x() + step * dx, corner.y() + step * dy));
+    };
+    const double curvature = value(-1) - 2 * value(0) + value(1);
+    return curvature < 0 ? std::clamp(0.5 * (value(-1) - value(1)) / curvature, -0.5, 0.5) : 0.0;
+  };
+  return corner.cast<double>() + Eigen::Vector2d(offset(1, 0), offset(0, 1));
+}
+
+/// The strongest corners, each the strongest within the separation.
+[[nodiscard]] inline std::vector<Eigen::Vector2i> corners(const GrayImage& response,
+                                                          const ImageKeypointOptions& options) {
+  const auto least = static_cast<float>(options.min_response);
+  const auto is_strongest = [&](Index x, Index y) {
+    const float here = response.value(x, y);
+    for (Index dy = -options.separation; dy <= options.separation; ++dy)
+      for (Index dx = -options.separation; dx <= options.separation; ++dx) {
+        const float there = response.value(x + dx, y + dy);
+        if (there > here || (there == here && (dy < 0 || (dy == 0 && dx < 0)))) return false;
+      }
+    return true;
+  };
+  Table<Ranked> found;
+  for (Index y = 0; y < response.height; ++y)
+    for (Index x = 0; x < response.width; ++x)
+      if (response.value(x, y) >= least && is_strongest(x, y))
+        found.push_back({-static_cast<double>(response.value(x, y)), y * response.width + x});
+  sort_ranked(found.all());
+  std::vector<Eigen::Vector2i> strongest;
+  for (const Ranked& one : found.all()) {
+    if (to_index(strongest.size()) >= options.max_count) break;
+    strongest.emplace_back(one.index % response.width, one.index / response.width);
+  }
+  return strongest;
+}
+
+/// Of the centroid of a disc (Rosin 1999, as in ORB: Rublee et al. 2011).
+[[nodiscard]] inline float orientation(const GrayImage& image, const Eigen::Vector2i& center, double radius) {
+  const auto reach = static_cast<Index>(radius);
+  float x_moment = 0, y_moment = 0;
+  for (Index dy = -reach; dy <= reach; ++dy)
+    for (Index dx = -reach; dx <= reach; ++dx) {
+      if (static_cast<double>(dx) * dx + static_cast<double>(dy) * dy > radius * radius) continue;
+      const float value = image.value(center.x() + dx, center.y() + dy);
+      x_moment += static_cast<float>(dx) * value;
+      y_moment += static_cast<float>(dy) * value;
+    }
+  return std::atan2(y_moment, x_moment);
+}
+
+[[nodiscard]] inline BinaryDescriptor described(const GrayImage& image, const Eigen::Vector2i& center, float angle,
+                                                double radius) {
+  const Eigen::Vector2f along = static_cast<float>(radius) * Eigen::Vector2f(std::cos(angle), std::sin(angle));
+  const Eigen::Vector2f across(-along.y(), along.x());
+  const auto sample = [&](const Eigen::Vector2f& p) {
+    const Eigen::Vector2f at = p.x() * along + p.y() * across;
+    return image.interpolated(static_cast<float>(center.x()) + at.x(), static_cast<float>(center.y()) + at.y());
+  };
+  BinaryDescriptor descriptor{};
+  const auto& pairs = ComparisonPattern::instance().pairs;
+  for (std::size_t bit = 0; bit < pairs.size(); ++bit)
+    if (sample(pairs[bit][0]) < sample(pairs[bit][1])) descriptor[bit / 64] |= std::uint64_t{1} << (bit % 64);
+  return descriptor;
+}
+
+}  // namespace detail
+
+/// Corners of a height image with binary descriptors that turn with them, the strongest first.
+/// @throws std::invalid_argument if an option makes no sense.
+[[nodiscard]] inline std::vector<ImageKeypoint> image_keypoints(const HeightImage& image,
+                                                                const ImageKeypointOptions& options = {}) {
+  detail::check(options);
+  std::vector<ImageKeypoint> keypoints;
+  if (image.values.empty()) return keypoints;
+  const detail::GrayImage gray{image.width, image.height, image.values};
+  const detail::GrayImage smooth = detail::blurred(gray, options.smoothing);
+  const detail::GrayImage averaged = detail::blurred(gray, options.spread);
+  const detail::GrayImage response = detail::corner_response(smooth, options.window);
+  for (const Eigen::Vector2i& corner : detail::corners(response, options)) {
+    ImageKeypoint keypoint;
+    keypoint.position = image.position(detail::vertex(response, corner)).cast<float>();
+    keypoint.angle = detail::orientation(smooth, corner, options.radius);
+    keypoint.descriptor = detail::described(averaged, corner, keypoint.angle, options.radius);
+    keypoints.push_back(keypoint);
+  }
+  return keypoints;
 }
 
 }  // namespace chainslam

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
-#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/detail/distance_tiles.hpp"

@@ -7,9 +7,9 @@
 
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/kitti.hpp"
 #include "chainslam/io/pcd.hpp"
 #include "chainslam/io/ply.hpp"
+#include "chainslam/io/trajectory_file.hpp"
 
 namespace chainslam {
 

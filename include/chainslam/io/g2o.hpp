@@ -13,7 +13,6 @@
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/detail/pose_fields.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "chainslam/lie/se2.hpp"
 #include "chainslam/lie/se3.hpp"
 

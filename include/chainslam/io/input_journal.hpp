@@ -12,7 +12,7 @@
 
 #include "chainslam/io/detail/chunk_writer.hpp"
 #include "chainslam/io/map_archive.hpp"
-#include "chainslam/map/map_input.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 

@@ -14,8 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/io/bytes.hpp"
 
 namespace chainslam {
 

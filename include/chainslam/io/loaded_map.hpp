@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/map/scan_cache.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/keyframe_scan.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 

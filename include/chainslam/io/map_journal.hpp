@@ -14,7 +14,7 @@
 
 #include "chainslam/io/detail/chunk_writer.hpp"
 #include "chainslam/io/loaded_map.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 

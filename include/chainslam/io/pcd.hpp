@@ -13,7 +13,6 @@
 #include "chainslam/io/detail/lzf.hpp"
 #include "chainslam/io/detail/text.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/point_file.hpp"
 
 namespace chainslam {

@@ -16,7 +16,6 @@
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/detail/text.hpp"
 #include "chainslam/io/input_file.hpp"
-#include "chainslam/io/line_fields.hpp"
 #include "chainslam/io/point_file.hpp"
 
 namespace chainslam {

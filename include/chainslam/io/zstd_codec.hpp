@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "chainslam/io/codec.hpp"
+#include "chainslam/io/file_system.hpp"
 
 namespace chainslam {
 

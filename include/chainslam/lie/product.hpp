@@ -8,7 +8,7 @@
 
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/lie/concepts.hpp"
-#include "chainslam/lie/retract_jacobian.hpp"
+#include "chainslam/lie/jacobians.hpp"
 
 namespace chainslam {
 
@@ -67,7 +67,7 @@ class Product {
     return stack([&]<std::size_t I>() { return get<I>().local(other.template get<I>()); });
   }
 
-  /// d retract(d).local(retract(d + e)) / d e at e = 0: see `lie/retract_jacobian.hpp`.
+  /// d retract(d).local(retract(d + e)) / d e at e = 0: see `lie/jacobians.hpp`.
   [[nodiscard]] Jacobian retract_jacobian(const Tangent& d) const {
     return block_diagonal([&]<std::size_t I>() { return chainslam::retract_jacobian(get<I>(), segment<I>(d)); });
   }

@@ -69,7 +69,7 @@ class S2 {
     return chainslam::scaled(atan2(length, cosine) / length, sine);
   }
 
-  /// d retract(d).local(retract(d + e)) / d e at e = 0: see `lie/retract_jacobian.hpp`.
+  /// d retract(d).local(retract(d + e)) / d e at e = 0: see `lie/jacobians.hpp`.
   [[nodiscard]] Eigen::Matrix<Scalar, 2, 2> retract_jacobian(const Tangent& d) const {
     const Scalar x = d.squaredNorm();
     const auto [b, c, b_slope, c_slope] = detail::jacobian_coefficients<Scalar>(x);

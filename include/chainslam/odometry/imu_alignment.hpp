@@ -11,22 +11,114 @@
 #include <span>
 #include <vector>
 
-#include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/core/square_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/lie/so3.hpp"
 #include "chainslam/odometry/detail/alignment_block.hpp"
 #include "chainslam/odometry/detail/alignment_equations.hpp"
 #include "chainslam/odometry/detail/alignment_pose.hpp"
 #include "chainslam/odometry/detail/alignment_search.hpp"
 #include "chainslam/odometry/detail/alignment_solution.hpp"
 #include "chainslam/odometry/detail/imu_track.hpp"
-#include "chainslam/odometry/imu_alignment_options.hpp"
-#include "chainslam/odometry/rotation_evidence.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam {
+
+/// By how much an IMU's clock and axes differ from what is given.
+struct ImuCorrection {
+  double time_offset = 0;  ///< seconds that stamps are late by, on the LiDAR's clock
+  SO3d R_body_imu{};       ///< from the axes that the IMU measures along to those of the body
+
+  /// The sample, corrected.
+  [[nodiscard]] ImuSample operator()(ImuSample sample) const {
+    sample.time = sample.time - seconds(time_offset);
+    sample.gyro = R_body_imu * sample.gyro;
+    sample.accel = R_body_imu * sample.accel;
+    return sample;
+  }
+  /// What leads from samples corrected by `before` to such by this.
+  [[nodiscard]] ImuCorrection since(const ImuCorrection& before) const {
+    return {time_offset - before.time_offset, R_body_imu * before.R_body_imu.inverse()};
+  }
+};
+
+/// What measurements alone say of a rotation, no prior included: a quadratic cost about a known rotation R. A step of
+/// right tangent x (rad) from R costs x^T information x / 2 - vector^T x. Zero where nothing was measured.
+struct RotationEvidence {
+  SO3d about{};                                            ///< the rotation that tangents are about
+  Eigen::Matrix3d information = zeros<Eigen::Matrix3d>();  ///< 1/rad^2
+  Eigen::Vector3d vector = zeros<Eigen::Vector3d>();       ///< 1/rad
+
+  /// As much as is left if all of it may have a common error of this deviation (rad) about each axis.
+  [[nodiscard]] RotationEvidence with_common_error(double deviation) const {
+    const double variance = deviation * deviation;
+    const Eigen::Matrix3d less = inverse_of(sum_of(identity<Eigen::Matrix3d>(), scaled(variance, information)));
+    return {about, product(less, information), product(less, vector)};
+  }
+
+  /// A^-1 of a regular matrix, by its adjugate.
+  [[nodiscard]] static Eigen::Matrix3d inverse_of(const Eigen::Matrix3d& A) {
+    Eigen::Matrix3d adjugate;
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) {
+        const int i1 = (i + 1) % 3, i2 = (i + 2) % 3, j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+        adjugate(j, i) = A(i1, j1) * A(i2, j2) - A(i1, j2) * A(i2, j1);
+      }
+    const double determinant = A(0, 0) * adjugate(0, 0) + A(0, 1) * adjugate(1, 0) + A(0, 2) * adjugate(2, 0);
+    return divided(adjugate, determinant);
+  }
+};
+
+/// Settings of `ImuAlignment`.
+struct ImuAlignmentOptions {
+  double time_offset = 0;              ///< s, given or assumed: stamp of an IMU measurement less its true time
+  double time_offset_deviation = 0.1;  ///< s
+  double max_time_offset = 0.25;       ///< s, either way
+  SE3d T_body_lidar;                   ///< given; where the IMU sits in the LiDAR's frame is taken as it is
+  double rotation_deviation = 0.05;    ///< rad, of the given rotation about each axis; infinite if it is not known
+  double gyro_bias_deviation = 0.05;   ///< rad/s
+  double accel_bias_deviation = 0.3;   ///< m/s^2
+  double half_span = 0.5;              ///< s between the positions whose second difference is an acceleration
+  double max_step = 1.5;               ///< s; poses farther apart are not compared
+  double max_gap = 0.1;                ///< s between IMU measurements that are joined
+  double block = 10;                   ///< s over which gravity is constant in the LiDAR odometry's frame
+  double window = 60;                  ///< s of measurements kept as such; what is older is kept as equations
+  double memory = 300;                 ///< s of these
+  double min_duration = 1;             ///< s of poses before the first estimate
+  double growth = 0.25;                ///< of the data, between estimates, ...
+  double interval = 1;                 ///< ... at most so many s, ...
+  double known_interval = 5;           ///< ... once offset and rotation are known
+  double search_interval = 10;         ///< s between searches of all offsets, once offset and rotation are known
+  double time_offset_floor = 0.002;    ///< s of the deviation that more data do not reduce: of the scans' own times
+  double rotation_floor = 0.002;       ///< rad, likewise: of the LiDAR's calibration
+  double min_contrast = 50;  ///< squared deviations by which the best offset must beat others; before, no estimate
+  double known_time_offset = 0.005;     ///< s, standard deviation from which the offset counts as known
+  double known_rotation = 0.01;         ///< rad, likewise, about the worst axis
+  double contradiction_sigmas = 5;      ///< by so many deviations, and by so large ...
+  double contradiction_angle = 0.0524;  ///< ... an angle (rad) the given rotation must be off to be contradicted
+};
+
+/// What is known of how and when the IMU measures.
+struct ImuAlignmentEstimate {
+  /// s: an IMU measurement's time on the LiDAR's clock is its stamp less this; positive if the IMU's stamps are late.
+  double time_offset = 0;
+  double time_offset_deviation = 0;                                 ///< seconds, standard deviation
+  SO3d R_body_lidar;                                                ///< rotation from the LiDAR's to the body's axes
+  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();    ///< right tangent (LiDAR axes), rad^2
+  Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();              ///< rad/s
+  Eigen::Matrix3d gyro_bias_covariance = Eigen::Matrix3d::Zero();   ///< (rad/s)^2
+  Eigen::Vector3d accel_bias = Eigen::Vector3d::Zero();             ///< m/s^2
+  Eigen::Matrix3d accel_bias_covariance = Eigen::Matrix3d::Zero();  ///< (m/s^2)^2
+  Eigen::Vector3d up_odom = Eigen::Vector3d::Zero();  ///< against gravity in the newest poses' frame; 0 if unknown
+  bool time_known = false;                            ///< to `known_time_offset`
+  bool rotation_known = false;                        ///< to `known_rotation` about all axes
+  int observed_rotation_axes = 0;                     ///< of three principal axes: known to `known_rotation`
+  bool contradicted = false;       ///< the data exclude the given rotation; the estimate then leaves it out
+  double contradiction_angle = 0;  ///< rad: by so much, about the axis that shows it best
+  double seconds_used = 0;         ///< of poses with IMU measurements
+};
 
 /// Estimates time offset and rotation between IMU and LiDAR, and the IMU's biases, from the LiDAR's own motion.
 ///

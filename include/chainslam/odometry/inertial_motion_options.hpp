@@ -1,12 +1,59 @@
 #pragma once
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/odometry/accel_noise.hpp"
-#include "chainslam/odometry/imu_initializer.hpp"
 #include "chainslam/odometry/imu_process.hpp"
-#include "chainslam/odometry/imu_record.hpp"
 
 namespace chainslam {
+
+/// How an IMU's measurements are used.
+struct ImuRecordOptions {
+  double max_gap = 0.25;  ///< seconds between measurements that are joined by a line; over a longer hole there are none
+  double max_step = 0.01;  ///< seconds; longer ones are divided, so that units of 10 Hz integrate as well as fast ones
+  double unseen_share = 0.3;  ///< of the difference of two measurements, by which the mean between them may be off
+  double memory = 5;          ///< seconds of measurements kept before the first scan
+  double gyro_range = std::numeric_limits<double>::infinity();   ///< rad/s at which an axis is clipped
+  double accel_range = std::numeric_limits<double>::infinity();  ///< m/s^2
+  double clipped_gyro_noise = 0.5;                               ///< density while clipped, rad/s per sqrt(Hz)
+  double clipped_accel_noise = 5;                                ///< m/s^2 per sqrt(Hz)
+};
+
+/// Settings of `AccelNoise`.
+struct AccelNoiseOptions {
+  double start = 0.02;  ///< m/s^2 per sqrt(Hz), until it is measured; 0: it is not estimated
+  /// Seconds of measurements that count as much as `start`: few, for gravity is learnt in the first ones.
+  double start_time = 0.5;
+  double half_span = 0.5;  ///< seconds between the three positions that an acceleration is taken from
+  double memory = 20;      ///< seconds
+  double largest = 1;      ///< m/s^2 per sqrt(Hz): a scan that is registered to a wrong place says more
+};
+
+/// When an IMU is excluded, and when it is used again.
+struct ImuMonitorOptions {
+  double max_pose_nis = 4;        ///< of a scan against its prediction, per direction seen; infinite: never excluded
+  double max_contradictions = 3;  ///< that many scans lately, each fading by `fading` with every scan
+  double fading = 0.85;           ///< factor of earlier contradictions, per scan
+  double memory = 1;              ///< seconds, of the mean errors below
+  double max_rate_error = 0.03;   ///< rad/s: a bias and more; ...
+  double max_rate_share = 0.05;   ///< ... and so much of the rate: scale, and axes that are not quite the given ones
+  double max_accel_error = 1.0;   ///< m/s^2
+  double up_memory = 5;           ///< seconds, of gravity's direction while the accelerometer is excluded
+  double trial = 3;               ///< seconds in agreement with the scans until a sensor is used again; ...
+  double max_trial = 60;          ///< ... doubled with every relapse up to this
+};
+
+/// Which plane is fitted to the neighbours of a point.
+enum class PlaneForm {
+  centred,    ///< least squares of distances, about the mean; no lines, none that hangs on one point
+  intercept,  ///< least squares of a . p = -1, as FAST-LIO2 has it: no plane through the map's origin
+};
+
+/// How a scan is used as a measurement, beyond what `ScanToMap` says of matching.
+struct ScanMeasurementOptions {
+  PlaneForm planes = PlaneForm::centred;  ///< how planes are kept
+  double fresh_distance = 0.015;          ///< metres the pose may move for planes to count as just looked up
+  bool coarse_to_fine = true;             ///< gate and kernel start at the error to be expected of the prediction
+  bool mean_time = true;  ///< the scan lies where the body was at the points' mean time, not at the sweep's end
+};
 
 /// Settings of `InertialMotion`.
 struct InertialMotionOptions {

@@ -13,24 +13,22 @@
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/delta_velocity.hpp"
 #include "chainslam/odometry/detail/first_sweep.hpp"
+#include "chainslam/odometry/detail/inertial_motion.hpp"
+#include "chainslam/odometry/detail/leveller.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/pose_doubt.hpp"
+#include "chainslam/odometry/detail/scan_measurement.hpp"
 #include "chainslam/odometry/detail/sweep.hpp"
 #include "chainslam/odometry/detail/sweep_registration.hpp"
-#include "chainslam/odometry/inertial_motion.hpp"
-#include "chainslam/odometry/leveller.hpp"
+#include "chainslam/odometry/imu_alignment.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
-#include "chainslam/odometry/local_map.hpp"
-#include "chainslam/odometry/odometry_counts.hpp"
-#include "chainslam/odometry/rotation_evidence.hpp"
-#include "chainslam/odometry/scan_filter.hpp"
-#include "chainslam/odometry/scan_measurement.hpp"
+#include "chainslam/odometry/odometry_source.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
 #include "chainslam/search/voxel_map.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/sensor/packet.hpp"
 
 namespace chainslam {
@@ -97,7 +95,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
     const bool believed = monitor_.use() == ImuUse::all && options_.imu_use == ImuUse::all;
     return believed ? motion_.mounting_evidence() : RotationEvidence{.about = options_.T_body_lidar.rotation()};
   }
-  [[nodiscard]] const ImuMonitor& imu_monitor() const { return monitor_; }  ///< what of the IMU is in use
+  [[nodiscard]] const detail::ImuMonitor& imu_monitor() const { return monitor_; }  ///< what of the IMU is in use
   /// What became of scans, points and IMU samples so far.
   [[nodiscard]] LidarInertialOdometryCounts counts() const {
     LidarInertialOdometryCounts counts = counts_;
@@ -135,7 +133,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
 
   LidarInertialOdometryCounts counts_;
   ImuCheck imu_check_;
-  Leveller leveller_;
+  detail::Leveller leveller_;
   detail::PoseDoubt doubt_;
   InertialHealth health_;
   std::deque<Sweep> waiting_;  ///< for measurements up to their ends
@@ -149,7 +147,7 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::process(const Packet& p
   if (const auto* sample = std::get_if<ImuSample>(&packet); sample != nullptr && options_.imu_use != ImuUse::none)
     imu_check_.add(*sample, [&](ImuSample checked) {
       if (options_.imu_use != ImuUse::all) checked.force_measured = false;
-      if (motion_.add(checked) == ImuRecord::Taken::restarted) ++counts_.imu_restarts;
+      if (motion_.add(checked) == detail::ImuRecord::Taken::restarted) ++counts_.imu_restarts;
     });
   if (const auto* scan = std::get_if<LidarScan>(&packet)) {
     ++counts_.scans;
@@ -254,7 +252,7 @@ template <class Map, class Kernel>
 void LidarInertialOdometry<Map, Kernel>::watch_imu(const Attempt& attempt) {
   const ImuUse before = monitor_.use();
   const bool measured = motion_.measured_share() > 0;
-  const ImuComparison comparison = motion_.comparison();
+  const detail::ImuComparison comparison = motion_.comparison();
   monitor_.follow(measured ? motion_.use() : before, comparison);
   if (attempt.match.degenerate_directions == 0)
     motion_.learned_noise().follow(comparison, attempt.own_pose.translation());
@@ -280,7 +278,7 @@ void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correc
     motion_.forget_biases(ImuUse::none);
     motion_.learned_noise().restart();
     if (up) motion_.set_up(S2d::from_vector(*up));
-    monitor_ = ImuMonitor(options_.monitor);
+    monitor_ = detail::ImuMonitor(options_.monitor);
   }
   motion_.doubt_mounting();
 }

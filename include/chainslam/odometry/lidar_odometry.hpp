@@ -8,23 +8,21 @@
 #include <utility>
 #include <variant>
 
-#include "chainslam/cloud/transform.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/pose_doubt.hpp"
 #include "chainslam/odometry/detail/translation_search.hpp"
-#include "chainslam/odometry/imu_initializer.hpp"
-#include "chainslam/odometry/local_map.hpp"
+#include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/motion_predictor.hpp"
-#include "chainslam/odometry/odometry_counts.hpp"
-#include "chainslam/odometry/scan_filter.hpp"
+#include "chainslam/odometry/odometry_source.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
 #include "chainslam/search/voxel_map.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/sensor/imu_check.hpp"
 #include "chainslam/sensor/packet.hpp"
 

@@ -10,10 +10,10 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/imu_rotation.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
-#include "chainslam/odometry/imu_initializer.hpp"
-#include "chainslam/odometry/imu_rotation.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/odometry/imu_process.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam {
 
@@ -203,7 +203,7 @@ class MotionPredictor {
   static constexpr Duration imu_memory = std::chrono::seconds(5);
 
   MotionPredictorOptions options_;
-  ImuRotation imu_;
+  detail::ImuRotation imu_;
   Eigen::Vector3d gyro_bias_ = Eigen::Vector3d::Zero();  ///< rad/s
   Timestamp time_;                                       ///< of the last pose
   SE3d T_odom_body_;

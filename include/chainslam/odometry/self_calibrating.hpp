@@ -7,11 +7,10 @@
 #include <variant>
 
 #include "chainslam/core/executor.hpp"
-#include "chainslam/map/frame.hpp"
 #include "chainslam/odometry/imu_alignment.hpp"
-#include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/odometry/imu_process.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/sensor/imu_check.hpp"
-#include "chainslam/sensor/imu_correction.hpp"
 #include "chainslam/sensor/packet.hpp"
 
 namespace chainslam {

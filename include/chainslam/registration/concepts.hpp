@@ -12,6 +12,12 @@
 
 namespace chainslam {
 
+/// A cloud whose traits know a covariance (3x3, m^2 or regularised) at every point.
+template <class T>
+concept DistributedCloud = Cloud<T> && requires(const T& cloud, std::size_t i) {
+  { CloudTraits<T>::covariance(cloud, i)(0, 0) } -> std::convertible_to<double>;
+};
+
 /// How an alignment ended.
 enum class AlignStatus {
   converged,        ///< the last step was smaller than the thresholds

@@ -8,18 +8,14 @@
 #include <utility>
 
 #include "chainslam/core/compiled.hpp"
-#include "chainslam/core/deadline.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/icp_run.hpp"
 #include "chainslam/registration/detail/source_columns.hpp"
-#include "chainslam/registration/distribution_to_distribution.hpp"
+#include "chainslam/registration/metrics.hpp"
 #include "chainslam/registration/optimizers.hpp"
-#include "chainslam/registration/plane_to_plane.hpp"
-#include "chainslam/registration/point_to_plane.hpp"
-#include "chainslam/registration/point_to_point.hpp"
-#include "chainslam/registration/pose_prior.hpp"
 #include "chainslam/registration/rejectors.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 
@@ -59,7 +55,7 @@ struct Icp {
                 "in GaussNewtonStep; see chainslam/registration/optimizers.hpp");
   static_assert(AlignPrior<Prior>,
                 "Icp: Prior needs `PriorTerms evaluate(T_target_source) const`, as in PosePrior; see "
-                "chainslam/registration/pose_prior.hpp");
+                "chainslam/registration/optimizers.hpp");
   static_assert(std::same_as<Optimizer, GaussNewtonStep> || RobustCost<Kernel>,
                 "Icp: an optimizer that compares costs needs a Kernel with `double cost(double squared_residual) "
                 "const`, as in Huber; see chainslam/core/robust_kernels.hpp");

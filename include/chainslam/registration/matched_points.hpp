@@ -11,9 +11,8 @@
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/core/finite.hpp"
-#include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/matching.hpp"
 #include "chainslam/lie/se3.hpp"
@@ -21,6 +20,13 @@
 #include "chainslam/search/concepts.hpp"
 
 namespace chainslam {
+
+/// A pose and what the matches say of it.
+struct Hypothesis {
+  SE3d T_target_source;  ///< maps source points into the target's frame
+  Index consensus = 0;   ///< matches brought together
+  double gain = 0;       ///< by how much their squared distances fall short of the largest allowed, summed, m^2
+};
 
 /// The two ends of all matches, metres, and the normals there if both sides have them.
 struct MatchedPoints {

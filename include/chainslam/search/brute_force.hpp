@@ -5,8 +5,8 @@
 #include <limits>
 #include <vector>
 
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/search_base.hpp"
 

@@ -7,10 +7,17 @@
 #include <cstdint>
 #include <stdexcept>
 
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam {
+
+/// How a `VoxelMap` downsamples its input, and how far it looks.
+struct VoxelMapOptions {
+  double voxel_size = 1.0;          ///< edge, metres
+  Index max_points_per_voxel = 20;  ///< further points of a full voxel are not taken
+  double min_spacing = 0.1;         ///< metres; a point nearer than this to one in the map is not taken; 0 takes all
+  Index reach = 1;                  ///< blocks of 4 voxels searched on each side, 1 to 8: sets `max_search_radius()`
+};
 
 /// What becomes of a point whose voxel already holds points.
 enum class VoxelVerdict {

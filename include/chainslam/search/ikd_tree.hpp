@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "chainslam/core/compiled.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/box_build.hpp"
 #include "chainslam/search/detail/box_erase.hpp"

@@ -9,8 +9,8 @@
 
 #include "chainslam/cloud/concepts.hpp"
 #include "chainslam/core/compiled.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/box_split.hpp"
 #include "chainslam/search/detail/lanes.hpp"

@@ -13,7 +13,6 @@
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/search_base.hpp"
 

@@ -10,14 +10,13 @@
 #include <optional>
 #include <utility>
 
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/sensor/detail/interleaved_imu.hpp"
 #include "chainslam/sensor/detail/stuck_axes.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
-#include "chainslam/sensor/imu_unit_watch.hpp"
 #include "chainslam/sensor/imu_units.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam {
 

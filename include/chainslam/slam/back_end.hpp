@@ -10,19 +10,18 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/channel.hpp"
 #include "chainslam/core/compiled.hpp"
 #include "chainslam/core/executor.hpp"
-#include "chainslam/core/snapshot.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/slam/back_end_options.hpp"
 #include "chainslam/slam/chained_closer.hpp"
-#include "chainslam/slam/gnss_interpolator.hpp"
+#include "chainslam/slam/closure_candidates.hpp"
+#include "chainslam/slam/detail/repeated_searches.hpp"
+#include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/map_graph.hpp"
 #include "chainslam/slam/map_merger.hpp"
-#include "chainslam/slam/position_index.hpp"
-#include "chainslam/slam/relative_covariance.hpp"
-#include "chainslam/slam/repeated_searches.hpp"
 
 namespace chainslam {
 
@@ -163,7 +162,7 @@ class BackEnd {
     ++counts_.reverted;
     closure_graph_ = ClosureGraph();
     connect_closures(closure_graph_, map(), 0);
-    std::erase_if(rechecks_, [&](const Recheck& one) { return one.is_reverted(map()); });
+    std::erase_if(rechecks_, [&](const detail::Recheck& one) { return one.is_reverted(map()); });
     optimise();
     return true;
   }
@@ -239,8 +238,8 @@ class BackEnd {
   ClosureGraph closure_graph_;
   PositionIndex positions_;
   GnssInterpolator gnss_;
-  MovedKeyframes moved_;
-  std::vector<Recheck> rechecks_;  ///< of the current session, in their order
+  detail::MovedKeyframes moved_;
+  std::vector<detail::Recheck> rechecks_;  ///< of the current session, in their order
   bool in_session_ = false;
   Index held_after_ = 0;  ///< optimisations until it was last looked whether frames hold together
   BackEndCounts counts_;
@@ -373,7 +372,7 @@ template <Executor E>
 void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const E& executor) {
   if constexpr (!std::same_as<Merger, NoMerging>) {
     while (!rechecks_.empty() && !spent()) {
-      Recheck& one = rechecks_.front();
+      detail::Recheck& one = rechecks_.front();
       const std::optional<KeyframeId> id = one.next(map().keyframes, options_.recheck_travel);
       if (!id) {
         rechecks_.erase(rechecks_.begin());

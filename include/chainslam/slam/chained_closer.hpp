@@ -9,15 +9,13 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
-#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
-#include "chainslam/graph/adjacency_graph.hpp"
-#include "chainslam/graph/breadth_first_search.hpp"
-#include "chainslam/map/keyframe.hpp"
-#include "chainslam/map/loop_closure.hpp"
-#include "chainslam/map/slam_map.hpp"
-#include "chainslam/map/submap.hpp"
-#include "chainslam/slam/position_index.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/slam/adjacency_graph.hpp"
+#include "chainslam/slam/breadth_first_search.hpp"
+#include "chainslam/slam/closure_candidates.hpp"
+#include "chainslam/slam/slam_map.hpp"
+#include "chainslam/slam/submap.hpp"
 
 namespace chainslam {
 

@@ -1,16 +1,146 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
 #include <concepts>
 #include <cstdlib>
+#include <numbers>
 #include <span>
 #include <vector>
 
+#include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/map/keyframe.hpp"
-#include "chainslam/slam/position_index.hpp"
+#include "chainslam/lie/so3.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
+
+/// Finds keyframes by their estimated positions in the graph.
+///
+/// A list that is searched linearly: it is rebuilt whenever the graph has moved and searched once for each attempt to
+/// close a loop, too rarely for the rebuilding of a tree to pay.
+class PositionIndex {
+ public:
+  /// Updates all positions: after the graph has moved them, or after frames were joined.
+  /// @param chosen  which keyframes to hold: those whose T_map_body are in one frame.
+  template <std::predicate<const Keyframe&> Chosen>
+  void rebuild(std::span<const Keyframe> keyframes, Chosen&& chosen) {
+    ids_.clear();
+    positions_.clear();
+    for (const Keyframe& keyframe : keyframes)
+      if (chosen(keyframe)) append(keyframe.id, keyframe.T_map_body.translation());
+  }
+  /// Indexes the positions of all keyframes, in O(n log n).
+  void rebuild(std::span<const Keyframe> keyframes) {
+    rebuild(keyframes, [](const Keyframe&) { return true; });
+  }
+
+  /// Adds the next keyframe; ids must ascend.
+  void append(KeyframeId id, const Eigen::Vector3d& position) {
+    ids_.push_back(id);
+    positions_.push_back(position);
+  }
+
+  /// Lets somebody say how well the graph knows where one keyframe is from another.
+  /// @param covariance  `Matrix6d covariance(KeyframeId from, KeyframeId to)` of T_from_to, tangent [translation;
+  /// rotation], metres and radians; must outlive this.
+  template <class Covariance>
+  void set_covariance(const Covariance& covariance) {
+    covariance_ = &covariance;
+    call_ = [](const void* callable, KeyframeId from, KeyframeId to) -> Matrix6d {
+      return (*static_cast<const Covariance*>(callable))(from, to);
+    };
+  }
+  /// Zero if nobody says.
+  [[nodiscard]] Matrix6d covariance(KeyframeId from, KeyframeId to) const {
+    return covariance_ != nullptr ? call_(covariance_, from, to) : zeros<Matrix6d>();
+  }
+
+  /// A keyframe and its distance from the query, metres.
+  struct Found {
+    KeyframeId id;        ///< the keyframe
+    double distance = 0;  ///< metres
+  };
+  /// Puts the nearest first, equally near ones by id.
+  [[gnu::cold]] static void sort(std::span<Found> found) {
+    detail::Table<Ranked> order;
+    for (const Found& one : found) order.push_back({one.distance, one.id.value});
+    sort_ranked(order.all());
+    for (std::size_t k = 0; k < found.size(); ++k) found[k] = {KeyframeId{order.all()[k].index}, order.all()[k].rank};
+  }
+
+  /// All keyframes within `radius` metres of `center`, nearest first; equal distances by id.
+  [[nodiscard]] std::vector<Found> within(const Eigen::Vector3d& center, double radius) const {
+    std::vector<Found> found;
+    for (Offset i = 0; i < positions_.size(); ++i) {
+      const Eigen::Vector3d way = positions_[i] - center;
+      const double distance = way.norm();
+      if (distance <= radius) found.push_back({ids_[i], distance});
+    }
+    sort(found);
+    return found;
+  }
+
+  /// Whether it holds a keyframe.
+  [[nodiscard]] bool contains(KeyframeId id) const { return std::binary_search(ids_.begin(), ids_.end(), id); }
+  /// Number of positions.
+  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(positions_.size()); }
+
+ private:
+  detail::Table<KeyframeId> ids_;  // ascending
+  detail::Table<Eigen::Vector3d> positions_;
+  const void* covariance_ = nullptr;  ///< who says, and how to ask
+  Matrix6d (*call_)(const void* callable, KeyframeId from, KeyframeId to) = nullptr;
+};
+
+/// Where an alignment starts again after it was refused where the graph has the scan.
+///
+/// Along the direction in which the graph knows the relative position least, up to two standard deviations. After
+/// several searches in a row in which nothing was accepted, although keyframes are near, odometry may have failed
+/// unnoticed: then in all horizontal directions, each search at another distance.
+struct AlignmentStarts {
+  double spacing = 3.0;        ///< metres between two starts: an alignment reaches about so far
+  double max_distance = 15.0;  ///< metres from where the graph has the scan; 0: there alone
+  Index patience = 2;          ///< searches in a row without an accepted closure
+
+  /// Standard deviation in the direction that is known least, metres.
+  /// @param covariance  of T_from_to, tangent [translation; rotation].
+  [[nodiscard]] static double deviation(const Matrix6d& covariance) {
+    return std::sqrt(std::max(translation_eigen(covariance).values[2], 0.0));
+  }
+
+  /// @param R_map_body  attitude of the scan that is aligned.
+  /// @param refused     searches in a row without an accepted closure, with this one.
+  /// @returns offsets from the pose by the graph, in the scan's own frame, metres; none if there is no reason.
+  [[nodiscard]] [[gnu::cold]] std::vector<Eigen::Vector3d> operator()(const Matrix6d& covariance,
+                                                                      const SO3d& R_map_body, Index refused) const {
+    std::vector<Eigen::Vector3d> offsets;
+    const JacobiEigen<double, 3> eigen = translation_eigen(covariance);
+    const double reach = std::min(max_distance, 2 * std::sqrt(std::max(eigen.values[2], 0.0)));
+    for (double distance = spacing; distance <= reach; distance += spacing)
+      for (const double signed_distance : {distance, -distance})
+        offsets.push_back(scaled(signed_distance, block_of<3, 1>(eigen.vectors, 0, 2)));
+    const Index rings = static_cast<Index>(max_distance / spacing);
+    if (refused <= patience || rings < 1) return offsets;
+    constexpr int directions = 8;
+    const double radius = spacing * (1 + (refused - patience - 1) % rings);
+    const SO3d R_body_map = R_map_body.inverse();
+    for (int k = 0; k < directions; ++k) {
+      const double angle = 2 * std::numbers::pi * k / directions;
+      offsets.push_back(R_body_map * Eigen::Vector3d(radius * std::cos(angle), radius * std::sin(angle), 0.0));
+    }
+    return offsets;
+  }
+
+ private:
+  [[nodiscard]] static JacobiEigen<double, 3> translation_eigen(const Matrix6d& covariance) {
+    return jacobi_eigen(Eigen::Matrix3d(block_of<3, 3>(covariance, 0, 0)));
+  }
+};
 
 /// Proposes keyframes that may have seen the same place as a new one.
 ///

@@ -6,7 +6,7 @@
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 

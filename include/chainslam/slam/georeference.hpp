@@ -8,17 +8,15 @@
 #include <span>
 #include <vector>
 
-#include "chainslam/core/finite.hpp"
-#include "chainslam/core/jacobi_eigen.hpp"
-#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
-#include "chainslam/factor_graph/prior_factor.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/lie/umeyama.hpp"
-#include "chainslam/sensor/gnss_fix.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam {
 

@@ -9,10 +9,10 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
-#include "chainslam/factor_graph/prior_factor.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/map/frame_record.hpp"
+#include "chainslam/sensor/frame.hpp"
 
 namespace chainslam {
 

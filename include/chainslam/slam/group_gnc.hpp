@@ -10,9 +10,8 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/incremental_gnc.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
-#include "chainslam/map/slam_map.hpp"
-#include "chainslam/slam/gnss_factors.hpp"
-#include "chainslam/slam/gravity_factors.hpp"
+#include "chainslam/slam/detail/graph_factors.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 
@@ -161,8 +160,8 @@ class GroupGncFactors {
   GroupGnc options_;
   Smoother smoother_;
   Gnc gnc_;
-  GnssFactors<Gnc> gnss_;
-  GravityFactors<Gnc> gravity_;
+  detail::GnssFactors<Gnc> gnss_;
+  detail::GravityFactors<Gnc> gravity_;
   Index last_step_ = Gnc::none;    ///< of odometry, its number in `gnc_`
   detail::Table<Index> suspects_;  ///< of each closure its number in `gnc_`, none if it is beyond suspicion
 };

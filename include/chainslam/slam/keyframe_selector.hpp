@@ -6,8 +6,8 @@
 #include "chainslam/cloud/quantize.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/map/frame.hpp"
-#include "chainslam/map/keyframe.hpp"
+#include "chainslam/sensor/frame.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 

@@ -9,19 +9,14 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
-#include "chainslam/core/finite.hpp"
-#include "chainslam/map/frame.hpp"
-#include "chainslam/map/slam_map.hpp"
-#include "chainslam/slam/alignment_starts.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/sensor/frame.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
+#include "chainslam/slam/detail/start_hypotheses.hpp"
 #include "chainslam/slam/localization.hpp"
-#include "chainslam/slam/localizer_concepts.hpp"
-#include "chainslam/slam/localizer_options.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/place_candidates.hpp"
-#include "chainslam/slam/pose_filter.hpp"
-#include "chainslam/slam/position_index.hpp"
-#include "chainslam/slam/start_hypotheses.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 
@@ -64,17 +59,17 @@ class Localizer {
   [[nodiscard]] const LocalizerCounts& counts() const { return counts_; }     ///< since the beginning, restarts or not
   [[nodiscard]] const LocalizerOptions& options() const { return options_; }  ///< its settings
   /// Places at which the drive may be, while it is sought.
-  [[nodiscard]] std::span<const StartHypothesis> hypotheses() const { return hypotheses_.all(); }
+  [[nodiscard]] std::span<const detail::StartHypothesis> hypotheses() const { return hypotheses_.all(); }
 
  private:
   /// Where the drive was at a frame of odometry.
   struct Anchor {
     SessionId frame;
     KeyframeId reference;
-    UncertainPose at;
+    detail::UncertainPose at;
     SE3d T_odom_body;
-    double registered = 0;                 ///< metres of the path at the last scan that was registered
-    std::optional<UncertainPose> other{};  ///< where the last scan was registered, if that is elsewhere
+    double registered = 0;                         ///< metres of the path at the last scan that was registered
+    std::optional<detail::UncertainPose> other{};  ///< where the last scan was registered, if that is elsewhere
   };
 
   [[nodiscard]] const Keyframe& keyframe(KeyframeId id) const { return keyframes_[static_cast<std::size_t>(id.value)]; }
@@ -87,25 +82,27 @@ class Localizer {
   /// The covariance of odometry from the anchor's frame, or the one before, to the newest.
   [[nodiscard]] [[gnu::cold]] Matrix6d odometry_noise(const SE3d& T_from_to) const;
   /// A pose moved from one frame of odometry to another one.
-  [[nodiscard]] [[gnu::cold]] UncertainPose moved_by(const UncertainPose& from, const SE3d& T_from_to) const {
+  [[nodiscard]] [[gnu::cold]] detail::UncertainPose moved_by(const detail::UncertainPose& from,
+                                                             const SE3d& T_from_to) const {
     return moved(from, T_from_to, odometry_noise(T_from_to));
   }
   [[gnu::cold]] void append(Keyframe keyframe);
   [[gnu::cold]] void forget_path();
-  [[gnu::cold]] void set_anchor(SessionId frame, KeyframeId reference, const UncertainPose& at, const Frame& now);
+  [[gnu::cold]] void set_anchor(SessionId frame, KeyframeId reference, const detail::UncertainPose& at,
+                                const Frame& now);
   /// Goes on from a scan that was not registered, or elsewhere, where odometry has it.
-  [[gnu::cold]] void pass_by(const Frame& now, const std::optional<UncertainPose>& other);
+  [[gnu::cold]] void pass_by(const Frame& now, const std::optional<detail::UncertainPose>& other);
   /// Where a closure puts the scan.
-  [[nodiscard]] [[gnu::cold]] UncertainPose placed(const LoopClosure& closure) const;
+  [[nodiscard]] [[gnu::cold]] detail::UncertainPose placed(const LoopClosure& closure) const;
 
   template <Executor E>
   [[gnu::cold]] void track(const Frame& now, const E& executor);
   template <Executor E>
   [[gnu::cold]] void search(const Frame& now, const E& executor);
   template <Executor E>
-  [[gnu::cold]] void try_scan(StartHypothesis& hypothesis, Index scan, const E& executor);
+  [[gnu::cold]] void try_scan(detail::StartHypothesis& hypothesis, Index scan, const E& executor);
   /// Whether a registered pose is known in all directions: a scan of a corridor fits anywhere along it.
-  [[nodiscard]] bool is_determined(const UncertainPose& at) const {
+  [[nodiscard]] bool is_determined(const detail::UncertainPose& at) const {
     return AlignmentStarts::deviation(at.covariance) <= options_.max_deviation;
   }
   /// Whether the newest scan has been registered where a recognized place has it, about.
@@ -123,11 +120,11 @@ class Localizer {
   Index map_keyframes_ = 0;
   std::vector<double> travelled_at_;  ///< the drive's last keyframes: metres of the path
   KeyframeSelector select_;
-  StartHypotheses hypotheses_;
-  std::vector<FrameRecord> frames_;   ///< from the anchor's on, or the last one
-  double travelled_ = 0;              ///< metres of the path
-  std::optional<Anchor> anchor_;      ///< none while the drive is not found
-  std::optional<UncertainPose> now_;  ///< of the newest frame
+  detail::StartHypotheses hypotheses_;
+  std::vector<FrameRecord> frames_;           ///< from the anchor's on, or the last one
+  double travelled_ = 0;                      ///< metres of the path
+  std::optional<Anchor> anchor_;              ///< none while the drive is not found
+  std::optional<detail::UncertainPose> now_;  ///< of the newest frame
   bool was_found_ = false;
   bool registered_ = false;  ///< the newest frame
   LocalizerCounts counts_;
@@ -224,7 +221,7 @@ Matrix6d Localizer<Closer, Places>::odometry_noise(const SE3d& T_from_to) const 
                                       : sum_of(options_.odometry_noise.share_of(stated_covariance(frames_)),
                                                options_.odometry_doubt(frames_));
   const OdometryNoise& noise = says_nothing ? options_.unknown_odometry : options_.odometry_noise;
-  return covariance_of(noise(T_from_to, added).sqrt_information());
+  return detail::covariance_of(noise(T_from_to, added).sqrt_information());
 }
 
 template <class Closer, class Places>
@@ -254,7 +251,7 @@ void Localizer<Closer, Places>::forget_path() {
 }
 
 template <class Closer, class Places>
-void Localizer<Closer, Places>::set_anchor(SessionId frame, KeyframeId reference, const UncertainPose& at,
+void Localizer<Closer, Places>::set_anchor(SessionId frame, KeyframeId reference, const detail::UncertainPose& at,
                                            const Frame& now) {
   now_ = at;
   anchor_ = Anchor{frame, reference, at, now.T_odom_body, travelled_, {}};
@@ -263,15 +260,15 @@ void Localizer<Closer, Places>::set_anchor(SessionId frame, KeyframeId reference
 }
 
 template <class Closer, class Places>
-void Localizer<Closer, Places>::pass_by(const Frame& now, const std::optional<UncertainPose>& other) {
+void Localizer<Closer, Places>::pass_by(const Frame& now, const std::optional<detail::UncertainPose>& other) {
   ++counts_.refusals;
   anchor_ = Anchor{anchor_->frame, anchor_->reference, *now_, now.T_odom_body, anchor_->registered, other};
   frames_.erase(frames_.begin(), frames_.end() - 1);
 }
 
 template <class Closer, class Places>
-UncertainPose Localizer<Closer, Places>::placed(const LoopClosure& closure) const {
-  return {keyframe(closure.from).T_map_body * closure.T_from_to, covariance_of(closure.sqrt_information)};
+detail::UncertainPose Localizer<Closer, Places>::placed(const LoopClosure& closure) const {
+  return {keyframe(closure.from).T_map_body * closure.T_from_to, detail::covariance_of(closure.sqrt_information)};
 }
 
 template <class Closer, class Places>
@@ -285,13 +282,13 @@ void Localizer<Closer, Places>::track(const Frame& now, const E& executor) {
   const std::vector<LoopClosure> tried = closer_.search(keyframes_, positions, scan.id, executor);
   ++counts_.registrations;
   if (tried.empty() || tried.back().verdict != ClosureVerdict::accepted) return pass_by(now, {});
-  const UncertainPose measured = placed(tried.back());
-  const CorrectedPose pose = corrected(*now_, measured);
+  const detail::UncertainPose measured = placed(tried.back());
+  const detail::CorrectedPose pose = corrected(*now_, measured);
   if (pose.squared_distance <= options_.gate) return set_anchor(anchor_->frame, tried.back().from, pose.pose, now);
   // Elsewhere: one scan may err, two that agree do not.
   const SE3d T_anchor_now = anchor_->T_odom_body.inverse() * now.T_odom_body;
   if (anchor_->other) {
-    const CorrectedPose again = corrected(moved_by(*anchor_->other, T_anchor_now), measured);
+    const detail::CorrectedPose again = corrected(moved_by(*anchor_->other, T_anchor_now), measured);
     if (again.squared_distance <= options_.gate) return set_anchor(anchor_->frame, tried.back().from, again.pose, now);
   }
   pass_by(now, measured);
@@ -303,24 +300,25 @@ void Localizer<Closer, Places>::search(const Frame& now, const E& executor) {
   constexpr Index most_earlier = 10;  // scans that a place is tried with at once
   ++counts_.searches;
   const Index newest = to_index(travelled_at_.size()) - 1;
-  for (StartHypothesis& one : hypotheses_.all()) try_scan(one, newest, executor);
+  for (detail::StartHypothesis& one : hypotheses_.all()) try_scan(one, newest, executor);
   const KeyframeId query = keyframes_.back().id;
   for (const KeyframeId from : places_.recognize(keyframes_, query)) {
     const std::optional<SE3d> guess = places_.guess(from, query);
     if (!guess || is_known(frame_of(from), keyframe(from).T_map_body * *guess)) continue;
     const LoopClosure closure = closer_.align(keyframes_, from, query, *guess, executor);
     if (closure.verdict != ClosureVerdict::accepted || !is_determined(placed(closure))) continue;
-    StartHypothesis* found = hypotheses_.recognized(frame_of(from), from, placed(closure), now.T_odom_body, travelled_);
+    detail::StartHypothesis* found =
+        hypotheses_.recognized(frame_of(from), from, placed(closure), now.T_odom_body, travelled_);
     // Odometry may have slipped since earlier ones: after two refusals the others say nothing.
     for (Index scan = newest - 1; found != nullptr && scan >= std::max(newest - most_earlier, Index{0}); --scan)
       if (found->refusing < 2) try_scan(*found, scan, executor);
   }
   hypotheses_.prune();
-  const StartHypothesis* start = hypotheses_.accepted();
+  const detail::StartHypothesis* start = hypotheses_.accepted();
   if (start == nullptr) return;
   const SE3d T_scan_now = start->T_odom_body.inverse() * now.T_odom_body;
-  const UncertainPose at =
-      moved(start->latest, T_scan_now, covariance_of(options_.odometry_noise(T_scan_now).sqrt_information()));
+  const detail::UncertainPose at =
+      moved(start->latest, T_scan_now, detail::covariance_of(options_.odometry_noise(T_scan_now).sqrt_information()));
   const bool confirms = anchor_ && anchor_->frame == start->frame &&
                         corrected(*now_, at).squared_distance <= options_.gate;  // of a pose that was uncertain
   counts_.starts += confirms ? 0 : 1;
@@ -331,10 +329,10 @@ void Localizer<Closer, Places>::search(const Frame& now, const E& executor) {
 
 template <class Closer, class Places>
 template <Executor E>
-void Localizer<Closer, Places>::try_scan(StartHypothesis& hypothesis, Index scan, const E& executor) {
+void Localizer<Closer, Places>::try_scan(detail::StartHypothesis& hypothesis, Index scan, const E& executor) {
   Keyframe& one = keyframes_[static_cast<std::size_t>(map_keyframes_ + scan)];
   one.T_map_body = hypothesis.predicted(one.T_odom_body);
-  std::optional<UncertainPose> at;
+  std::optional<detail::UncertainPose> at;
   KeyframeId reference;
   for (const KeyframeId from : near_.find(keyframes_, index_of(hypothesis.frame), one.id)) {
     const SE3d guess = keyframe(from).T_map_body.inverse() * one.T_map_body;
@@ -350,7 +348,7 @@ void Localizer<Closer, Places>::try_scan(StartHypothesis& hypothesis, Index scan
 template <class Closer, class Places>
 bool Localizer<Closer, Places>::is_known(SessionId frame, const SE3d& T_map_body) {
   constexpr double translation = 3.0, rotation = 0.2;  // that a guess may be off
-  for (StartHypothesis& one : hypotheses_.all()) {
+  for (detail::StartHypothesis& one : hypotheses_.all()) {
     const SE3d off = one.latest.pose.inverse() * T_map_body;
     if (one.frame != frame || one.travelled < travelled_ || off.translation().norm() > translation ||
         off.rotation().log().norm() > rotation)

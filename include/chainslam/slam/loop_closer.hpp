@@ -1,5 +1,9 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <algorithm>
+#include <concepts>
+#include <cstddef>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -9,20 +13,119 @@
 
 #include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
-#include "chainslam/map/keyframe.hpp"
-#include "chainslam/map/loop_closure.hpp"
-#include "chainslam/registration/coarse_to_fine.hpp"
+#include "chainslam/registration/align.hpp"
+#include "chainslam/registration/alignment_checks.hpp"
 #include "chainslam/registration/concepts.hpp"
-#include "chainslam/registration/surface_fit.hpp"
-#include "chainslam/slam/alignment_starts.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
-#include "chainslam/slam/closure_covariance.hpp"
-#include "chainslam/slam/position_index.hpp"
-#include "chainslam/slam/submap_cache.hpp"
+#include "chainslam/slam/odometry_noise.hpp"
+#include "chainslam/slam/slam_map.hpp"
+#include "chainslam/slam/submap.hpp"
 
 namespace chainslam {
+
+/// Covariance of T_from_to by the graph, tangent [translation; rotation], metres and radians.
+///
+/// Keyframes at the end of a session that no optimization has taken in yet are as uncertain as odometry is on the way
+/// to them, beyond the last one that was. Linear in their number; else the cost of `IncrementalSmoother::covariance`.
+/// @param smoother  its variables are the map's keyframes.
+template <class Smoother>
+[[nodiscard]] [[gnu::cold]] Matrix6d relative_covariance(const Smoother& smoother, const SlamMap& map, KeyframeId from,
+                                                         KeyframeId to) {
+  const auto pose = [&](Index i) -> const SE3d& { return map.keyframes[static_cast<std::size_t>(i)].T_map_body; };
+  const SessionId session = map.keyframes[static_cast<std::size_t>(to.value)].session;
+  const Index first = map.sessions[static_cast<std::size_t>(session.value)].first_keyframe;
+  Index known = to.value;
+  while (known > first && known != from.value && !smoother.has_covariance(known)) --known;
+  Matrix6d sum = zeros<Matrix6d>();
+  if (smoother.has_covariance(known) && smoother.has_covariance(from.value))
+    sum = detail::carried(smoother.relative_covariance(from.value, known), pose(to.value).inverse() * pose(known));
+  auto step = std::partition_point(map.odometry.begin(), map.odometry.end(),
+                                   [&](const OdometryMeasurement& one) { return one.to.value <= known; });
+  for (; step != map.odometry.end() && step->to <= to; ++step) {
+    const Matrix6d whitening = step->sqrt_information;
+    const Matrix6d information = product(transposed(whitening), whitening);
+    const Matrix6d root = solved_right(identity<Matrix6d>(), cholesky(information));
+    sum = sum_of(sum, detail::carried(times_transposed(root, root), pose(to.value).inverse() * pose(step->to.value)));
+  }
+  return sum;
+}
+
+/// The same of a graph with `smoother()` and `map()`, such as `MapGraph`.
+template <class Graph>
+struct RelativeCovariance {
+  const Graph& graph;  ///< must outlive this
+
+  /// See `relative_covariance`.
+  [[nodiscard]] Matrix6d operator()(KeyframeId from, KeyframeId to) const {
+    return relative_covariance(graph.smoother(), graph.map(), from, to);
+  }
+};
+
+/// Says how far an accepted alignment may be off: the covariance of T_target_source, tangent [translation; rotation].
+template <class C>
+concept ClosureCovariance = requires(const C& covariance, const AlignResult& result) {
+  { covariance(result) } -> std::convertible_to<Matrix6d>;
+};
+
+namespace detail {
+
+/// Adds the squares of one number for the translation and one for the rotation to the diagonal.
+inline void add_squares(Matrix6d& sum, double translation, double rotation) {
+  for (int i = 0; i < 3; ++i) {
+    sum(i, i) += translation * translation;
+    sum(i + 3, i + 3) += rotation * rotation;
+  }
+}
+
+}  // namespace detail
+
+/// The paper's: lambda e_ij I_6, the same number for m^2 and rad^2.
+struct IsotropicCovariance {
+  double lambda = 1e-4;  ///< variance, m^2 and rad^2, over the mean squared error
+  double least = 1e-9;   ///< m^2 and rad^2: a perfect fit is still no certainty
+
+  /// How many residuals err as one.
+  [[nodiscard]] Matrix6d operator()(const AlignResult& result) const { return (*this)(result.mean_squared_error); }
+  /// @param mean_squared_error  m^2
+  [[nodiscard]] Matrix6d operator()(double mean_squared_error) const {
+    const double variance = std::max(lambda * mean_squared_error, least);
+    Matrix6d covariance = zeros<Matrix6d>();
+    for (int i = 0; i < 6; ++i) covariance(i, i) = variance;
+    return covariance;
+  }
+};
+static_assert(ClosureCovariance<IsotropicCovariance>);
+
+/// From the registration's Hessian: directions that the points do not determine stay open.
+///
+/// Sigma = (H / (c s^2) + P)^-1 + F, with s^2 the mean squared residual, c the number of neighbouring residuals that
+/// err together, P what is known beforehand (the pose is not off by more than the search radius) and F a floor for what
+/// the residuals do not show: voxels, and the submap's own bend.
+struct HessianCovariance {
+  double correlated_residuals = 100;  ///< 6 x 6, of T_target_source, tangent [translation; rotation]
+  double prior_translation = 5.0;     ///< metres
+  double prior_rotation = 0.2;        ///< radians
+  double floor_translation = 0.05;    ///< metres
+  double floor_rotation = 0.002;      ///< radians
+
+  /// 6 x 6, of T_target_source, tangent [translation; rotation].
+  [[nodiscard]] [[gnu::cold]] Matrix6d operator()(const AlignResult& result) const {
+    constexpr double least_residual = 1e-4;  // m^2: a centimetre, the sensor's own noise
+    const double variance = correlated_residuals * std::max(result.mean_squared_residual, least_residual);
+    Matrix6d information = result.hessian;
+    for (int i = 0; i < 36; ++i) information.data()[i] /= variance;
+    detail::add_squares(information, 1 / prior_translation, 1 / prior_rotation);
+    const Matrix6d root = solved_right(identity<Matrix6d>(), cholesky(information));
+    Matrix6d covariance = symmetric(times_transposed(root, root));
+    detail::add_squares(covariance, floor_translation, floor_rotation);
+    return covariance;
+  }
+};
+static_assert(ClosureCovariance<HessianCovariance>);
 
 /// When an alignment counts as a closure.
 struct ClosureGate {

@@ -15,14 +15,12 @@
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
-#include "chainslam/map/append_map.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/back_end_options.hpp"
+#include "chainslam/slam/detail/graph_factors.hpp"
 #include "chainslam/slam/frame_parting.hpp"
 #include "chainslam/slam/group_gnc.hpp"
-#include "chainslam/slam/kernel_factors.hpp"
-#include "chainslam/slam/map_graph_options.hpp"
-#include "chainslam/slam/odometry_doubt.hpp"
 #include "chainslam/slam/odometry_noise.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 
@@ -40,7 +38,7 @@ class MapGraph {
                 "BackEnd: Outliers is GroupGnc, or a kernel with `double weight(double squared_residual) const` and "
                 "`double cost(double squared_residual) const`, as in Cauchy");
   using Factors = typename std::conditional_t<decides, std::type_identity<GroupGncFactors>,
-                                              std::type_identity<KernelFactors<Outliers>>>::type;
+                                              std::type_identity<detail::KernelFactors<Outliers>>>::type;
 
  public:
   using ClosureFactor = typename Factors::ClosureFactor;  ///< the factor of a closure

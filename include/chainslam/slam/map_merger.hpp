@@ -9,15 +9,15 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
-#include "chainslam/map/slam_map.hpp"
-#include "chainslam/map/submap.hpp"
 #include "chainslam/registration/feature_registration.hpp"
+#include "chainslam/slam/back_end_options.hpp"
 #include "chainslam/slam/chained_closer.hpp"
-#include "chainslam/slam/closure_covariance.hpp"
+#include "chainslam/slam/closure_descent.hpp"
+#include "chainslam/slam/detail/merge_hypotheses.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
-#include "chainslam/slam/merge_hypotheses.hpp"
-#include "chainslam/slam/merge_options.hpp"
-#include "chainslam/slam/undone_closures.hpp"
+#include "chainslam/slam/loop_closer.hpp"
+#include "chainslam/slam/slam_map.hpp"
+#include "chainslam/slam/submap.hpp"
 
 namespace chainslam {
 
@@ -98,7 +98,7 @@ class MapMerger {
 
   /// Whether a closure puts the session's frame where it is already.
   [[nodiscard]] [[gnu::cold]] bool is_same_frame(const SlamMap& map, const LoopClosure& closure) const {
-    const SE3d T = T_frame_joined(map, closure);
+    const SE3d T = detail::T_frame_joined(map, closure);
     return T.translation().norm() < options_.min_translation && T.rotation().log().norm() < options_.min_rotation;
   }
 
@@ -117,7 +117,7 @@ class MapMerger {
   MergeOptions options_;
   Candidates candidates_;
   [[no_unique_address]] Registration registration_;
-  MergeHypotheses hypotheses_;
+  detail::MergeHypotheses hypotheses_;
   UndoneClosures undone_;
   Path path_;
   double last_attempt_ = -std::numeric_limits<double>::infinity();  ///< metres from the session's start
@@ -165,7 +165,7 @@ std::vector<KeyframeId> MapMerger<Candidates, Registration>::candidates(const Sl
     for (const KeyframeId id : candidates_.misplaced(map, query)) {
       as_it_is.from = id;
       as_it_is.T_from_to = keyframe(map, id).T_map_body.inverse() * keyframe(map, query).T_map_body;
-      if (hypotheses_.ask_fixes(map, as_it_is) == FixVerdict::contradict) found.push_back(id);
+      if (hypotheses_.ask_fixes(map, as_it_is) == detail::FixVerdict::contradict) found.push_back(id);
     }
   }
   return found;
@@ -250,9 +250,9 @@ template <class Candidates, class Registration>
 template <class Closer, Executor E>
 void MapMerger<Candidates, Registration>::confirm_alone(const SlamMap& map, std::vector<LoopClosure>& tried,
                                                         Closer& closer, const E& executor) {
-  for (MergeHypothesis& one : hypotheses_.all()) {
+  for (detail::MergeHypothesis& one : hypotheses_.all()) {
     if (options_.witnesses <= 0 || one.needs_others) continue;
-    if (hypotheses_.ask_fixes(map, one.closure) != FixVerdict::agree) continue;
+    if (hypotheses_.ask_fixes(map, one.closure) != detail::FixVerdict::agree) continue;
     if (is_witnessed(map, one.closure, closer, executor)) {
       hypotheses_.accept(map, one, tried);
       return;

@@ -9,10 +9,9 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/map/keyframe.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/place_candidates.hpp"
-#include "chainslam/slam/position_index.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 

@@ -13,7 +13,7 @@
 
 #include "chainslam/core/channel.hpp"
 #include "chainslam/core/executor.hpp"
-#include "chainslam/map/map_input.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 

@@ -13,14 +13,12 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
-#include "chainslam/cloud/transform.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/height_image.hpp"
-#include "chainslam/features/image_keypoints.hpp"
-#include "chainslam/map/slam_map.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/place_index.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 

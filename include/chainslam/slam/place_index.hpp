@@ -10,13 +10,11 @@
 #include <stdexcept>
 #include <vector>
 
-#include "chainslam/core/binary_descriptor.hpp"
-#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/features/image_keypoints.hpp"
+#include "chainslam/features/height_image.hpp"
 #include "chainslam/lie/se2.hpp"
-#include "chainslam/registration/planar_consensus.hpp"
+#include "chainslam/registration/consistency_graph.hpp"
 #include "chainslam/search/hamming_forest.hpp"
 
 namespace chainslam {

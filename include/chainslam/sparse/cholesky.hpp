@@ -19,7 +19,6 @@
 #include "chainslam/sparse/detail/panel.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
 #include "chainslam/sparse/detail/tree_parts.hpp"
-#include "chainslam/sparse/ordering.hpp"
 
 namespace chainslam {
 

@@ -10,7 +10,6 @@
 
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/trajectory/interpolation.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam {

@@ -9,7 +9,7 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/optimize_report.hpp"
+#include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/values.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
 

@@ -3,19 +3,7 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/piece_list.hpp"
-
-namespace chainslam {
-
-/// Names a factor of an `IncrementalSmoother` for as long as it is there, and never another one after it.
-struct FactorId {
-  Index type = -1;        ///< which of the smoother's types of factors
-  Index slot = -1;        ///< place in its pool
-  Index generation = -1;  ///< how often the place was used before
-
-  friend bool operator==(const FactorId&, const FactorId&) = default;  ///< whether all members are equal
-};
-
-}  // namespace chainslam
+#include "chainslam/factor_graph/values.hpp"
 
 namespace chainslam::detail {
 

@@ -14,12 +14,12 @@
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/detail/factor_places.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/detail/packed_factor.hpp"
 #include "chainslam/factor_graph/detail/piece_list.hpp"
 #include "chainslam/factor_graph/detail/state_archive.hpp"
+#include "chainslam/factor_graph/values.hpp"
 
 namespace chainslam::detail {
 

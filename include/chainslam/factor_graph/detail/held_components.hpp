@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"

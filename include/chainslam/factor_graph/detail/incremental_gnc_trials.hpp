@@ -4,11 +4,10 @@
 #include <span>
 #include <utility>
 
-#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/detail/incremental_gnc_class.hpp"
-#include "chainslam/factor_graph/pairwise_consistency.hpp"
+#include "chainslam/factor_graph/incremental_gnc.hpp"
+#include "chainslam/factor_graph/outlier_rejection.hpp"
 
 // How `IncrementalGnc` tries whether the truncated squares are less the other way round.
 

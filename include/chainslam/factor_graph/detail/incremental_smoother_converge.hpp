@@ -6,7 +6,7 @@
 #include "chainslam/factor_graph/chordal_initialization.hpp"
 #include "chainslam/factor_graph/constrained_factor.hpp"
 #include "chainslam/factor_graph/detail/damped_descent.hpp"
-#include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
+#include "chainslam/factor_graph/incremental_smoother.hpp"
 
 // How `IncrementalSmoother` goes on to an optimum.
 

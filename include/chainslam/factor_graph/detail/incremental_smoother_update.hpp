@@ -2,11 +2,12 @@
 
 #include <algorithm>
 
+#include "chainslam/core/compiled.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
-#include "chainslam/factor_graph/detail/incremental_smoother_class.hpp"
 #include "chainslam/factor_graph/detail/open_directions.hpp"
 #include "chainslam/factor_graph/detail/springed_terms.hpp"
+#include "chainslam/factor_graph/incremental_smoother.hpp"
 
 // How `IncrementalSmoother` updates.
 
@@ -380,3 +381,16 @@ void IncrementalSmoother<Group, Extra...>::set_look(Key key, double look) {
 }
 
 }  // namespace chainslam
+
+#ifdef CHAINSLAM_COMPILED
+namespace chainslam {
+
+extern template class IncrementalSmoother<SE3d>;
+extern template UpdateReport IncrementalSmoother<SE3d>::update(const Serial&);
+extern template ConvergeReport IncrementalSmoother<SE3d>::converge(const ConvergeOptions<>&, const Serial&);
+extern template ConvergeReport IncrementalSmoother<SE3d>::converge(const ConvergeOptions<NoRestart>&, const Serial&);
+extern template FactorId IncrementalSmoother<SE3d>::add(const PriorFactor<SE3d>&);
+extern template FactorId IncrementalSmoother<SE3d>::add(const BetweenFactor<SE3d>&);
+
+}  // namespace chainslam
+#endif

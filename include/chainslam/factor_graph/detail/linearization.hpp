@@ -10,7 +10,6 @@
 
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
-#include "chainslam/factor_graph/concepts.hpp"
 #include "chainslam/factor_graph/values.hpp"
 
 // What a factor is to a linear system, whatever its type: some numbers. All that is done with them is then compiled

@@ -8,8 +8,8 @@
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/detail/piece_list.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 
 namespace chainslam::detail {

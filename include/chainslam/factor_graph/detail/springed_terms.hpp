@@ -11,7 +11,7 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/values.hpp"
-#include "chainslam/sparse/block_terms.hpp"
+#include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
 
 namespace chainslam::detail {

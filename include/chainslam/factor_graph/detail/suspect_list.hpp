@@ -4,11 +4,10 @@
 #include <cstdint>
 #include <utility>
 
-#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/between_factor.hpp"
 #include "chainslam/factor_graph/detail/factor_places.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 
 namespace chainslam::detail {
 

@@ -9,9 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/lanes.hpp"
-#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <span>
 
-#include "chainslam/io/bytes.hpp"
+#include "chainslam/core/byte_archive.hpp"
 
 namespace chainslam::detail {
 

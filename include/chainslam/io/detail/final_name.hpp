@@ -6,7 +6,6 @@
 #include <system_error>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/io/file_system.hpp"
 
 namespace chainslam::detail {

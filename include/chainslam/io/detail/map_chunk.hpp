@@ -15,9 +15,9 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/io/bytes.hpp"
-#include "chainslam/io/codec.hpp"
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/io/detail/byte_reader.hpp"
+#include "chainslam/io/file_system.hpp"
 
 namespace chainslam::detail {
 

@@ -12,10 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "chainslam/core/finite.hpp"
-#include "chainslam/io/bytes.hpp"
+#include "chainslam/core/byte_archive.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/byte_reader.hpp"
-#include "chainslam/map/slam_map.hpp"
+#include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam::detail {
 

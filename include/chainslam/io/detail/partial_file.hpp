@@ -16,7 +16,6 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/printable.hpp"
 #include "chainslam/io/detail/final_name.hpp"
 #include "chainslam/io/detail/open_to_read.hpp"
 #include "chainslam/io/file_system.hpp"

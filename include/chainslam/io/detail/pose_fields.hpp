@@ -8,11 +8,11 @@
 #include <cstdint>
 #include <string>
 
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/detail/text.hpp"
-#include "chainslam/io/line_fields.hpp"
+#include "chainslam/io/input_file.hpp"
 #include "chainslam/lie/se3.hpp"
 
 namespace chainslam::detail {

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <limits>
 
-#include "chainslam/io/bytes.hpp"
+#include "chainslam/core/byte_archive.hpp"
 
 namespace chainslam::detail {
 

@@ -13,9 +13,8 @@
 
 #include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/cloud/quantize.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/io/bytes.hpp"
 #include "chainslam/io/detail/byte_reader.hpp"
 
 namespace chainslam::detail {

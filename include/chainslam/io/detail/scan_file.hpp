@@ -16,13 +16,12 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/map_chunk.hpp"
 #include "chainslam/io/detail/map_records.hpp"
 #include "chainslam/io/detail/scan_codec.hpp"
 #include "chainslam/io/zstd_codec.hpp"
-#include "chainslam/map/keyframe_scan.hpp"
-#include "chainslam/map/scan_cache.hpp"
+#include "chainslam/slam/keyframe_scan.hpp"
 
 namespace chainslam::detail {
 

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <system_error>
 
-#include "chainslam/core/printable.hpp"
+#include "chainslam/core/error.hpp"
 #include "chainslam/core/timestamp.hpp"
 
 namespace chainslam::detail {

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/odometry/detail/alignment_equations.hpp"
 
 namespace chainslam::detail {

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/lie/so3.hpp"
 #include "chainslam/odometry/detail/alignment_pose.hpp"
 #include "chainslam/odometry/detail/imu_track.hpp"

@@ -8,16 +8,9 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/odometry/imu_process.hpp"
 
 namespace chainslam {
-
-/// A pose of the LiDAR as registration of its scans found it.
-struct LidarPose {
-  Timestamp time;                 ///< of the pose
-  SE3d T_odom_lidar;              ///< in the odometry's frame
-  double rotation_deviation = 0;  ///< rad about each axis, added to what the residuals say
-  double position_deviation = 0;  ///< m along each axis; infinite if only the rotation is known
-};
 
 namespace detail {
 

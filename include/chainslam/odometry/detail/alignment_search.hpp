@@ -9,9 +9,9 @@
 #include <span>
 #include <vector>
 
-#include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/lie/horn_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
+#include "chainslam/lie/umeyama.hpp"
 #include "chainslam/odometry/detail/alignment_block.hpp"
 #include "chainslam/odometry/detail/alignment_equations.hpp"
 

@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/core/square_matrix.hpp"
 #include "chainslam/odometry/detail/alignment_block.hpp"
 #include "chainslam/odometry/detail/alignment_equations.hpp"
 

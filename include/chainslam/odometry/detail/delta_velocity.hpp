@@ -6,7 +6,7 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/lie/so3.hpp"
-#include "chainslam/odometry/imu_record.hpp"
+#include "chainslam/odometry/detail/imu_record.hpp"
 
 namespace chainslam::detail {
 

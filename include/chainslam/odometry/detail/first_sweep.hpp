@@ -10,8 +10,8 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/odometry/deskew.hpp"
+#include "chainslam/odometry/detail/imu_record.hpp"
 #include "chainslam/odometry/detail/sweep.hpp"
-#include "chainslam/odometry/imu_record.hpp"
 
 namespace chainslam::detail {
 

@@ -4,10 +4,10 @@
 
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/timestamp.hpp"
+#include "chainslam/odometry/detail/imu_monitor.hpp"
+#include "chainslam/odometry/detail/imu_record.hpp"
 #include "chainslam/odometry/detail/mounting.hpp"
-#include "chainslam/odometry/imu_monitor.hpp"
-#include "chainslam/odometry/imu_record.hpp"
-#include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/odometry/imu_process.hpp"
 
 namespace chainslam::detail {
 

@@ -7,8 +7,8 @@
 #include <deque>
 #include <optional>
 
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/lie/so3.hpp"
 
 namespace chainslam::detail {

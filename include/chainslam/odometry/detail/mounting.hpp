@@ -6,8 +6,8 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/lie/so3.hpp"
-#include "chainslam/odometry/inertial_state.hpp"
-#include "chainslam/odometry/rotation_evidence.hpp"
+#include "chainslam/odometry/imu_alignment.hpp"
+#include "chainslam/odometry/imu_process.hpp"
 
 namespace chainslam::detail {
 

@@ -15,17 +15,8 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/odometry/inertial_motion_options.hpp"
 #include "chainslam/search/concepts.hpp"
-
-namespace chainslam {
-
-/// Which plane is fitted to the neighbours of a point.
-enum class PlaneForm {
-  centred,    ///< least squares of distances, about the mean; no lines, none that hangs on one point
-  intercept,  ///< least squares of a . p = -1, as FAST-LIO2 has it: no plane through the map's origin
-};
-
-}  // namespace chainslam
 
 namespace chainslam::detail {
 

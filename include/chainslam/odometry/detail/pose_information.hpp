@@ -4,9 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/core/square_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/odometry/detail/plane_matches.hpp"
 

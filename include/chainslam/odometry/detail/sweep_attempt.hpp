@@ -8,10 +8,10 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
-#include "chainslam/odometry/inertial_motion.hpp"
-#include "chainslam/odometry/inertial_state.hpp"
+#include "chainslam/odometry/detail/inertial_motion.hpp"
+#include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
-#include "chainslam/sensor/imu_use.hpp"
+#include "chainslam/sensor/frame.hpp"
 
 namespace chainslam::detail {
 

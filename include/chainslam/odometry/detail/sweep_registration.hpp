@@ -12,15 +12,14 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/odometry/deskew.hpp"
 #include "chainslam/odometry/detail/first_sweep.hpp"
+#include "chainslam/odometry/detail/imu_monitor.hpp"
+#include "chainslam/odometry/detail/inertial_motion.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
+#include "chainslam/odometry/detail/scan_measurement.hpp"
 #include "chainslam/odometry/detail/sweep.hpp"
 #include "chainslam/odometry/detail/sweep_attempt.hpp"
 #include "chainslam/odometry/detail/translation_search.hpp"
-#include "chainslam/odometry/imu_monitor.hpp"
-#include "chainslam/odometry/inertial_motion.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
-#include "chainslam/odometry/local_map.hpp"
-#include "chainslam/odometry/scan_measurement.hpp"
 #include "chainslam/odometry/scan_to_map.hpp"
 
 namespace chainslam::detail {

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
-#include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/odometry/detail/plane_matches.hpp"

@@ -15,18 +15,11 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/registration/alignment_checks.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/matched_points.hpp"
-#include "chainslam/registration/overlap.hpp"
 
 namespace chainslam {
-
-/// A pose and what the matches say of it.
-struct Hypothesis {
-  SE3d T_target_source;  ///< maps source points into the target's frame
-  Index consensus = 0;   ///< matches brought together
-  double gain = 0;       ///< by how much their squared distances fall short of the largest allowed, summed, m^2
-};
 
 namespace detail {
 

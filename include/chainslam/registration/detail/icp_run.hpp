@@ -12,7 +12,7 @@
 #include "chainslam/registration/detail/match_cache.hpp"
 #include "chainslam/registration/detail/normal_equations.hpp"
 #include "chainslam/registration/detail/pair_sums.hpp"
-#include "chainslam/registration/pose_prior.hpp"
+#include "chainslam/registration/optimizers.hpp"
 #include "chainslam/registration/rejectors.hpp"
 
 namespace chainslam::detail {

@@ -5,8 +5,8 @@
 #include <array>
 #include <cmath>
 
-#include "chainslam/core/jacobi_eigen.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {

@@ -13,7 +13,7 @@
 #include "chainslam/registration/detail/normal_equations.hpp"
 #include "chainslam/registration/detail/quad.hpp"
 #include "chainslam/registration/detail/source_columns.hpp"
-#include "chainslam/registration/surface_metric.hpp"
+#include "chainslam/registration/metrics.hpp"
 
 namespace chainslam::detail {
 

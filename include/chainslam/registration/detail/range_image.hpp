@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 
 namespace chainslam::detail {
 

@@ -8,24 +8,14 @@
 #include <type_traits>
 #include <vector>
 
-#include "chainslam/cloud/columns.hpp"
 #include "chainslam/cloud/concepts.hpp"
-#include "chainslam/core/finite.hpp"
+#include "chainslam/cloud/point_cloud.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
+#include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/quad.hpp"
-#include "chainslam/registration/surface_metric.hpp"
-
-namespace chainslam {
-
-/// A cloud whose traits know a covariance (3x3, m^2 or regularised) at every point.
-template <class T>
-concept DistributedCloud = Cloud<T> && requires(const T& cloud, std::size_t i) {
-  { CloudTraits<T>::covariance(cloud, i)(0, 0) } -> std::convertible_to<double>;
-};
-
-}  // namespace chainslam
+#include "chainslam/registration/metrics.hpp"
 
 namespace chainslam::detail {
 

@@ -11,22 +11,15 @@
 #include <vector>
 
 #include "chainslam/cloud/cell_table.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/regions.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"
 #include "chainslam/search/detail/voxel_buckets.hpp"
+#include "chainslam/search/downsampling.hpp"
 
 namespace chainslam {
-
-/// How a `VoxelMap` thins what it is given, and how far it looks.
-struct VoxelMapOptions {
-  double voxel_size = 1.0;          ///< edge, metres
-  Index max_points_per_voxel = 20;  ///< further points of a full voxel are not taken
-  double min_spacing = 0.1;         ///< metres; a point nearer than this to one in the map is not taken; 0 takes all
-  Index reach = 1;                  ///< blocks of 4 voxels searched on each side, 1 to 8: sets `max_search_radius()`
-};
 
 namespace detail {
 

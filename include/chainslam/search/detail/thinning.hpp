@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <limits>
 
-#include "chainslam/core/finite.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/search/detail/box_node.hpp"
 #include "chainslam/search/detail/region_lanes.hpp"
 #include "chainslam/search/detail/regions.hpp"

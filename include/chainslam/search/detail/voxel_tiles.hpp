@@ -10,8 +10,8 @@
 #include <stdexcept>
 
 #include "chainslam/cloud/cell_table.hpp"
-#include "chainslam/core/finite.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/search/detail/passes.hpp"
 #include "chainslam/search/detail/tile_gaps.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"

@@ -6,7 +6,7 @@
 #include <cstddef>
 
 #include "chainslam/core/small_matrix.hpp"
-#include "chainslam/sensor/imu_sample.hpp"
+#include "chainslam/sensor/packet.hpp"
 
 namespace chainslam::detail {
 

@@ -8,7 +8,7 @@
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/sparse/block_terms.hpp"
+#include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
 

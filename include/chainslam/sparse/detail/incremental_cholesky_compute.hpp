@@ -5,8 +5,8 @@
 #include <utility>
 
 #include "chainslam/core/table.hpp"
-#include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
 #include "chainslam/sparse/detail/tree_parts.hpp"
+#include "chainslam/sparse/incremental_cholesky.hpp"
 
 // How `IncrementalCholesky` computes fronts, some at the same time.
 

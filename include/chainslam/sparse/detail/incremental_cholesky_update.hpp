@@ -1,7 +1,7 @@
 #pragma once
 
 #include "chainslam/core/table.hpp"
-#include "chainslam/sparse/detail/incremental_cholesky_class.hpp"
+#include "chainslam/sparse/incremental_cholesky.hpp"
 
 // How `IncrementalCholesky` brings factor and solution up to date: what has to be computed, and in which order.
 

@@ -7,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "chainslam/core/ranked.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"

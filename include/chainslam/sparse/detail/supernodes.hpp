@@ -9,7 +9,7 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
-#include "chainslam/sparse/elimination_tree.hpp"
+#include "chainslam/sparse/detail/elimination_tree.hpp"
 
 namespace chainslam::detail {
 
