@@ -1,4 +1,4 @@
-// Optimises a pose graph of a g2o file, in the plane or in space, and says how near its optimum is to the global one.
+// Optimizes a pose graph of a g2o file, in the plane or in space, and says how near its optimum is to the global one.
 #include <chainslam/factor_graph/batch_optimizer.hpp>
 #include <chainslam/factor_graph/certificate.hpp>
 #include <chainslam/factor_graph/chordal_initialization.hpp>
@@ -12,7 +12,7 @@
 using namespace chainslam;
 
 template <class Pose>
-int optimise_records(G2oRecords<Pose>& records, const char* name) {
+int optimize_records(G2oRecords<Pose>& records, const char* name) {
   std::map<std::int64_t, Pose> poses;
   for (const auto& vertex : records.vertices) poses[vertex.id] = vertex.pose;
   for (const auto& edge : records.edges) poses.try_emplace(edge.from), poses.try_emplace(edge.to);
@@ -27,7 +27,7 @@ int optimise_records(G2oRecords<Pose>& records, const char* name) {
   const double initial_cost = graph.cost();
   const auto begin = std::chrono::steady_clock::now();
   if (const auto start = chordal_initialization(graph)) graph.set_values(*start);
-  const OptimizeReport report = optimise(graph);
+  const OptimizeReport report = optimize(graph);
   const std::chrono::duration<double> time = std::chrono::steady_clock::now() - begin;
   if (!report.ok()) {
     const std::string why = report.free.empty() ? "numbers that are too large" : describe(report.free.front());
@@ -46,8 +46,8 @@ int main(int count, char** arguments) try {
   G2oFile file = read_g2o(arguments[1]);
   if (file.planar.edges.empty() == file.spatial.edges.empty())
     throw_input_error(arguments[1], "", "no edges, or edges in the plane and in space", "give a file with one kind");
-  const int status = file.spatial.edges.empty() ? optimise_records(file.planar, arguments[1])
-                                                : optimise_records(file.spatial, arguments[1]);
+  const int status = file.spatial.edges.empty() ? optimize_records(file.planar, arguments[1])
+                                                : optimize_records(file.spatial, arguments[1]);
   if (count > 2) write_g2o(arguments[2], file);
   return status;
 } catch (const std::exception& failure) {

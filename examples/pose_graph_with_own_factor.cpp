@@ -48,7 +48,7 @@ int main(int count, char** arguments) try {
     graph.add_prior(graph.add_value(SE2d(SO2d(), {10, 10})), SE2d(), NoiseModel<3>::from_sigmas({1e3, 1e3, 1}));
     for (const auto& [id, metres] : generated::beacon_distances()) graph.add(DistanceFactor{keys[id], beacon, metres});
   }
-  const OptimizeReport report = optimise(graph);
+  const OptimizeReport report = optimize(graph);
   std::printf("factors    %d, of them %zu distances\ncost       %.6g -> %.6g in %d iterations\n", graph.factor_count(),
               graph.factors<DistanceFactor>().size(), report.initial_cost, report.final_cost, report.iterations);
   if (const auto covariances = marginals(graph); covariances && count == 1)

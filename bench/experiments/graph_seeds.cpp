@@ -120,7 +120,7 @@ json figures_of(const GraphBackEnd& back_end, const SampledScans& scans) {
           {"chained", chained},
           {"merges", merges},
           {"false", wrong},
-          {"failed_optimisations", back_end.counts().failed_optimisations}};
+          {"failed_optimizations", back_end.counts().failed_optimizations}};
 }
 
 json run_seed(std::uint64_t seed, const Measured& measured, const mapper::BackEndParts& parts) {

@@ -65,7 +65,7 @@ def mean(values: list[float]) -> float:
 
 def by_session(summary: dict[str, Any], quantity: str) -> float:
     """Mean over the sessions of the RMSE under an alignment of each one's own."""
-    return mean([number(s, "errors", "optimised", "ape", quantity, "rmse") for s in summary["sessions"]])
+    return mean([number(s, "errors", "optimized", "ape", quantity, "rmse") for s in summary["sessions"]])
 
 
 def errors(folder: Path) -> Figures:
@@ -76,8 +76,8 @@ def errors(folder: Path) -> Figures:
     return {
         "ape_2d_m": pooled(folder, len(groups), "xy", "translation"),
         "ape_2d_deg": pooled(folder, len(groups), "xy", "rotation_deg"),
-        "ape_3d_m": number(summary, "errors", "optimised", "ape", "translation", "rmse"),
-        "ape_3d_deg": number(summary, "errors", "optimised", "ape", "rotation_deg", "rmse"),
+        "ape_3d_m": number(summary, "errors", "optimized", "ape", "translation", "rmse"),
+        "ape_3d_deg": number(summary, "errors", "optimized", "ape", "rotation_deg", "rmse"),
         "session_3d_m": by_session(summary, "translation"),
         "session_3d_deg": by_session(summary, "rotation_deg"),
         "between_m": number(summary, "errors", "inter_session", "rpe", "translation", "rmse"),
@@ -114,7 +114,7 @@ def stage(summary: dict[str, Any], name: str, prefix: str) -> Figures:
     }
 
 
-LAMM_STAGES = ("describe", "search", "optimise")  # which take the place of "back end"
+LAMM_STAGES = ("describe", "search", "optimize")  # which take the place of "back end"
 
 
 def back_end(summary: dict[str, Any], scans: float) -> Figures:

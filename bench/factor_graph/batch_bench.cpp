@@ -27,10 +27,10 @@ using bench::Peer;
 
 /// Gauss-Newton from the graph's values to its end, with symbolic analysis, as a program would call it.
 template <class Solver, class Group>
-OptimizeReport optimised(const FactorGraph<Group>& graph) {
+OptimizeReport optimized(const FactorGraph<Group>& graph) {
   FactorGraph<Group> copy = graph;
   Solver solver;
-  return optimise(copy, GaussNewton{}, solver);
+  return optimize(copy, GaussNewton{}, solver);
 }
 
 /// From the chordal start, all alike. A peer that ends more than 1e-4 above our end has done less.
@@ -38,41 +38,41 @@ template <class Group>
 void batch(benchmark::State& state, FactorGraph<Group> graph) {
   constexpr int dof = Group::dof;
   graph.set_values(chordal_initialization(graph).value());
-  const OptimizeReport report = optimised<BlockCholesky<dof>>(graph);
+  const OptimizeReport report = optimized<BlockCholesky<dof>>(graph);
   const std::array<double, 1> ours{report.final_cost};
   if (report.status != OptimizeStatus::converged) throw std::runtime_error("no optimum from the chordal start");
-  bench::require_same_answers(ours, std::array{optimised<bench::EigenLdlt<dof>>(graph).final_cost}, 1e-7);
-  bench::require_same_answers(ours, std::array{optimised<Cholmod<dof>>(graph).final_cost}, 1e-7);
+  bench::require_same_answers(ours, std::array{optimized<bench::EigenLdlt<dof>>(graph).final_cost}, 1e-7);
+  bench::require_same_answers(ours, std::array{optimized<Cholmod<dof>>(graph).final_cost}, 1e-7);
 #ifdef CHAINSLAM_PEER_CERES
   bench::CeresBatch<Group> ceres(graph);
-  state.counters["ceres_over_optimum"] = graph.cost(ceres.optimised()) / report.final_cost;
+  state.counters["ceres_over_optimum"] = graph.cost(ceres.optimized()) / report.final_cost;
 #endif
 #ifdef CHAINSLAM_PEER_GTSAM
   using Gtsam = bench::GtsamBatch<Group>;
   const Gtsam gtsam(graph, Gtsam::Jacobians::as_it_comes), exact(graph, Gtsam::Jacobians::exact);
-  state.counters["gtsam_over_optimum"] = graph.cost(gtsam.optimised()) / report.final_cost;
-  state.counters["gtsam_exact_over_optimum"] = graph.cost(exact.optimised()) / report.final_cost;
+  state.counters["gtsam_over_optimum"] = graph.cost(gtsam.optimized()) / report.final_cost;
+  state.counters["gtsam_exact_over_optimum"] = graph.cost(exact.optimized()) / report.final_cost;
 #endif
   bench::versus(
-      state, [&] { return optimised<BlockCholesky<dof>>(graph).final_cost; },
+      state, [&] { return optimized<BlockCholesky<dof>>(graph).final_cost; },
 #ifdef CHAINSLAM_PEER_CERES
-      Peer{"ceres", [&] { return ceres.optimised().size(); }},
+      Peer{"ceres", [&] { return ceres.optimized().size(); }},
 #endif
 #ifdef CHAINSLAM_PEER_GTSAM
-      Peer{"gtsam", [&] { return gtsam.optimised().size(); }},
-      Peer{"gtsam_exact", [&] { return exact.optimised().size(); }},
+      Peer{"gtsam", [&] { return gtsam.optimized().size(); }},
+      Peer{"gtsam_exact", [&] { return exact.optimized().size(); }},
 #endif
-      Peer{"eigen", [&] { return optimised<bench::EigenLdlt<dof>>(graph).final_cost; }},
-      Peer{"cholmod", [&] { return optimised<Cholmod<dof>>(graph).final_cost; }});
+      Peer{"eigen", [&] { return optimized<bench::EigenLdlt<dof>>(graph).final_cost; }},
+      Peer{"cholmod", [&] { return optimized<Cholmod<dof>>(graph).final_cost; }});
   state.counters["poses"] = static_cast<double>(graph.values().size());
   state.counters["iterations"] = static_cast<double>(report.iterations);
   state.counters["chi2"] = report.final_cost;
 }
 
-/// What a mapper pays when it optimises again after one more closure, from the optimum before it.
+/// What a mapper pays when it optimizes again after one more closure, from the optimum before it.
 void closure(benchmark::State& state, Index keyframes) {
   PoseGraph graph = test::StreetWalk({.sessions = 1, .keyframes = keyframes}).graph();
-  if (!optimise(graph).ok()) throw std::runtime_error("the first optimisation failed");
+  if (!optimize(graph).ok()) throw std::runtime_error("the first optimization failed");
   const Key last = graph.values().size() - 1;
   Vector6d bend = Vector6d::Zero();
   bend.head<3>().setConstant(0.3);
@@ -80,7 +80,7 @@ void closure(benchmark::State& state, Index keyframes) {
   graph.add_between(last / 2, last, measured, PoseGraph::Noise::from_sigma(0.05));
   for (auto _ : state) {
     PoseGraph copy = graph;
-    benchmark::DoNotOptimize(optimise(copy, GaussNewton{.relative_tolerance = 1e-6}).final_cost);
+    benchmark::DoNotOptimize(optimize(copy, GaussNewton{.relative_tolerance = 1e-6}).final_cost);
   }
 }
 

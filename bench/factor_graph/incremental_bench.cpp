@@ -236,7 +236,7 @@ BENCHMARK(growth)
     ->Iterations(1)
     ->Unit(benchmark::kSecond);
 
-/// A step of `converge` at the optimum: all is linearised and factorised anew. Of the wall, two threads and one.
+/// A step of `converge` at the optimum: all is linearized and factorized anew. Of the wall, two threads and one.
 template <class Pose>
 void full_step(benchmark::State& state, const FactorGraph<Pose>& graph) {
   const ThreadPool pool(2);

@@ -92,7 +92,7 @@ void gnss_candidates(benchmark::State& state) {
 }
 BENCHMARK(gnss_candidates)->Name("slam/gnss_candidates/find/100000");
 
-/// Carrying a session of as many keyframes over into the frame of another, closing it there, and optimising.
+/// Carrying a session of as many keyframes over into the frame of another, closing it there, and optimizing.
 void join(benchmark::State& state) {
   const auto each = static_cast<Index>(state.range(0)) / 2;
   for (auto _ : state) {
@@ -101,20 +101,20 @@ void join(benchmark::State& state) {
       graph.begin_session({});
       for (Index i = 0; i < each; ++i) graph.append(keyframe_at(i, on_circle(i)));
     }
-    if (!graph.optimise().ok()) throw std::runtime_error("the first optimisation failed");
+    if (!graph.optimize().ok()) throw std::runtime_error("the first optimization failed");
     LoopClosure closure{.from = {each / 2}, .to = {each + each / 2}, .T_from_to = SE3d(SO3d(), {0.5, 0, 0})};
     closure.sqrt_information = 20.0 * SqrtInformation<6>::Identity();
     const double start = bench::ThreadTime::now();
     graph.join(SessionId{0}, SessionId{1}, SE3d(SO3d::exp({0, 0, 0.3}), {40, -25, 1}));
     graph.accept(closure);
-    if (!graph.optimise().ok()) throw std::runtime_error("the optimisation failed");
+    if (!graph.optimize().ok()) throw std::runtime_error("the optimization failed");
     state.SetIterationTime(bench::ThreadTime::now() - start);
   }
 }
 BENCHMARK(join)->Name("slam/map_graph/join")->ArgName("keyframes")->Arg(5'000)->UseManualTime();
 
-/// A drive of many rounds of 1047 keyframes, each keyframe in ten closed with the round before: what optimising costs.
-void optimise(benchmark::State& state) {
+/// A drive of many rounds of 1047 keyframes, each keyframe in ten closed with the round before: what optimizing costs.
+void optimize(benchmark::State& state) {
   const auto keyframes = static_cast<Index>(state.range(0));
   for (auto _ : state) {
     MapGraph<> graph;
@@ -135,7 +135,7 @@ void optimise(benchmark::State& state) {
       closure.sqrt_information = 20.0 * SqrtInformation<6>::Identity();
       graph.accept(closure);
       const double start = bench::ThreadTime::now();
-      if (!graph.optimise().ok()) throw std::runtime_error("an optimisation failed");
+      if (!graph.optimize().ok()) throw std::runtime_error("an optimization failed");
       seconds.push_back(bench::ThreadTime::now() - start);
     }
     std::ranges::sort(seconds);
@@ -147,8 +147,8 @@ void optimise(benchmark::State& state) {
     state.counters["max_ms"] = 1e3 * seconds.back();
   }
 }
-BENCHMARK(optimise)
-    ->Name("slam/map_graph/optimise")
+BENCHMARK(optimize)
+    ->Name("slam/map_graph/optimize")
     ->ArgName("keyframes")
     ->Arg(3'000)
     ->Arg(10'000)

@@ -64,9 +64,10 @@ struct DatasetOptions {
   PointTimeHints point_time{};          ///< what is known of the time field of points in PCD, PLY and ROS messages
   bool times_from_azimuth = true;       ///< of nuScenes' and MARS's points, which have none
   bool recorded_intensities = false;    ///< of recorded odometry: scans with intensities, which maps leave out
-  double kitti_raise_deg = 0.205;       ///< KITTI odometry: points are turned up by this, 0 leaves them as they are
-  std::string lidar_topic{};            ///< of ROS recordings; the one with most points at the start if empty; HeLiPR's
-  std::string imu_topic{};              ///< the same, with most messages
+  double kitti_elevation_offset_deg =
+      0.205;                  ///< KITTI odometry: points are turned up by this, 0 leaves them as they are
+  std::string lidar_topic{};  ///< of ROS recordings; the one with most points at the start if empty; HeLiPR's
+  std::string imu_topic{};    ///< the same, with most messages
   std::string gnss_topic{};
   ImuUnitsGiven imu_units = ImuUnitsGiven::automatic;  ///< automatic: by the format, or inferred from the numbers
   Duration imu_time_offset{};  ///< added to the times of IMU samples (and of fixes of the same device)
@@ -129,7 +130,7 @@ class Dataset {
 };
 
 /// What kind of data set a folder holds, or a file is, by names; nothing if none is known.
-[[nodiscard]] std::optional<DatasetKind> recognise(const std::filesystem::path& path);
+[[nodiscard]] std::optional<DatasetKind> recognize(const std::filesystem::path& path);
 
 /// Opens a data set of any known kind, a folder or a file.
 /// @throws IoError if the folder is of no known kind, with the trees that are known beside what was found; or if it is

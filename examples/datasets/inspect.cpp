@@ -234,7 +234,7 @@ Inspection inspect_dataset(const std::filesystem::path& path, DatasetOptions opt
 }  // namespace
 
 Inspection inspect(const std::filesystem::path& path, const DatasetOptions& options) {
-  const bool file = std::filesystem::is_regular_file(path) && !recognise(path);
+  const bool file = std::filesystem::is_regular_file(path) && !recognize(path);
   return file ? inspect_file(path) : inspect_dataset(path, options);
 }
 

@@ -63,7 +63,7 @@ std::unique_ptr<Dataset> open_kitti(const fs::path& path, const DatasetOptions& 
   info.motion_corrected = true;
   if (times.size() > files.size())
     info.warnings.push_back(std::to_string(times.size() - files.size()) + " times have no scan");
-  const double angle = options.kitti_raise_deg;
+  const double angle = options.kitti_elevation_offset_deg;
   if (angle != 0) info.notes.push_back("points turned " + text_of(angle) + " deg upwards, as KITTI's lasers ask for");
   parts.read = [=](std::size_t i) {
     LidarScan scan{.time = times[i], .end = times[i], .cloud = read_kitti_bin(files[i])};

@@ -82,14 +82,14 @@ std::vector<std::filesystem::path> inner_folders(const std::filesystem::path& pa
   std::vector<std::filesystem::path> found;
   std::error_code missing;
   for (const auto& entry : std::filesystem::directory_iterator(path, missing))
-    if (entry.is_directory() && recognise(entry.path())) found.push_back(entry.path());
+    if (entry.is_directory() && recognize(entry.path())) found.push_back(entry.path());
   std::ranges::sort(found);
   return found;
 }
 
 /// The folder itself, or the only data set in it.
 std::filesystem::path folder_of_dataset(const std::filesystem::path& path) {
-  if (recognise(path)) return path;
+  if (recognize(path)) return path;
   const std::vector<std::filesystem::path> inner = inner_folders(path);
   if (inner.size() == 1) return inner.front();
   if (inner.empty()) throw_input_error(path.string(), "", contents_of(path), known_trees);
@@ -107,19 +107,19 @@ std::optional<Trajectory> Dataset::truth() const {
   return read_tum(info_.truth);
 }
 
-std::optional<DatasetKind> recognise(const std::filesystem::path& path) {
+std::optional<DatasetKind> recognize(const std::filesystem::path& path) {
   const auto found = std::ranges::find_if(kinds, [&](const Kind& kind) { return kind.is_at(path); });
   return found == kinds.end() ? std::nullopt : std::optional(static_cast<DatasetKind>(found - kinds.begin()));
 }
 
 std::unique_ptr<Dataset> open_dataset(const std::filesystem::path& path, const DatasetOptions& options) {
-  if (!std::filesystem::exists(path) && !recognise(path))
+  if (!std::filesystem::exists(path) && !recognize(path))
     throw_input_error(path.string(), "", "no such file or folder", "check the path");
-  if (!std::filesystem::is_directory(path) && !recognise(path))
+  if (!std::filesystem::is_directory(path) && !recognize(path))
     throw_input_error(path.string(), "", "a file of no known kind of recording",
                       "name the folder that holds the data set, or a recording (.bag, .mcap, .db3)");
   const std::filesystem::path folder = options.kind ? path : folder_of_dataset(path);
-  const DatasetKind kind = options.kind ? *options.kind : *recognise(folder);
+  const DatasetKind kind = options.kind ? *options.kind : *recognize(folder);
   return kinds[static_cast<std::size_t>(kind)].open(folder, options);
 }
 

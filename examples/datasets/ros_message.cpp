@@ -217,7 +217,7 @@ RosCloud decode_livox(MessageReader message) {
     cloud.points.times.push_back(static_cast<double>(offset));
   }
   cloud.rule = PointTimeRule{.unit = TimeUnit::nanoseconds};
-  // Offsets count from the time base. A sensor without time synchronisation counts that from its start, not from 1970.
+  // Offsets count from the time base. A sensor without time synchronization counts that from its start, not from 1970.
   constexpr double tolerance = 1e9;
   const double difference = static_cast<double>(timebase) - static_cast<double>(cloud.header.stamp.nanoseconds());
   if (std::abs(difference) <= tolerance)

@@ -19,7 +19,7 @@ void add_point_to_point(Configuration& configuration, Icp<PointToPoint>& icp) {
                     {.unit = "m", .min = 0.01, .max = 1000, .help = "Maximum distance between matched points." + of});
   configuration.add("closures.max_iterations", icp.max_iterations,
                     {.min = 1, .max = 100000, .help = "Maximum number of ICP iterations." + of});
-  configuration.add("closures.pilot", icp.pilot,
+  configuration.add("closures.coarse_stride", icp.coarse_stride,
                     {.min = 1,
                      .max = 1000,
                      .help = "The initial iterations use every n-th source point. 1: no coarse iterations." + of});
@@ -134,7 +134,7 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
       {.help =
            "Registration of scans to submaps: coarse-to-fine point-to-plane ICP, or the paper's point-to-point ICP."});
   add_point_to_point(configuration, parts.registration.point_to_point);
-  configuration.add("closures.take_iteration_limit", gate.take_iteration_limit,
+  configuration.add("closures.accept_iteration_limit", gate.accept_iteration_limit,
                     {.help = "Accept alignments that reached the iteration limit without converging."});
   configuration.add("closures.noise_from_hessian", parts.noise.from_hessian,
                     {.help = "Compute a closure's covariance from the Hessian of the alignment instead of lambda times "
@@ -144,7 +144,7 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                      .max = 1e6,
                      .help = "Ratio of the variance to the mean squared error if noise_from_hessian is false."});
   configuration.add(
-      "closures.least_variance", parts.noise.isotropic.least,
+      "closures.min_variance", parts.noise.isotropic.least,
       {.unit = "m^2, rad^2", .min = 1e-15, .max = 1, .help = "Minimum variance if noise_from_hessian is false."});
   configuration.add("closures.max_misfit", gate.max_misfit,
                     {.min = 0,
@@ -351,15 +351,15 @@ void add_merge(Configuration& configuration, BackEndParts& parts) {
       {.min = 1e-12, .max = 1e6, .help = "Ratio of the variance to the mean squared error (measurement = submaps)."});
   configuration.add("merge.confirmations", merge.confirmations,
                     {.min = 1, .max = 1000, .help = "Number of places that must agree before sessions are merged."});
-  configuration.add("merge.apart", merge.apart,
+  configuration.add("merge.min_place_distance", merge.min_place_distance,
                     {.unit = "m", .min = 0, .max = 1e6, .help = "Minimum travel between two such places."});
   configuration.add(
-      "merge.witnesses", merge.witnesses,
+      "merge.supporting_scans", merge.supporting_scans,
       {.min = 0,
        .max = 20,
        .help = "Number of scans around one place that suffice to merge sessions if the GNSS fixes of both "
                "agree with it. 0: one place never suffices."});
-  configuration.add("merge.fixes_apart", merge.fixes.apart,
+  configuration.add("merge.max_fix_difference", merge.fixes.max_difference,
                     {.unit = "m",
                      .min = 0,
                      .max = 1e6,
@@ -413,9 +413,9 @@ void add_fixes(Configuration& configuration, GnssFactorOptions& gnss) {
   configuration.add(
       "graph.gnss_max_sigma", gnss.max_sigma,
       {.unit = "m", .min = 0, .max = 1e9, .help = "Fixes that state a larger standard deviation are not used."});
-  configuration.add("graph.gnss_least_fixes", gnss.least_fixes,
+  configuration.add("graph.gnss_min_fixes", gnss.min_fixes,
                     {.min = 3, .max = 1000000, .help = "Minimum number of fixes before a frame is georeferenced."});
-  configuration.add("graph.gnss_least_spread", gnss.least_spread,
+  configuration.add("graph.gnss_min_spread", gnss.min_spread,
                     {.unit = "m",
                      .min = 0,
                      .max = 1e6,
@@ -519,7 +519,7 @@ void add_graph(Configuration& configuration, MapGraphOptions& graph) {
                      .max = 10,
                      .factor = radians_a_degree,
                      .help = "Rotation standard deviation of such a step per metre travelled."});
-  configuration.add("graph.odometry_doubt", graph.odometry_doubt.enabled,
+  configuration.add("graph.odometry_inflation", graph.odometry_inflation.enabled,
                     {.help = "Increase the covariance of odometry steps across scans that were lost or degenerate."});
   configuration.add("graph.anchor", graph.anchor,
                     {.min = 1e-9,

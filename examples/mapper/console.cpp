@@ -56,9 +56,9 @@ void print_imu(const support::RunSummary& summary) {
 }
 
 void print_errors(const RunOutcome& outcome) {
-  if (outcome.optimised_errors)
+  if (outcome.optimized_errors)
     std::printf("error        %.3f m rmse, odometry alone %.3f m (against the truth, rigidly aligned)\n",
-                outcome.optimised_errors->translation.rmse, outcome.odometry_errors->translation.rmse);
+                outcome.optimized_errors->translation.rmse, outcome.odometry_errors->translation.rmse);
   if (outcome.inter_session_errors)
     std::printf("             %.3f m between keyframes of different sessions at one place\n",
                 outcome.inter_session_errors->translation.rmse);

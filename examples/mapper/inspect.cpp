@@ -86,7 +86,7 @@ int run(const InspectArguments& arguments) {
                       "give a map file (.cslam), or a folder that `chainslam map` wrote");
   datasets::Inspection found = map ? inspect_map(arguments.path) : datasets::inspect(arguments.path, options.dataset);
   bool interrupted = false;
-  if (!map && arguments.imu_seconds > 0 && datasets::recognise(arguments.path)) {
+  if (!map && arguments.imu_seconds > 0 && datasets::recognize(arguments.path)) {
     const support::Interrupt interrupt;
     inspect_imu(arguments.path, options, arguments.imu_seconds, interrupt.token(), found);
     interrupted = interrupt.requested();

@@ -15,9 +15,9 @@
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/map_undo.hpp"
-#include "chainslam/slam/near_else_places.hpp"
 #include "chainslam/slam/pipeline.hpp"
 #include "chainslam/slam/place_candidates.hpp"
+#include "chainslam/slam/proximity_or_places.hpp"
 #include "session_front_end.hpp"
 #include "support/summary.hpp"
 
@@ -25,8 +25,8 @@ namespace chainslam::mapper {
 
 namespace {
 
-using Closer = LoopCloser<NearElsePlaces, ClosureRegistration, ClosureNoise>;
-using Merger = MapMerger<FixesElsePlaces<>, MergeRegistration>;
+using Closer = LoopCloser<ProximityOrPlaces, ClosureRegistration, ClosureNoise>;
+using Merger = MapMerger<GnssOrPlaces<>, MergeRegistration>;
 using MapperBackEnd = BackEnd<Unrepeated<Closer>, ChainedCloser, Merger>;
 
 /// @param undone  closures that are not to be found again
@@ -34,9 +34,9 @@ MapperBackEnd make_back_end(const BackEndParts& parts, const UndoneClosures& und
   PlaceCandidateOptions within = parts.places;
   within.max_count = parts.closure_places;
   within.max_drawn = 2;  // asked for each search
-  Closer closer(parts.closures, NearElsePlaces(parts.candidates, PlaceCandidates(within)), parts.registration,
+  Closer closer(parts.closures, ProximityOrPlaces(parts.candidates, PlaceCandidates(within)), parts.registration,
                 parts.noise);
-  Merger merger(parts.merge, FixesElsePlaces(GnssCandidates(parts.gnss), PlaceCandidates(parts.places)), parts.merging);
+  Merger merger(parts.merge, GnssOrPlaces(GnssCandidates(parts.gnss), PlaceCandidates(parts.places)), parts.merging);
   merger.forbid(undone);
   return MapperBackEnd(parts.back_end, {std::move(closer), undone}, ChainedCloser(parts.chain), std::move(merger),
                        parts.outliers);
@@ -89,8 +89,8 @@ class MeteredBackEnd {
     const BackEndCounts& counts = back_end_.counts();
     figures.alignments = counts.alignments;
     figures.merges = counts.merges;
-    figures.optimisations = counts.optimisations;
-    figures.failed_optimisations = counts.failed_optimisations;
+    figures.optimizations = counts.optimizations;
+    figures.failed_optimizations = counts.failed_optimizations;
     figures.closure_radius = run_.options.back_end.candidates.radius;
     figures.search_spacing = back_end_.closer().closer().search_spacing();
     return figures;
@@ -304,8 +304,8 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
   run.progress.finish();
   if (const auto note = spacing_note(run.options.back_end.chain, result.figures)) result.notes.push_back(*note);
   result.interrupted = run.stop.stop_requested() || result.failure || result.memory_full;
-  if (result.figures.failed_optimisations > 0)
-    result.notes.push_back(std::to_string(result.figures.failed_optimisations) +
+  if (result.figures.failed_optimizations > 0)
+    result.notes.push_back(std::to_string(result.figures.failed_optimizations) +
                            " optimizations failed; the previous estimates were kept");
   return result;
 }

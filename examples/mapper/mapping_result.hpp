@@ -32,11 +32,11 @@ struct SessionRun {
 struct BackEndFigures {
   Index alignments = 0;  ///< scans registered to submaps, accepted or not
   Index merges = 0;      ///< frames joined
-  Index optimisations = 0;
-  Index failed_optimisations = 0;        ///< the estimates before were kept
+  Index optimizations = 0;
+  Index failed_optimizations = 0;        ///< the estimates before were kept
   double closure_radius = 0;             ///< metres, within which closures were sought
   std::vector<double> search_spacing;    ///< metres along the path from one search for closures to the next
-  std::vector<double> keyframe_seconds;  ///< of each keyframe added in this run, in order: search, chaining, optimising
+  std::vector<double> keyframe_seconds;  ///< of each keyframe added in this run, in order: search, chaining, optimizing
   std::vector<Index> keyframe_alignments;  ///< of the same keyframes: scans registered; empty if not counted
 };
 

@@ -70,7 +70,7 @@ const char* words(OptimizeStatus status) {
 }
 
 template <class Pose>
-int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArguments& arguments) {
+int optimize_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArguments& arguments) {
   add_missing_vertices(records);
   FactorGraph<Pose> graph;
   std::map<std::int64_t, Key> keys;
@@ -91,7 +91,7 @@ int optimise_records(G2oFile& file, G2oRecords<Pose>& records, const OptimizeArg
   for (const std::int64_t id : file.fixed) graph.set_fixed(key_of(id));
 
   const OptimizeReport report =
-      optimise(graph, LevenbergMarquardt{.max_iterations = to_index(arguments.max_iterations)});
+      optimize(graph, LevenbergMarquardt{.max_iterations = to_index(arguments.max_iterations)});
   std::printf("poses        %zu\nedges        %zu\ncost (chi2)  %.10g -> %.10g\niterations   %d, %s\n",
               records.vertices.size(), records.edges.size(), report.initial_cost, report.final_cost, report.iterations,
               words(report.status));
@@ -123,8 +123,8 @@ int run(const OptimizeArguments& arguments) {
     throw_input_error(arguments.input.string(), "",
                       file.planar.edges.empty() ? "no edges" : "edges in the plane and in space in one file",
                       "give a file with EDGE_SE2 or with EDGE_SE3:QUAT lines");
-  return file.spatial.edges.empty() ? optimise_records(file, file.planar, arguments)
-                                    : optimise_records(file, file.spatial, arguments);
+  return file.spatial.edges.empty() ? optimize_records(file, file.planar, arguments)
+                                    : optimize_records(file, file.spatial, arguments);
 }
 
 }  // namespace chainslam::mapper

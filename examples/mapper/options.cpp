@@ -100,7 +100,7 @@ void add_dataset(Configuration& configuration, datasets::DatasetOptions& dataset
                     {.help = "Compute the times of points of nuScenes and MARS, which have none, from their azimuth at "
                              "constant rotation rate."});
   configuration.add(
-      "dataset.kitti_raise", dataset.kitti_raise_deg,
+      "dataset.kitti_elevation_offset", dataset.kitti_elevation_offset_deg,
       {.unit = "deg",
        .min = -5,
        .max = 5,

@@ -20,9 +20,9 @@ namespace chainslam::mapper {
 /// Bounds that a run has to meet; the program ends with exit code 5 if one is missed. 0 asks for nothing, but of the
 /// last two, which hold by default: a map that odometry did not follow is no good map.
 struct Goals {
-  double max_ape = 0;           ///< metres, of the optimised trajectory against the truth
+  double max_ape = 0;           ///< metres, of the optimized trajectory against the truth
   double min_odometry_ape = 0;  ///< metres: a drive tests closures only if odometry alone drifts
-  double min_ape_ratio = 0;     ///< odometry's error over the optimised one
+  double min_ape_ratio = 0;     ///< odometry's error over the optimized one
   Index min_closures = 0;
   Index min_chained_closures = 0;
   double max_inter_session_error = 0;  ///< metres, between keyframes of different sessions at one place

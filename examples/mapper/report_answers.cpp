@@ -34,7 +34,7 @@ std::string merged(const support::RunSummary& summary) {
 }
 
 std::string error(const RunOutcome& outcome) {
-  const auto& errors = outcome.optimised_errors;
+  const auto& errors = outcome.optimized_errors;
   if (!errors) return "not known: there is no ground truth";
   std::string text = metres(errors->translation.rmse) + " RMSE against the ground truth";
   if (errors->alignments > 1) text += " under " + counted(errors->alignments, "alignment");

@@ -121,26 +121,26 @@ void pool_inter_session_errors(const std::vector<std::size_t>& group, const RunO
 }
 
 void take_errors(RunOutcome& outcome) {
-  ErrorPool odometry, optimised;
+  ErrorPool odometry, optimized;
   for (std::size_t i = 0; i < outcome.sessions.size(); ++i) {
     SessionRun& run = outcome.mapping.sessions[i];
     SessionOutcome& session = outcome.sessions[i];
     if (!run.truth) continue;
     session.odometry_errors = errors_against(*run.truth, run.odometry);
-    session.optimised_errors = errors_against(*run.truth, session.trajectory);
+    session.optimized_errors = errors_against(*run.truth, session.trajectory);
     if (session.odometry_errors) odometry.add(session.odometry_errors->ape, 1);
     if (session.odometry_errors) odometry.add(session.odometry_errors->kitti);
-    if (session.optimised_errors) optimised.add(session.optimised_errors->kitti);
-    if (!session.optimised_errors)
+    if (session.optimized_errors) optimized.add(session.optimized_errors->kitti);
+    if (!session.optimized_errors)
       run.notes.emplace_back("the truth shares fewer than three poses with the run: no errors are taken of it alone");
   }
   RelativePoseErrors between;
   for (const auto& [frame, group] : sessions_by_frame(outcome.mapping)) {
-    take_joint_errors(group, outcome, optimised);
+    take_joint_errors(group, outcome, optimized);
     if (outcome.mapping.truths_share_frame) pool_inter_session_errors(group, outcome, between);
   }
   outcome.odometry_errors = odometry.joint();
-  if (outcome.odometry_errors) outcome.optimised_errors = optimised.joint();
+  if (outcome.odometry_errors) outcome.optimized_errors = optimized.joint();
   if (between.translation_errors.empty()) return;
   between.status = EvaluationStatus::evaluated;
   between.translation = error_statistics(between.translation_errors).value_or(ErrorStatistics{});
@@ -276,7 +276,7 @@ RunOutcome conclude(MappingResult mapping, const std::string& dataset, const Map
     outcome.sessions.emplace_back().trajectory = corrected_trajectory(outcome.mapping.sessions[i].odometry, keyframes);
   }
   take_errors(outcome);
-  summarise(outcome, dataset, options.goals);
+  summarize(outcome, dataset, options.goals);
   return outcome;
 }
 

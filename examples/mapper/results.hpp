@@ -36,7 +36,7 @@ struct JointErrors {
 struct SessionOutcome {
   Trajectory trajectory;                             ///< T_map_body of every frame
   std::optional<TrajectoryErrors> odometry_errors;   ///< the front end alone, under an alignment of its own
-  std::optional<TrajectoryErrors> optimised_errors;  ///< under an alignment of its own
+  std::optional<TrajectoryErrors> optimized_errors;  ///< under an alignment of its own
   std::optional<SE3d> T_map_truth;                   ///< by the joint alignment of the frame that the session is in
 };
 
@@ -47,7 +47,7 @@ struct RunOutcome {
   /// The front end alone: every session's odometry under an alignment of its own.
   std::optional<JointErrors> odometry_errors;
   /// Sessions that lie in one frame share one alignment, so that errors between them count.
-  std::optional<JointErrors> optimised_errors;
+  std::optional<JointErrors> optimized_errors;
   /// Between keyframes of different sessions that stood at one place; none if there are no such pairs.
   std::optional<RelativePoseErrors> inter_session_errors;
   support::RunSummary summary;

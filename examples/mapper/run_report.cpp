@@ -81,7 +81,7 @@ void add_figures(const RunOutcome& outcome, support::ReportData& data) {
   if (summary.chained_closures > 0 || summary.sessions.size() > 1)
     data.figures.push_back(
         {"Chained closures", std::to_string(summary.chained_closures), counted(summary.components.count, "component")});
-  if (const auto& errors = outcome.optimised_errors)
+  if (const auto& errors = outcome.optimized_errors)
     data.figures.push_back(
         {"Error", metres(errors->translation.rmse),
          outcome.odometry_errors ? "odometry alone " + metres(outcome.odometry_errors->translation.rmse) : ""});

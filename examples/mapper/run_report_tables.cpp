@@ -125,32 +125,32 @@ void add_join_table(const SlamMap& map, support::ReportData& data) {
 void add_error_table(const RunOutcome& outcome, support::ReportData& data) {
   constexpr double degrees = 180 / std::numbers::pi;
   support::ReportTable table{.title = "Errors against the truth, RMS",
-                             .heads = {"", "Odometry alone", "rotation", "Optimised", "rotation"}};
+                             .heads = {"", "Odometry alone", "rotation", "Optimized", "rotation"}};
   const auto pair = [](const ErrorStatistics& translation, const ErrorStatistics& rotation) {
     char text[64];
     std::snprintf(text, sizeof text, "%.2f°", degrees * rotation.rmse);
     return std::vector<std::string>{metres(translation.rmse), text};
   };
-  const auto add = [&](const std::string& name, const auto& odometry, const auto& optimised) {
+  const auto add = [&](const std::string& name, const auto& odometry, const auto& optimized) {
     std::vector<std::string> row{name};
-    for (const std::vector<std::string>& cells : {odometry, optimised})
+    for (const std::vector<std::string>& cells : {odometry, optimized})
       row.insert(row.end(), cells.begin(), cells.end());
     table.rows.push_back(std::move(row));
   };
   const std::vector<std::string> none{"–", "–"};
   const bool several = outcome.sessions.size() > 1;
   for (std::size_t i = 0; several && i < outcome.sessions.size(); ++i) {
-    const auto &odometry = outcome.sessions[i].odometry_errors, &optimised = outcome.sessions[i].optimised_errors;
-    if (!odometry && !optimised) continue;
+    const auto &odometry = outcome.sessions[i].odometry_errors, &optimized = outcome.sessions[i].optimized_errors;
+    if (!odometry && !optimized) continue;
     add(outcome.mapping.sessions[i].name + ", aligned alone",
         odometry ? pair(odometry->ape.translation, odometry->ape.rotation) : none,
-        optimised ? pair(optimised->ape.translation, optimised->ape.rotation) : none);
+        optimized ? pair(optimized->ape.translation, optimized->ape.rotation) : none);
   }
-  if (const auto& odometry = outcome.odometry_errors, &optimised = outcome.optimised_errors; odometry || optimised) {
-    const Index alignments = optimised ? optimised->alignments : 0;
+  if (const auto& odometry = outcome.odometry_errors, &optimized = outcome.optimized_errors; odometry || optimized) {
+    const Index alignments = optimized ? optimized->alignments : 0;
     add(several ? "all; optimized poses under " + counted(alignments, "alignment") : "rigidly aligned",
         odometry ? pair(odometry->translation, odometry->rotation) : none,
-        optimised ? pair(optimised->translation, optimised->rotation) : none);
+        optimized ? pair(optimized->translation, optimized->rotation) : none);
   }
   if (const auto& between = outcome.inter_session_errors)
     add("between sessions, at one place", none, pair(between->translation, between->rotation));
@@ -161,10 +161,10 @@ void add_error_table(const RunOutcome& outcome, support::ReportData& data) {
 void add_kitti_table(const RunOutcome& outcome, support::ReportData& data) {
   constexpr double degrees = 180 / std::numbers::pi;
   support::ReportTable table{.title = "Relative errors over 100 to 800 m (KITTI's metric)",
-                             .heads = {"", "Odometry alone", "rotation", "Optimised", "rotation"}};
-  const auto add = [&](const std::string& name, const auto& odometry, const auto& optimised) {
+                             .heads = {"", "Odometry alone", "rotation", "Optimized", "rotation"}};
+  const auto add = [&](const std::string& name, const auto& odometry, const auto& optimized) {
     std::vector<std::string> row{name};
-    for (const auto* errors : {&odometry, &optimised}) {
+    for (const auto* errors : {&odometry, &optimized}) {
       const bool known = *errors && (*errors)->kitti.status == EvaluationStatus::evaluated;
       char percent[64] = "–", rotation[64] = "–";
       if (known) std::snprintf(percent, sizeof percent, "%.3f %%", 100 * (*errors)->kitti.translation);
@@ -174,8 +174,8 @@ void add_kitti_table(const RunOutcome& outcome, support::ReportData& data) {
     if (row[1] != "–" || row[3] != "–") table.rows.push_back(std::move(row));
   };
   for (std::size_t i = 0; outcome.sessions.size() > 1 && i < outcome.sessions.size(); ++i)
-    add(outcome.mapping.sessions[i].name, outcome.sessions[i].odometry_errors, outcome.sessions[i].optimised_errors);
-  add("all segments", outcome.odometry_errors, outcome.optimised_errors);
+    add(outcome.mapping.sessions[i].name, outcome.sessions[i].odometry_errors, outcome.sessions[i].optimized_errors);
+  add("all segments", outcome.odometry_errors, outcome.optimized_errors);
   if (!table.rows.empty()) data.tables.push_back(std::move(table));
 }
 

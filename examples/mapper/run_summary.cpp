@@ -68,11 +68,11 @@ std::map<std::string, std::int64_t> imu_counts(const ImuCheckCounts& imu) {
   if (imu.received == 0) return {};
   return {{"samples", imu.received},
           {"rejected.not_finite", imu.not_finite},
-          {"rejected.absurd", imu.absurd},
+          {"rejected.out_of_range", imu.out_of_range},
           {"rejected.spikes", imu.spikes},
           {"rejected.repeated", imu.repeated},
           {"rejected.out_of_order", imu.out_of_order},
-          {"rejected.wrong_times", imu.wrong_times},
+          {"rejected.invalid_times", imu.invalid_times},
           {"rejected.second_imu", imu.second_imu},
           {"stuck.gyroscope", imu.stuck_gyro},
           {"stuck.accelerometer", imu.stuck_accel},
@@ -96,7 +96,7 @@ void add_run(const SessionRun& run, const SessionOutcome& outcome, support::Sess
     add_kitti(name, errors->kitti, summary.errors);
   };
   add_errors("odometry", outcome.odometry_errors);
-  add_errors("optimised", outcome.optimised_errors);
+  add_errors("optimized", outcome.optimized_errors);
   summary.imu = imu_counts(run.imu);
   summary.calibration = run.calibration;
   summary.notes = run.notes;
@@ -179,8 +179,8 @@ void add_back_end(const MappingResult& mapping, support::RunSummary& summary) {
   const BackEndFigures& figures = mapping.figures;
   summary.merges = figures.merges;
   summary.spacing = support::search_spacing(figures.search_spacing, figures.closure_radius);
-  summary.back_end = {.optimisations = figures.optimisations,
-                      .failed_optimisations = figures.failed_optimisations,
+  summary.back_end = {.optimizations = figures.optimizations,
+                      .failed_optimizations = figures.failed_optimizations,
                       .alignments = figures.alignments,
                       .keyframes = to_index(figures.keyframe_seconds.size())};
   summary.back_end.seconds = support::spread_of(figures.keyframe_seconds);
@@ -192,7 +192,7 @@ void add_back_end(const MappingResult& mapping, support::RunSummary& summary) {
 void judge(const Goals& goals, const RunOutcome& outcome, support::RunSummary& summary) {
   const double none = std::nan("");
   const double odometry = outcome.odometry_errors ? outcome.odometry_errors->translation.rmse : none;
-  const double optimised = outcome.optimised_errors ? outcome.optimised_errors->translation.rmse : none;
+  const double optimized = outcome.optimized_errors ? outcome.optimized_errors->translation.rmse : none;
   const double between = outcome.inter_session_errors ? outcome.inter_session_errors->translation.rmse : none;
   const auto at_least = [&](const char* name, double bound, double value) {
     if (bound > 0) summary.goals.push_back({name, bound, value, value >= bound});
@@ -200,9 +200,9 @@ void judge(const Goals& goals, const RunOutcome& outcome, support::RunSummary& s
   const auto at_most = [&](const char* name, double bound, double value) {
     if (bound > 0) summary.goals.push_back({name, bound, value, value <= bound});
   };
-  at_most("max_ape", goals.max_ape, optimised);
+  at_most("max_ape", goals.max_ape, optimized);
   at_least("min_odometry_ape", goals.min_odometry_ape, odometry);
-  at_least("min_ape_ratio", goals.min_ape_ratio, odometry / optimised);
+  at_least("min_ape_ratio", goals.min_ape_ratio, odometry / optimized);
   at_least("min_closures", goals.min_closures, summary.direct_closures);
   at_least("min_chained_closures", goals.min_chained_closures, summary.chained_closures);
   at_most("max_inter_session_error", goals.max_inter_session_error, between);
@@ -225,7 +225,7 @@ void judge(const Goals& goals, const RunOutcome& outcome, support::RunSummary& s
 
 }  // namespace
 
-void summarise(RunOutcome& outcome, const std::string& dataset, const Goals& goals) {
+void summarize(RunOutcome& outcome, const std::string& dataset, const Goals& goals) {
   support::RunSummary& summary = outcome.summary;
   const SlamMap& map = *outcome.mapping.map;
   summary.dataset = dataset;
@@ -236,7 +236,7 @@ void summarise(RunOutcome& outcome, const std::string& dataset, const Goals& goa
   add_closures(map, summary);
   add_back_end(outcome.mapping, summary);
   add_joint("odometry", outcome.odometry_errors, summary.errors);
-  add_joint("optimised", outcome.optimised_errors, summary.errors);
+  add_joint("optimized", outcome.optimized_errors, summary.errors);
   if (const auto& errors = outcome.inter_session_errors) {
     add_statistics("inter_session.rpe.translation", errors->translation, 1, summary.errors);
     add_statistics("inter_session.rpe.rotation_deg", errors->rotation, degrees, summary.errors);

@@ -8,6 +8,6 @@
 namespace chainslam::mapper {
 
 /// Fills `outcome.summary` from the rest of it, all but times and memory, and judges the goals.
-void summarise(RunOutcome& outcome, const std::string& dataset, const Goals& goals);
+void summarize(RunOutcome& outcome, const std::string& dataset, const Goals& goals);
 
 }  // namespace chainslam::mapper

@@ -12,7 +12,7 @@ namespace chainslam::simulator {
 
 namespace {
 
-std::uint16_t quantised(float metres) {
+std::uint16_t quantized(float metres) {
   return static_cast<std::uint16_t>(std::clamp(std::lround((static_cast<double>(metres) + 100.0) / 0.005), 0L, 65535L));
 }
 
@@ -69,9 +69,9 @@ std::vector<std::byte> HitsFile::encode(const Revolution& revolution, const Spin
     append_bytes(bytes, static_cast<std::uint64_t>(time.nanoseconds() / 1000));
     append_bytes(bytes, std::uint32_t{0});
     for (; first != last; ++first) {
-      append_bytes(bytes, quantised(first->position.x()));  // z up to z down: y and z change sign
-      append_bytes(bytes, quantised(-first->position.y()));
-      append_bytes(bytes, quantised(-first->position.z()));
+      append_bytes(bytes, quantized(first->position.x()));  // z up to z down: y and z change sign
+      append_bytes(bytes, quantized(-first->position.y()));
+      append_bytes(bytes, quantized(-first->position.z()));
       append_bytes(bytes, first->intensity);
       append_bytes(bytes, first->laser);
     }

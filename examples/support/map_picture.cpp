@@ -46,7 +46,7 @@ Range middle_of(const ReportData& data, Eigen::Index axis) {
 Range shown_range(const ReportData& data, Eigen::Index axis) {
   Range range = middle_of(data, axis);
   for (const ReportSession& session : data.sessions)
-    for (const auto* path : {&session.optimised, &session.truth})
+    for (const auto* path : {&session.optimized, &session.truth})
       for (const Eigen::Vector3d& position : *path) range.include(position[axis]);
   if (range.empty()) return {0.0, 1.0};
   const double margin = 0.02 * (range.max - range.min) + 5.0;
@@ -228,7 +228,7 @@ class MapPainter {
   void closures(const ReportData& data, ClosureKind kind, float width) {
     std::vector<Eigen::Vector3d> keyframes;
     for (const ReportSession& session : data.sessions)
-      keyframes.insert(keyframes.end(), session.optimised.begin(), session.optimised.end());
+      keyframes.insert(keyframes.end(), session.optimized.begin(), session.optimized.end());
     for (const ReportClosure& closure : data.closures) {
       if (closure.kind != kind || std::min(closure.from, closure.to) < 0 ||
           std::max(closure.from, closure.to) >= std::ssize(keyframes))
@@ -354,7 +354,7 @@ void write_map_picture(const std::filesystem::path& path, const ReportData& data
   for (const ClosureKind kind : {ClosureKind::chained, ClosureKind::direct, ClosureKind::merge})
     painter.closures(data, kind, kind == ClosureKind::merge ? 2.0F * line : 0.6F * line);
   for (std::size_t i = 0; i < data.sessions.size(); ++i)
-    painter.path(data.sessions[i].optimised, session_color(i), line, 0.95F);
+    painter.path(data.sessions[i].optimized, session_color(i), line, 0.95F);
   painter.scale_bar(color_of(options.dark ? 0xe2e8f0 : 0x1e293b), std::max<Index>(1, options.largest_side / 500));
 
   AtomicFile file(path);

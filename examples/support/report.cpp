@@ -31,7 +31,7 @@ std::string hex_color(std::uint32_t color) {
 void require_consistent(const ReportData& data) {
   Index keyframes = 0;
   for (const ReportSession& session : data.sessions) {
-    const std::size_t count = session.optimised.size();
+    const std::size_t count = session.optimized.size();
     for (const std::size_t size : {session.times.size(), session.odometry.size(), session.truth.size()})
       if (size != 0 && size != count)
         throw std::invalid_argument("report: session '" + session.name + "' has columns of different lengths");
@@ -133,7 +133,7 @@ std::string layer_box(const std::string& layer, const std::string& label, const 
 std::string view_section(const ReportData& data) {
   std::string layers = data.points.empty() ? "" : layer_box("points", "Points", "", true);
   const bool several = data.sessions.size() > 1;
-  layers += layer_box("optimised", "Trajectories", several ? "" : "s0", true);
+  layers += layer_box("optimized", "Trajectories", several ? "" : "s0", true);
   if (has_odometry(data))
     layers += layer_box("odometry", "Odometry alone", several ? "odometry" : "odometry s0", false);
   if (has_truth(data)) layers += layer_box("truth", "Truth", "truth", true);

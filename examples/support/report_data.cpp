@@ -47,7 +47,7 @@ ReportSession session_of(const Session& session, const SlamMap& map, const Eigen
   for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) {
     const Keyframe& keyframe = map.keyframes[at(i)];
     result.times.push_back(to_seconds(keyframe.time - first.time));
-    result.optimised.emplace_back(keyframe.T_map_body.translation() + offset);
+    result.optimized.emplace_back(keyframe.T_map_body.translation() + offset);
     result.odometry.emplace_back((T_map_odom * keyframe.T_odom_body).translation() + offset);
   }
   add_lost_stretches(map, session, result);
@@ -231,7 +231,7 @@ ReportPlot speed_plot(const std::vector<ReportSession>& sessions) {
       const double duration = session.times[i] - session.times[i - 1];
       if (!(duration > 0.0)) continue;
       series.x.push_back(0.5 * (session.times[i] + session.times[i - 1]));
-      series.y.push_back((session.optimised[i] - session.optimised[i - 1]).norm() / duration);
+      series.y.push_back((session.optimized[i] - session.optimized[i - 1]).norm() / duration);
     }
     if (!series.x.empty()) plot.series.push_back(std::move(series));
   }
@@ -260,9 +260,9 @@ std::vector<ReportPlot> error_plots(const std::vector<ReportSession>& sessions) 
     const ReportSession& session = sessions[s];
     if (session.truth.empty() || session.times.empty()) continue;
     const Index color = to_index(s);
-    together.series.push_back(error_series(session.name, session, color, session.optimised));
+    together.series.push_back(error_series(session.name, session, color, session.optimized));
     ReportPlot& plot = apart.emplace_back(error_plot("Distance from the truth: " + session.name));
-    plot.series.push_back(error_series(session.name + ", optimized", session, color, session.optimised));
+    plot.series.push_back(error_series(session.name + ", optimized", session, color, session.optimized));
     if (session.odometry.empty()) continue;
     plot.series.push_back(error_series(session.name + ", odometry alone", session, color, session.odometry));
     plot.series.back().dashed = true;

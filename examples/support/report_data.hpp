@@ -30,7 +30,7 @@ struct ReportFile {
 struct ReportSession {
   std::string name{};
   std::vector<double> times{};               ///< seconds since the session's start; empty or one per keyframe
-  std::vector<Eigen::Vector3d> optimised{};  ///< one per keyframe
+  std::vector<Eigen::Vector3d> optimized{};  ///< one per keyframe
   std::vector<Eigen::Vector3d> odometry{};   ///< as the front end gave it, laid on the map; empty or one per keyframe
   std::vector<Eigen::Vector3d> truth{};      ///< empty or one per keyframe
   std::vector<std::vector<Eigen::Vector3d>> lost{};  ///< stretches over which scans were lost, frame by frame
@@ -129,8 +129,8 @@ struct ReportData {
 /// Share of each scan's points with a match in the local map over time, a line for each session that has frames.
 [[nodiscard]] ReportPlot match_plot(const SlamMap& map);
 
-/// Distance from the truth over time, of each session that has truth and times. One session: optimised and odometry
-/// alone. Several: the optimised ones together, then one plot for each as if it were the only one.
+/// Distance from the truth over time, of each session that has truth and times. One session: optimized and odometry
+/// alone. Several: the optimized ones together, then one plot for each as if it were the only one.
 [[nodiscard]] std::vector<ReportPlot> error_plots(const std::vector<ReportSession>& sessions);
 
 /// What the back end took for each keyframe.

@@ -20,7 +20,7 @@ class PlanDrawing {
   PlanDrawing(const ReportData& data, const MapView& view, double width)
       : data_(data), view_(view), units_per_metre_(width / std::max(view_.width(), view_.height())) {
     for (const ReportSession& session : data_.sessions)
-      keyframes_.insert(keyframes_.end(), session.optimised.begin(), session.optimised.end());
+      keyframes_.insert(keyframes_.end(), session.optimized.begin(), session.optimized.end());
   }
 
   [[nodiscard]] std::string svg(const std::string& label, const std::string& layers) const {
@@ -176,14 +176,14 @@ std::string plan_section(const ReportData& data) {
   };
   add_closures(ClosureKind::chained);
   add_closures(ClosureKind::direct);
-  layers += PlanDrawing::layer("optimised", drawing.paths(&ReportSession::optimised));
+  layers += PlanDrawing::layer("optimized", drawing.paths(&ReportSession::optimized));
   layers += PlanDrawing::layer("lost", drawing.lost());
   add_closures(ClosureKind::merge);  // few, short, and what all else hangs on
 
   std::string legend;
   for (std::size_t s = 0; s < data.sessions.size(); ++s)
     legend += legend_entry(session_class(s), data.sessions[s].name);
-  legend += "<label><input type=\"checkbox\" data-switch=\"optimised\" checked>trajectories</label>";
+  legend += "<label><input type=\"checkbox\" data-switch=\"optimized\" checked>trajectories</label>";
   if (has_odometry(data))
     legend += switch_entry("odometry", "odometry", alone ? "odometry alone" : "odometry, placed by the merge", alone);
   if (has_truth(data)) legend += switch_entry("truth", "truth", "truth");
@@ -200,7 +200,7 @@ std::string before_after_section(const ReportData& data) {
   const PlanDrawing drawing(data, view_with_odometry(data), 640.0);
   std::string after;
   for (const ClosureKind kind : {ClosureKind::chained, ClosureKind::direct}) after += drawing.closures(kind);
-  after += drawing.paths(&ReportSession::optimised) + drawing.closures(ClosureKind::merge);
+  after += drawing.paths(&ReportSession::optimized) + drawing.closures(ClosureKind::merge);
   const bool alone = data.sessions.size() < 2;
   const std::string before =
       alone ? "Odometry alone, from the first keyframe on." : "Odometry alone, each session placed by its merge.";

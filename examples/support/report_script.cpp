@@ -101,9 +101,9 @@ const scene = new THREE.Scene();
 const camera = new THREE.PerspectiveCamera(50, 1, 1, 1000);
 camera.up.set(0, 0, 1);
 
-function scaled(quantised, low, step) {
-  const result = new Float32Array(quantised.length);
-  for (let i = 0; i < quantised.length; ++i) result[i] = low[i % 3] + step[i % 3] * quantised[i];
+function scaled(quantized, low, step) {
+  const result = new Float32Array(quantized.length);
+  for (let i = 0; i < quantized.length; ++i) result[i] = low[i % 3] + step[i % 3] * quantized[i];
   return result;
 }
 
@@ -231,12 +231,12 @@ for (const path of meta.paths) {
   const pairs = [];
   for (let i = 0; i + 1 < path.count; i += step)
     for (let j = 0; j < 6; ++j) pairs.push(positions[3 * i + j]);
-  const width = {optimised: 3, odometry: 1.4, truth: 1.2}[path.kind];
+  const width = {optimized: 3, odometry: 1.4, truth: 1.2}[path.kind];
   const color = path.kind === 'truth' ? 0xffffff : meta.session_colors[path.session % meta.session_colors.length];
-  const mesh = lines(new Float32Array(pairs), color, width, {optimised: 6, odometry: 2, truth: 1}[path.kind]);
+  const mesh = lines(new Float32Array(pairs), color, width, {optimized: 6, odometry: 2, truth: 1}[path.kind]);
   mesh.userData.session = path.session;
   addTo(path.kind, mesh);
-  if (path.kind === 'optimised')
+  if (path.kind === 'optimized')
     for (let i = 0; i < path.count; ++i)
       keyframes.push({
         position: new THREE.Vector3().fromArray(positions, 3 * i), session: path.session, number: keyframes.length,
@@ -409,7 +409,7 @@ canvas.addEventListener('keydown', event => {
 
 const tip = viewer.querySelector('.tip');
 function keyframeAt(event) {
-  if (layers.optimised && !layers.optimised.visible) return null;
+  if (layers.optimized && !layers.optimized.visible) return null;
   const box = canvas.getBoundingClientRect();
   let best = null, bestDistance = 12;
   for (const keyframe of keyframes) {

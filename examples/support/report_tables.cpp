@@ -72,8 +72,8 @@ std::string sessions_table(const ReportData& data) {
   if (several) heads.insert(heads.end(), {"From", "Frame of"});
   Table table("Sessions", heads);
   for (const ReportSession& session : data.sessions) {
-    std::vector<std::string> row{session.name, std::to_string(session.optimised.size()),
-                                 fixed(length_of(session.optimised), 1) + " m",
+    std::vector<std::string> row{session.name, std::to_string(session.optimized.size()),
+                                 fixed(length_of(session.optimized), 1) + " m",
                                  session.times.empty() ? "–" : duration_text(session.times.back())};
     if (several) {
       row.emplace_back(session.loaded ? "saved map" : "this run");

@@ -20,10 +20,10 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::array path_kinds{"optimised", "odometry", "truth"};
+constexpr std::array path_kinds{"optimized", "odometry", "truth"};
 
 const std::vector<Eigen::Vector3d>& path_of(const ReportSession& session, std::size_t kind) {
-  return kind == 0 ? session.optimised : (kind == 1 ? session.odometry : session.truth);
+  return kind == 0 ? session.optimized : (kind == 1 ? session.odometry : session.truth);
 }
 
 struct Points {
@@ -209,11 +209,11 @@ class ViewData {
     const Eigen::Vector3d shift = data.points_origin - origin;
     const Box box = box_of(points.positions);
     const Eigen::Vector3d step = ((box.high - box.low) / 65535.0).cwiseMax(1e-6);
-    std::vector<std::uint16_t> quantised;
-    quantised.reserve(3 * points.positions.size());
+    std::vector<std::uint16_t> quantized;
+    quantized.reserve(3 * points.positions.size());
     for (const Eigen::Vector3f& point : points.positions)
       for (Eigen::Index axis = 0; axis < 3; ++axis)
-        quantised.push_back(static_cast<std::uint16_t>(
+        quantized.push_back(static_cast<std::uint16_t>(
             std::clamp(std::lround((double{point[axis]} - box.low[axis]) / step[axis]), 0L, 65535L)));
     const auto heights = height_range(points.positions, shift.z());
     meta_["point_count"] = points.positions.size();
@@ -221,7 +221,7 @@ class ViewData {
     meta_["point_step"] = {step.x(), step.y(), step.z()};
     meta_["point_size"] = spacing_of(points.positions);
     meta_["height"] = {heights[0], heights[1]};
-    blocks_ += data_block("points", binary, base64_of(quantised));
+    blocks_ += data_block("points", binary, base64_of(quantized));
     blocks_ +=
         data_block("point-sessions", binary, data.point_sessions.empty() ? std::string() : base64_of(points.sessions));
   }
@@ -234,8 +234,8 @@ class ViewData {
 void add_view(Json& meta, const ReportData& data, const Eigen::Vector3d& origin) {
   const MapView view = view_of(data);
   double height = origin.z();
-  if (!data.sessions.empty() && !data.sessions.front().optimised.empty())
-    height = data.sessions.front().optimised.front().z();
+  if (!data.sessions.empty() && !data.sessions.front().optimized.empty())
+    height = data.sessions.front().optimized.front().z();
   meta["centre"] = {0.5 * (view.min_x + view.max_x) - origin.x(), 0.5 * (view.min_y + view.max_y) - origin.y(),
                     height - origin.z()};
   meta["low"] = {view.min_x - origin.x(), view.min_y - origin.y()};

@@ -74,7 +74,7 @@ std::string doubts_of(const SessionJoin& join) {
       counted(join.reverted_places, "place") + " and " + counted(join.reverted, "closure") + " reverted");
   add(join.unconfirmed, counted(join.unconfirmed, "place") + " unconfirmed");
   add(join.against_fixes, counted(join.against_fixes, "place") + " against the fixes");
-  add(join.not_found, counted(join.not_found, "place") + " not recognised");
+  add(join.not_found, counted(join.not_found, "place") + " not recognized");
   return text;
 }
 

@@ -132,8 +132,8 @@ Json spacing_json(const SearchSpacing& spacing) {
 Json back_end_json(const BackEndSummary& back_end) {
   Json json{{"keyframes", back_end.keyframes},
             {"alignments", back_end.alignments},
-            {"optimisations", back_end.optimisations},
-            {"failed_optimisations", back_end.failed_optimisations}};
+            {"optimizations", back_end.optimizations},
+            {"failed_optimizations", back_end.failed_optimizations}};
   json["per_keyframe"] = spread_json(back_end.seconds, "_ms", 1e3);
   json["alignments_per_keyframe"] = spread_json(back_end.keyframe_alignments, "", 1);
   json["alignments_per_direct_closure"] = spread_json(back_end.closure_alignments, "", 1);

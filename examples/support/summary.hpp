@@ -37,7 +37,7 @@ struct SessionSummary {
   Index keyframes = 0;
   double data_seconds = 0.0;  ///< time that the data spans
   double path_length = 0.0;   ///< metres
-  /// "optimised.ape.translation.rmse", ... under an alignment of its own; each dot is a level
+  /// "optimized.ape.translation.rmse", ... under an alignment of its own; each dot is a level
   std::map<std::string, double> errors{};
   /// "samples", "rejected.spikes", ...: samples of the IMU by what became of them; each dot is a level
   std::map<std::string, std::int64_t> imu{};
@@ -80,8 +80,8 @@ struct SearchSpacing {
 
 /// What the back end did, and what each keyframe and each closure cost it.
 struct BackEndSummary {
-  Index optimisations = 0;
-  Index failed_optimisations = 0;
+  Index optimizations = 0;
+  Index failed_optimizations = 0;
   Index alignments = 0;          ///< scans registered to submaps, accepted or not
   Index keyframes = 0;           ///< added in this run
   Spread seconds{};              ///< per keyframe
@@ -113,7 +113,7 @@ struct RunSummary {
   double path_length = 0.0;       ///< metres, all sessions of this run
   std::uint64_t peak_memory = 0;  ///< bytes
   std::vector<StageTime> stages{};
-  std::map<std::string, double> errors{};  ///< "optimised.ape.translation.rmse", ...; each dot is a level
+  std::map<std::string, double> errors{};  ///< "optimized.ape.translation.rmse", ...; each dot is a level
   std::vector<GoalResult> goals{};
   std::vector<std::string> notes{};
 };

@@ -46,7 +46,7 @@ TEST_SUITE("cloud/quantize") {
     });
   }
 
-  TEST_CASE("the order of the points does not matter, and quantising again changes nothing") {
+  TEST_CASE("the order of the points does not matter, and quantizing again changes nothing") {
     for_all(50, [](Rng& rng, int size) {
       PointCloud<float> cloud = random_points(rng, 5 * size, size > 50 ? 300 : 0.05);
       const PointCloud<float> once = quantized(cloud);

@@ -1,5 +1,5 @@
 // expect: BackEnd: Outliers is GroupGnc, or a kernel with `double weight(double squared_residual) const` and
-// A kernel that only weighs: the optimiser has to compare costs too.
+// A kernel that only weighs: the optimizer has to compare costs too.
 #include "chainslam/slam/back_end.hpp"
 
 struct MyKernel {

@@ -14,5 +14,5 @@ using Solver = MySolver;
 int main() {
   chainslam::FactorGraph<chainslam::SE3d> graph;
   Solver solver;
-  (void)chainslam::optimise(graph, chainslam::LevenbergMarquardt{}, solver);
+  (void)chainslam::optimize(graph, chainslam::LevenbergMarquardt{}, solver);
 }

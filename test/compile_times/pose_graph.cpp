@@ -1,4 +1,4 @@
-// A pose graph, optimised as a whole.
+// A pose graph, optimized as a whole.
 #include <chainslam/factor_graph/batch_optimizer.hpp>
 #include <chainslam/factor_graph/factors.hpp>
 
@@ -10,5 +10,5 @@ int main() {
   graph.add_value(SE3d());
   graph.add(PriorFactor<SE3d>{0, SE3d(), noise.sqrt_information()});
   graph.add(BetweenFactor<SE3d>{0, 1, SE3d(), noise.sqrt_information()});
-  return optimise(graph).ok() ? 0 : 1;
+  return optimize(graph).ok() ? 0 : 1;
 }

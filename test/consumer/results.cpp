@@ -51,7 +51,7 @@ void fill(Graph& graph) {
 void graphs() {
   PoseGraph graph;
   fill(graph);
-  std::printf("batch %d\n", static_cast<int>(optimise(graph).status));
+  std::printf("batch %d\n", static_cast<int>(optimize(graph).status));
   print("batch", graph.values()[29]);
   IncrementalSmoother<SE3d> smoother;
   fill(smoother);

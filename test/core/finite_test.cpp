@@ -15,7 +15,7 @@
 namespace chainslam {
 namespace {
 
-/// Numbers that the optimiser cannot see through.
+/// Numbers that the optimizer cannot see through.
 float parse_float(const char* text) { return std::strtof(text, nullptr); }
 double parse_double(const char* text) { return std::strtod(text, nullptr); }
 

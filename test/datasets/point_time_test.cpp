@@ -159,7 +159,7 @@ TEST_SUITE("datasets/point_time") {
     CHECK(found.status == PointTimeStatus::unusable);
     CHECK(found.sentence.find("from 0 to 10") != std::string::npos);
     CHECK(infer_point_time(ramp(0, 0.001), stamp).status == PointTimeStatus::unusable);
-    CHECK(infer_point_time(ramp(0, 1), stamp).status == PointTimeStatus::unusable);  // normalised to 0..1
+    CHECK(infer_point_time(ramp(0, 1), stamp).status == PointTimeStatus::unusable);  // normalized to 0..1
   }
 
   TEST_CASE("too wide a hint leaves more than one unit, and stating it decides") {

@@ -145,7 +145,7 @@ TEST_SUITE("datasets/kitti") {
     // The camera's z is the LiDAR's x, and its x the LiDAR's -y.
     CHECK(truth->poses[0].log().norm() < 1e-9);
     CHECK(truth->poses[2].translation().isApprox(Eigen::Vector3d(4, -0.5, 0), 1e-9));
-    const auto as_stored = std::get<LidarScan>(*open_dataset(path, {.kitti_raise_deg = 0})->next());
+    const auto as_stored = std::get<LidarScan>(*open_dataset(path, {.kitti_elevation_offset_deg = 0})->next());
     CHECK(as_stored.cloud.positions[1] == Eigen::Vector3f(0, 20, -1));
     CHECK(says(inspected(path), "truth path"));
   }

@@ -14,7 +14,7 @@ check() {
 import json, sys
 summary = json.load(open(sys.argv[1]))
 assert {session["frame"] for session in summary["sessions"]} == {0}, "sessions in several frames"
-all, between = (summary["errors"][of][kind]["translation"]["rmse"] for of, kind in (("optimised", "ape"), ("inter_session", "rpe")))
+all, between = (summary["errors"][of][kind]["translation"]["rmse"] for of, kind in (("optimized", "ape"), ("inter_session", "rpe")))
 print(f"3 sessions in 1 frame, error {all:.3f} m, {between:.3f} m between sessions")
 PYTHON
 )"

@@ -32,7 +32,7 @@ def ape(count: int, metres: float, degrees: float) -> dict[str, object]:
 
 def session(name: str, frame: int, metres: float) -> dict[str, object]:
     rmse = {"translation": {"rmse": metres}, "rotation_deg": {"rmse": 2 * metres}}
-    return {"name": name, "frame": frame, "loaded": False, "errors": {"optimised": {"ape": rmse}}}
+    return {"name": name, "frame": frame, "loaded": False, "errors": {"optimized": {"ape": rmse}}}
 
 
 class Scratch(unittest.TestCase):
@@ -45,7 +45,7 @@ class Scratch(unittest.TestCase):
 class FiguresOfARun(Scratch):
     def two_frames(self) -> Path:
         sessions = [session("a", 0, 1.0), session("b", 1, 3.0), session("c", 0, 2.0)]
-        whole = {"optimised": {"ape": {"translation": {"rmse": 2.5}, "rotation_deg": {"rmse": 5.0}}}}
+        whole = {"optimized": {"ape": {"translation": {"rmse": 2.5}, "rotation_deg": {"rmse": 5.0}}}}
         whole["inter_session"] = {"rpe": {"translation": {"rmse": 0.5, "median": 0.4}, "rotation_deg": {"rmse": 1.0}}}
         write(self.root / "summary.json", {"sessions": sessions, "errors": whole,
                                            "closures": {"direct": 7, "chained": 2, "merge": 1}})
@@ -81,7 +81,7 @@ class FiguresOfARun(Scratch):
         found = back_end(summary, 400)
         self.assertEqual((found["keyframe_mean_ms"], found["scan_back_ms"], found["keyframe_p99_ms"]), (200, 15, 900))
         self.assertEqual(stage(summary, "odometry", "front")["front_mean_ms"], 20)
-        lamm = {"stages": {"describe": {"total_s": 1.0}, "search": {"total_s": 2.0}, "optimise": {"total_s": 3.0}},
+        lamm = {"stages": {"describe": {"total_s": 1.0}, "search": {"total_s": 2.0}, "optimize": {"total_s": 3.0}},
                 "keyframes": 60, "back_end": {"keyframes": 0, "per_keyframe": {"p99_ms": 0}}}
         self.assertEqual(back_end(lamm, 600)["keyframe_mean_ms"], 100)
         self.assertTrue(math.isnan(back_end(lamm, 600)["keyframe_p99_ms"]))

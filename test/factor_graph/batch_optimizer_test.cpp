@@ -42,7 +42,7 @@ void check_descent(Method method, Index iterations) {
     double cost = graph.cost();
     for (method.max_iterations = 1; method.max_iterations < iterations; ++method.max_iterations) {
       PoseGraph again = graph;
-      const OptimizeReport report = optimise(again, method);
+      const OptimizeReport report = optimize(again, method);
       REQUIRE(report.ok());
       CHECK(report.final_cost <= cost);
       CHECK(report.final_cost == again.cost());
@@ -54,7 +54,7 @@ void check_descent(Method method, Index iterations) {
 }  // namespace
 
 TEST_SUITE("factor_graph/batch_optimizer") {
-  // Optima from shared/data/pose_graphs/README.md: first pose fixed, exact Jacobians, minimised by another solver from
+  // Optima from shared/data/pose_graphs/README.md: first pose fixed, exact Jacobians, minimized by another solver from
   // the chordal start. Graphs whose stored vertices lead into another valley are not listed.
   TEST_CASE("spatial benchmark graphs reach their known optimum from their own vertices" * doctest::skip(quick())) {
     struct Case {
@@ -68,7 +68,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
       if (!path) continue;
       INFO(known.name);
       PoseGraph graph = make_graph(read_g2o(*path).spatial);
-      const OptimizeReport report = optimise(graph, GaussNewton{});
+      const OptimizeReport report = optimize(graph, GaussNewton{});
       CHECK(report.status == OptimizeStatus::converged);
       CHECK(report.final_cost == doctest::Approx(known.optimum).epsilon(1e-7));  // all digits that are published
       CHECK(report.final_cost == graph.cost());
@@ -86,7 +86,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
       if (!path) continue;
       INFO(known.name);
       FactorGraph<SE2d, PlanarBetween> graph = make_planar_graph(read_g2o(*path).planar);
-      const OptimizeReport report = optimise(graph, LevenbergMarquardt{});
+      const OptimizeReport report = optimize(graph, LevenbergMarquardt{});
       CHECK(report.status == OptimizeStatus::converged);
       CHECK(report.final_cost == doctest::Approx(known.optimum).epsilon(1e-6));
     }
@@ -98,9 +98,9 @@ TEST_SUITE("factor_graph/batch_optimizer") {
       hold_first(graph);
       FactorGraph<Group> other = graph;
       FactorGraph<Group> third = graph;
-      const OptimizeReport gauss_newton = optimise(graph, GaussNewton{});
-      const OptimizeReport marquardt = optimise(other, LevenbergMarquardt{});
-      const OptimizeReport dogleg = optimise(third, Dogleg{});
+      const OptimizeReport gauss_newton = optimize(graph, GaussNewton{});
+      const OptimizeReport marquardt = optimize(other, LevenbergMarquardt{});
+      const OptimizeReport dogleg = optimize(third, Dogleg{});
       REQUIRE(gauss_newton.status == OptimizeStatus::converged);
       REQUIRE(marquardt.status == OptimizeStatus::converged);
       REQUIRE(dogleg.status == OptimizeStatus::converged);
@@ -123,7 +123,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     graph.set_fixed(0);
     const Values<SE3d> truth = graph.values();
     for (Key key = 1; key < 40; ++key) graph.set_value(key, truth[key].retract(random_tangent<SE3d>(rng, 0.3, 0.1)));
-    const OptimizeReport report = optimise(graph);
+    const OptimizeReport report = optimize(graph);
     CHECK(report.status == OptimizeStatus::converged);
     CHECK(largest_difference(graph.values(), truth) < 1e-5);  // 1e-7 a step, over 40 steps and levers of 20 m
   }
@@ -145,7 +145,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     graph.add_between(12, 11, SE3d(), noise);
     graph.add_between(14, 12, SE3d(), noise);
     const Values<SE3d> before = graph.values();
-    const OptimizeReport report = optimise(graph);
+    const OptimizeReport report = optimize(graph);
     CHECK(report.status == OptimizeStatus::unconstrained);
     CHECK(report.variables == std::vector<Key>{10, 11, 13});
     REQUIRE(report.free.size() == 3);
@@ -155,7 +155,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     graph.set_fixed(10);
     graph.add_prior(14, graph[14], noise);
     graph.add_between(0, 13, SE3d(), noise);
-    CHECK(optimise(graph).status == OptimizeStatus::converged);
+    CHECK(optimize(graph).status == OptimizeStatus::converged);
   }
 
   TEST_CASE("a direction that is not measured is named, and the values stay") {
@@ -167,7 +167,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     sigmas[5] = std::numeric_limits<double>::infinity();  // no yaw
     graph.add_between(0, 1, SE3d::exp(Vector6d::Constant(0.1)), PoseGraph::Noise::from_sigmas(sigmas));
     const Values<SE3d> before = graph.values();
-    const OptimizeReport gauss_newton = optimise(graph, GaussNewton{});
+    const OptimizeReport gauss_newton = optimize(graph, GaussNewton{});
     CHECK(gauss_newton.status == OptimizeStatus::singular);
     REQUIRE(gauss_newton.variables.size() == 1);
     CHECK(!gauss_newton.ok());
@@ -178,8 +178,8 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     PoseGraph graph;
     graph.add_value(SE3d(SO3d(), Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN())));
     graph.add_prior(0, SE3d(), PoseGraph::Noise::from_sigma(1.0));
-    CHECK(optimise(graph, GaussNewton{}).status == OptimizeStatus::not_finite);
-    CHECK(optimise(graph, LevenbergMarquardt{}).status == OptimizeStatus::not_finite);
+    CHECK(optimize(graph, GaussNewton{}).status == OptimizeStatus::not_finite);
+    CHECK(optimize(graph, LevenbergMarquardt{}).status == OptimizeStatus::not_finite);
   }
 
   TEST_CASE_TEMPLATE("a unary prior alone pulls its variable onto its mean", Group, SE3d, SE2d) {
@@ -191,7 +191,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
       graph.add_value(means.back().retract(random_tangent<Group>(rng, 1.0, 0.3)));
       graph.add_prior(key, means.back(), random_noise<Group::dof>(rng));
     }
-    CHECK(optimise(graph, GaussNewton{}).status == OptimizeStatus::converged);
+    CHECK(optimize(graph, GaussNewton{}).status == OptimizeStatus::converged);
     for (Key key = 0; key < 5; ++key) CHECK(graph[key].local(means[static_cast<std::size_t>(key)]).norm() < 1e-9);
   }
 
@@ -200,7 +200,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     graph.add_value(SE2d());
     graph.add_prior(0, SE2d(), NoiseModel<3>::from_sigma(1.0));
     graph.add_prior(0, SE2d(SO2d(), {5.0, 0.0}), NoiseModel<3>::from_sigma(0.5));
-    const OptimizeReport report = optimise(graph);
+    const OptimizeReport report = optimize(graph);
     CHECK(graph[0].translation()[0] == doctest::Approx(4.0));  // (1 * 0 + 4 * 5) / 5
     CHECK(report.final_cost == doctest::Approx(16.0 + 4.0));
   }
@@ -219,8 +219,8 @@ TEST_SUITE("factor_graph/batch_optimizer") {
       factor.sqrt_information *= std::sqrt(2.0);
       stronger.add(factor);
     }
-    REQUIRE(optimise(doubled).ok());
-    REQUIRE(optimise(stronger).ok());
+    REQUIRE(optimize(doubled).ok());
+    REQUIRE(optimize(stronger).ok());
     CHECK(largest_difference(doubled.values(), stronger.values()) < 1e-6);
   }
 
@@ -229,12 +229,12 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     PoseGraph graph = random_graph<SE3d>(rng, 20, 0.02);
     for (const Key key : {4, 11}) graph.set_fixed(key);
     const Values<SE3d> before = graph.values();
-    REQUIRE(optimise(graph).status == OptimizeStatus::converged);
+    REQUIRE(optimize(graph).status == OptimizeStatus::converged);
     CHECK(graph[4] == before[4]);
     CHECK(graph[11] == before[11]);
     CHECK(!(graph[5] == before[5]));
     for (Key key = 0; key < 20; ++key) graph.set_fixed(key);
-    const OptimizeReport report = optimise(graph);
+    const OptimizeReport report = optimize(graph);
     CHECK(report.status == OptimizeStatus::converged);
     CHECK(report.final_cost == report.initial_cost);
   }
@@ -248,17 +248,17 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     for (const auto& factor : clean.betweens()) graph.add(factor);
     for (const auto& factor : clean.priors()) graph.add(factor);
     graph.add(Closure{3, 50, SE3d(), PoseGraph::Noise::from_sigma(0.01).sqrt_information(), Cauchy{.width = 1.0}});
-    REQUIRE(optimise(clean).ok());
-    REQUIRE(optimise(graph).ok());
+    REQUIRE(optimize(clean).ok());
+    REQUIRE(optimize(graph).ok());
     CHECK(largest_difference(graph.values(), clean.values()) < 0.01);
   }
 
-  TEST_CASE("a second optimisation has nothing left to do") {
+  TEST_CASE("a second optimization has nothing left to do") {
     Rng rng(12);
     PoseGraph graph = random_graph<SE3d>(rng, 100, 0.02);
     hold_first(graph);
-    const OptimizeReport first = optimise(graph, GaussNewton{});
-    const OptimizeReport second = optimise(graph, GaussNewton{});
+    const OptimizeReport first = optimize(graph, GaussNewton{});
+    const OptimizeReport second = optimize(graph, GaussNewton{});
     CHECK(second.status == OptimizeStatus::converged);
     CHECK(second.iterations == 1);
     CHECK(second.final_cost == doctest::Approx(first.final_cost).epsilon(1e-8));
@@ -271,9 +271,9 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     PoseGraph same = graph;
     PoseGraph other = graph;
     BlockCholesky<6, Natural> natural;
-    REQUIRE(optimise(graph).ok());
-    REQUIRE(optimise(same).ok());
-    REQUIRE(optimise(other, LevenbergMarquardt{}, natural).ok());
+    REQUIRE(optimize(graph).ok());
+    REQUIRE(optimize(same).ok());
+    REQUIRE(optimize(other, LevenbergMarquardt{}, natural).ok());
     CHECK(graph.values() == same.values());
     CHECK(largest_difference(graph.values(), other.values()) < 1e-6);
   }
@@ -282,7 +282,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
     Rng rng(14);
     PoseGraph graph = random_graph<SE3d>(rng, 50, 0.1);
     hold_first(graph);
-    const OptimizeReport report = optimise(graph, LevenbergMarquardt{.max_iterations = 1});
+    const OptimizeReport report = optimize(graph, LevenbergMarquardt{.max_iterations = 1});
     CHECK(report.status == OptimizeStatus::iteration_limit);
     CHECK(report.iterations == 1);
     CHECK(report.final_cost < report.initial_cost);
@@ -290,7 +290,7 @@ TEST_SUITE("factor_graph/batch_optimizer") {
 
   TEST_CASE("an empty graph is optimal") {
     PoseGraph graph;
-    const OptimizeReport report = optimise(graph);
+    const OptimizeReport report = optimize(graph);
     CHECK(report.status == OptimizeStatus::converged);
     CHECK(report.final_cost == 0.0);
   }

@@ -12,8 +12,8 @@ TEST_SUITE("factor_graph/batch_optimizer") {
                     "an optimization on several threads is bit-identical to one on one") {
     const auto walk = [] { return test::StreetWalk({.sessions = 2, .keyframes = 300, .blocks = 2}).graph(); };
     PoseGraph one = walk(), four = walk();
-    REQUIRE(optimise(one, GaussNewton{}).ok());
-    REQUIRE(optimise(four, GaussNewton{}, ThreadPool(4)).ok());
+    REQUIRE(optimize(one, GaussNewton{}).ok());
+    REQUIRE(optimize(four, GaussNewton{}, ThreadPool(4)).ok());
     CHECK(four.values() == one.values());
   }
 }

@@ -19,7 +19,7 @@ TEST_SUITE("factor_graph/certificate") {
     for_all(8, [](Rng& rng, int size) {
       FactorGraph<Group> graph = random_graph<Group>(rng, size + 4, 0.01);
       graph.set_fixed(0);
-      REQUIRE(optimise(graph).ok());
+      REQUIRE(optimize(graph).ok());
       const auto certificate = certify(graph);
       REQUIRE(certificate);
       CHECK(certificate->cost == graph.cost());
@@ -41,7 +41,7 @@ TEST_SUITE("factor_graph/certificate") {
       const auto certificate = certify(graph);
       REQUIRE(certificate);
       CHECK(certificate->lower_bound <= certificate->cost);
-      REQUIRE(optimise(graph).ok());
+      REQUIRE(optimize(graph).ok());
       CHECK(certificate->lower_bound <= graph.cost());
     });
   }
@@ -54,7 +54,7 @@ TEST_SUITE("factor_graph/certificate") {
     for (int k = 0; k < size; ++k)
       graph.add_between(k, (k + 1) % size, step, NoiseModel<3>::from_sigmas({0.1, 0.1, 0.1}));
     graph.set_fixed(0);
-    REQUIRE(optimise(graph).ok());
+    REQUIRE(optimize(graph).ok());
     CHECK(graph.cost() > 100.0);
     const auto wound = certify(graph);
     REQUIRE(wound);
@@ -62,7 +62,7 @@ TEST_SUITE("factor_graph/certificate") {
     const auto start = chordal_initialization(graph);
     REQUIRE(start);
     graph.set_values(*start);
-    REQUIRE(optimise(graph).ok());
+    REQUIRE(optimize(graph).ok());
     CHECK(graph.cost() < 1e-9);
   }
 
@@ -76,7 +76,7 @@ TEST_SUITE("factor_graph/certificate") {
       const auto start = chordal_initialization(graph);
       REQUIRE(start);
       graph.set_values(*start);
-      REQUIRE(optimise(graph).ok());
+      REQUIRE(optimize(graph).ok());
       const auto certificate = certify(graph);
       REQUIRE(certificate);
       std::printf("FIGURE certificate, %s: cost %.6g, no less than %.6g\n", name, certificate->cost,

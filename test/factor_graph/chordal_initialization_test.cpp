@@ -29,7 +29,7 @@ double optimum_from_chordal(Graph graph) {
   const auto start = chordal_initialization(graph);
   REQUIRE(start);
   graph.set_values(*start);
-  const OptimizeReport report = optimise(graph, LevenbergMarquardt{.max_iterations = 300});
+  const OptimizeReport report = optimize(graph, LevenbergMarquardt{.max_iterations = 300});
   CHECK(report.status == OptimizeStatus::converged);
   return report.final_cost;
 }

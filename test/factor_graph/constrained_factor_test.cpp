@@ -106,7 +106,7 @@ TEST_SUITE("factor_graph/constrained_factor") {
       Graph graph = flat_walk(rng, 4 + size / 2);
       Smoother smoother;
       smoother.append(graph);
-      const OptimizeReport batch = optimise(graph);
+      const OptimizeReport batch = optimize(graph);
       REQUIRE(batch.ok());
       CHECK(batch.violation < 1e-9);
       CHECK(gradient_beside_constraints(graph, graph.values()) < 1e-6);
@@ -148,9 +148,9 @@ TEST_SUITE("factor_graph/constrained_factor") {
       held.set_value(key, place);
       held.set_fixed(key);
     }
-    const OptimizeReport report = optimise(pinned);
+    const OptimizeReport report = optimize(pinned);
     REQUIRE(report.ok());
-    REQUIRE(optimise(held).ok());
+    REQUIRE(optimize(held).ok());
     CHECK(report.violation < 1e-10);
     for (Key key = 0; key < walk.values().size(); ++key) CHECK(pinned[key].local(held[key]).norm() < 1e-5);
     CHECK(pinned.cost() == doctest::Approx(held.cost()).epsilon(1e-8));
@@ -187,7 +187,7 @@ TEST_SUITE("factor_graph/constrained_factor") {
     const SE3d aside(SO3d(), Eigen::Vector3d(1.0, 0.0, 0.0));
     graph.add(constrained(PriorFactor<SE3d>{.key = 0, .mean = {}}, Vector6d::Zero()));
     graph.add(constrained(PriorFactor<SE3d>{.key = 0, .mean = aside}, Vector6d::Zero()));
-    const OptimizeReport report = optimise(graph);
+    const OptimizeReport report = optimize(graph);
     REQUIRE(report.ok());
     CHECK(report.violation == doctest::Approx(0.5));
     CHECK(graph[0].translation().x() == doctest::Approx(0.5));

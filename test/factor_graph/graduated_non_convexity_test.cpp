@@ -37,7 +37,7 @@ TEST_SUITE("factor_graph/graduated_non_convexity") {
             honest[from].inverse() * honest[from + 25] * Group::exp(random_tangent<Group>(rng, 3.0, 0.5));
         graph.add_between(from, from + 25, wrong, NoiseModel<Group::dof>::from_sigma(0.02));
       }
-      const GncReport report = optimise(graph, GraduatedNonConvexity{}, is_closure);
+      const GncReport report = optimize(graph, GraduatedNonConvexity{}, is_closure);
       REQUIRE(report.last.ok());
       CHECK(report.decided);
       std::size_t liars_in = 0, honest_out = 0;
@@ -48,7 +48,7 @@ TEST_SUITE("factor_graph/graduated_non_convexity") {
       }
       CHECK(liars_in == 0);
       CHECK(honest_out <= 2);  // of 30, by one in a hundred each
-      REQUIRE(optimise(honest).ok());
+      REQUIRE(optimize(honest).ok());
       double most = 0.0;
       for (Key key = 0; key < 60; ++key) most = std::max(most, graph[key].local(honest[key]).norm());
       CHECK(most < 0.2);  // where an honest closure is out
@@ -60,11 +60,11 @@ TEST_SUITE("factor_graph/graduated_non_convexity") {
     PoseGraph graph = random_graph<SE3d>(rng, 40, 1e-3);
     graph.set_fixed(0);
     PoseGraph plain = graph;
-    const GncReport report = optimise(graph, GraduatedNonConvexity{.threshold = 100.0}, is_closure);
+    const GncReport report = optimize(graph, GraduatedNonConvexity{.threshold = 100.0}, is_closure);
     CHECK(report.steps == 1);
     CHECK(report.decided);
     for (const double weight : report.weights) CHECK(weight == 1.0);
-    REQUIRE(optimise(plain).ok());
+    REQUIRE(optimize(plain).ok());
     CHECK(graph.cost() == doctest::Approx(plain.cost()).epsilon(1e-5));
   }
 
@@ -72,7 +72,7 @@ TEST_SUITE("factor_graph/graduated_non_convexity") {
     Rng rng(3);
     PoseGraph graph = random_graph<SE3d>(rng, 10, 0.01);
     const Values<SE3d> before = graph.values();
-    const GncReport report = optimise(graph, GraduatedNonConvexity{}, is_closure);
+    const GncReport report = optimize(graph, GraduatedNonConvexity{}, is_closure);
     CHECK(report.last.status == OptimizeStatus::unconstrained);
     CHECK(graph.values() == before);
   }

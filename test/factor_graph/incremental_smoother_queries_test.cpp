@@ -117,7 +117,7 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     graph.add_prior(0, SE3d(), noise);
     for (Key key = 1; key < 9; ++key)
       graph.add_between(key - 1, key, SE3d(SO3d(), {1, 0, 0}), key == 4 ? Smoother::Noise::from_sigmas(sigmas) : noise);
-    const OptimizeReport batch = optimise(graph, GaussNewton{});
+    const OptimizeReport batch = optimize(graph, GaussNewton{});
     CHECK(batch.status == OptimizeStatus::singular);
     REQUIRE(batch.free.size() == 1);
     CHECK(describe(batch.free[0]).starts_with("variable 4 (5 variables) is free in z (1 direction"));
@@ -315,7 +315,7 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     CHECK(report.relinearized < 10);
     REQUIRE(twin.smoother.converge().ok());
     Graph graph = twin.graph(twin.smoother.values());
-    REQUIRE(optimise(graph).ok());
+    REQUIRE(optimize(graph).ok());
     CHECK(twin.smoother.cost() == doctest::Approx(graph.cost()).epsilon(1e-6));
     CHECK(largest_difference(twin.smoother.values(), graph.values()) < 1e-3);
     CHECK_THROWS_AS(twin.smoother.move(std::vector<Key>{400}, offset), std::invalid_argument);
@@ -408,7 +408,7 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     CHECK(refused(saved).empty());
   }
 
-  TEST_CASE("a marginalised variable leaves the Schur complement of what was said of it") {
+  TEST_CASE("a marginalized variable leaves the Schur complement of what was said of it") {
     for_all(20, [](Rng& rng, int size) {
       FactorGraph<SE3d> graph = random_graph<SE3d>(rng, 6, 0.05);
       detail::DenseElimination elimination(6, 2, {0, 1, 3, 4, 5});

@@ -23,7 +23,7 @@ using namespace chainslam::test;
 
 namespace {
 
-/// One step of Gauss and Newton by the batch optimiser, whatever it does to the cost.
+/// One step of Gauss and Newton by the batch optimizer, whatever it does to the cost.
 Values<SE3d> gauss_newton_step(Graph graph) {
   detail::NormalEquations<Graph> equations(graph);
   equations.linearize(graph, graph.values());
@@ -65,7 +65,7 @@ Fed fed(const FactorGraph<Group>& graph, const SmootherOptions& options, bool ch
 }  // namespace
 
 TEST_SUITE("factor_graph/incremental_smoother") {
-  TEST_CASE("with tolerances at 0, every step of random histories is the batch optimiser's step") {
+  TEST_CASE("with tolerances at 0, every step of random histories is the batch optimizer's step") {
     for_all(30, [](Rng& rng, int size) {
       Twin twin(exact);
       Walk walk(rng);
@@ -93,7 +93,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
         const ConvergeReport report = twin.smoother.converge();
         REQUIRE(report.ok());
         Graph graph = twin.graph(twin.smoother.values());
-        REQUIRE(optimise(graph).ok());
+        REQUIRE(optimize(graph).ok());
         CHECK(twin.smoother.cost() == doctest::Approx(graph.cost()).epsilon(1e-6));
         CHECK(largest_difference(twin.smoother.values(), graph.values()) < 1e-4);
       }
@@ -222,7 +222,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
     CHECK(*std::min_element(changed.begin(), changed.end()) >= 380);
   }
 
-  TEST_CASE("what moves as a whole is not linearised anew") {
+  TEST_CASE("what moves as a whole is not linearized anew") {
     Smoother smoother;
     const auto noise = Smoother::Noise::from_sigma(1e-5);
     const auto weak = Smoother::Noise::from_sigma(50.0);
@@ -307,7 +307,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
     FactorGraph<SE2d> graph = random_graph<SE2d>(rng, 150, 0.05);
     auto smoother = fed<IncrementalSmoother<SE2d>>(graph, {}, true);
     graph.set_fixed(0);
-    REQUIRE(optimise(graph).ok());
+    REQUIRE(optimize(graph).ok());
     CHECK(smoother.cost() <= 1.0001 * graph.cost());
     REQUIRE(smoother.converge().ok());
     CHECK(smoother.cost() == doctest::Approx(graph.cost()).epsilon(1e-7));
@@ -336,7 +336,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
     }
   }
 
-  TEST_CASE("from far away, converge takes about as many steps as the batch optimiser, and knows where they end") {
+  TEST_CASE("from far away, converge takes about as many steps as the batch optimizer, and knows where they end") {
     PoseGraph graph = StreetWalk({.sessions = 1, .keyframes = 200, .blocks = 2}).graph();
     Rng rng(7);
     Values<SE3d> far = graph.values();
@@ -346,7 +346,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
     for (const SE3d& pose : far) smoother.add_value(pose);
     graph.for_each_factor([&](const auto& factor) { smoother.add(factor); });
     smoother.set_fixed(0);
-    const OptimizeReport batch = optimise(graph, LevenbergMarquardt{.max_iterations = 200});
+    const OptimizeReport batch = optimize(graph, LevenbergMarquardt{.max_iterations = 200});
     REQUIRE(batch.status == OptimizeStatus::converged);
     const ConvergeReport report = smoother.converge(ConvergeOptions<NoRestart>{.max_iterations = 50});
     CHECK(report.converged);
@@ -363,7 +363,7 @@ TEST_SUITE("factor_graph/incremental_smoother") {
       for (const auto& factor : graph.betweens()) smoother.add(factor);
       smoother.set_fixed(0);
       graph.set_fixed(0);
-      REQUIRE(optimise(graph).ok());
+      REQUIRE(optimize(graph).ok());
       const ConvergeReport report =
           size % 2 == 0 ? smoother.converge() : smoother.converge(ConvergeOptions<NoRestart>{});
       REQUIRE(report.ok());

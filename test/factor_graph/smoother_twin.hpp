@@ -18,7 +18,7 @@ using Weld = Constrained<BetweenFactor<SE3d>>;
 using Graph = FactorGraph<SE3d, Closure, Pin, Weld>;
 using Smoother = IncrementalSmoother<SE3d, Closure, Pin, Weld>;
 
-/// All is exact: every factor is linearised anew in each update, and every solution computed.
+/// All is exact: every factor is linearized anew in each update, and every solution computed.
 inline constexpr SmootherOptions exact{.linear_tolerance = 0.0, .nonlinear_tolerance = 0.0, .first_look = 0.0};
 
 inline double largest_difference(const Values<SE3d>& a, const Values<SE3d>& b) {
@@ -55,7 +55,7 @@ struct Twin {
     closures.erase(closures.begin() + static_cast<std::ptrdiff_t>(k));
   }
 
-  /// The same graph for the batch optimiser, from the smoother's estimate.
+  /// The same graph for the batch optimizer, from the smoother's estimate.
   [[nodiscard]] Graph graph(const Values<SE3d>& values) const {
     Graph result;
     for (const SE3d& value : values) result.add_value(value);

@@ -102,7 +102,7 @@ struct DiscoversDistances {
 struct DiscoversNumbers {
   int discover(Index node);
 };
-struct HearsNothing {
+struct HandlesNothing {
   void discovered(Index node);
 };
 struct RefusesArcs {
@@ -110,7 +110,7 @@ struct RefusesArcs {
 };
 static_assert(BfsVisitor<Protocol, Graph> && BfsVisitor<const StopsAt, Graph> && BfsVisitor<Listener, Graph>);
 static_assert(!BfsVisitor<DiscoversDistances, Graph> && !BfsVisitor<DiscoversNumbers, Graph>);
-static_assert(!BfsVisitor<HearsNothing, Graph> && !BfsVisitor<RefusesArcs, Graph>);
+static_assert(!BfsVisitor<HandlesNothing, Graph> && !BfsVisitor<RefusesArcs, Graph>);
 static_assert(!BfsVisitor<Listener, std::vector<Index>> && !IncidenceGraph<std::vector<Index>>);
 
 TEST_SUITE("graph/breadth_first_search") {

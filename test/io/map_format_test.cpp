@@ -239,7 +239,7 @@ MapArchiveOptions golden_options() {
           .unknown = {{0x0123, 1, 0, 2, 3, {std::byte{1}, std::byte{2}, std::byte{3}}}}};
 }
 
-/// Optimised poses of the graph that a map's records describe.
+/// Optimized poses of the graph that a map's records describe.
 std::vector<SE3d> optimum(const SlamMap& map) {
   PoseGraph graph;
   for (const Keyframe& keyframe : map.keyframes) graph.add_value(keyframe.T_map_body);
@@ -250,7 +250,7 @@ std::vector<SE3d> optimum(const SlamMap& map) {
   for (const OdometryMeasurement& step : map.odometry) add(step.from, step.to, step.T_from_to, step.sqrt_information);
   for (const LoopClosure& closure : map.closures)
     add(closure.from, closure.to, closure.T_from_to, closure.sqrt_information);
-  REQUIRE(optimise(graph, LevenbergMarquardt{.max_iterations = 100}).ok());
+  REQUIRE(optimize(graph, LevenbergMarquardt{.max_iterations = 100}).ok());
   std::vector<SE3d> poses;
   for (const Keyframe& keyframe : map.keyframes) poses.push_back(graph[keyframe.id.value]);
   return poses;
@@ -559,7 +559,7 @@ TEST_SUITE("io/map_format") {
       CHECK(before[i].local(after[i]).norm() < 1e-9);
       moved = std::max(moved, before[i].local(map.keyframes[i].T_map_body).norm());
     }
-    CHECK(moved > 0.01);  // there was something to optimise
+    CHECK(moved > 0.01);  // there was something to optimize
   }
 
   TEST_CASE("unknown chunks are kept, unless the map would be wrong without them") {

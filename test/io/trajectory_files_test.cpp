@@ -93,7 +93,7 @@ TEST_SUITE("io/tum") {
     REQUIRE(back.times == t.times);
     for (std::size_t i = 0; i < t.size(); ++i) {
       CHECK(back.poses[i].translation() == t.poses[i].translation());
-      // Normalising once more may change the last bit.
+      // Normalizing once more may change the last bit.
       CHECK((back.poses[i].rotation().matrix() - t.poses[i].rotation().matrix()).norm() < 1e-15);
     }
     CHECK_THROWS_AS(write_tum(folder / "b.tum", Trajectory{{}, t.poses}), std::invalid_argument);

@@ -58,7 +58,7 @@ TEST_SUITE("lamm/descriptor_table") {
     });
   }
 
-  TEST_CASE("a place that was never seen is not recognised") {
+  TEST_CASE("a place that was never seen is not recognized") {
     test::for_all(25, [](Rng& rng, int /*size*/) {
       DescriptorTable table;
       for (int i = 0; i < 30; ++i) table.add(std::make_shared<const PlaceDescriptor>(test::random_place(rng)));

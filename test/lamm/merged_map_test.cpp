@@ -129,10 +129,10 @@ TEST_SUITE("lamm/merged_map") {
 
     const mapper::MapperOptions settings;
     const mapper::RunOutcome outcome = mapper::conclude(std::move(mapping), "two drives", settings);
-    REQUIRE(outcome.optimised_errors);
-    CHECK(outcome.optimised_errors->sessions == 2);
-    CHECK(outcome.optimised_errors->alignments == 1);
-    CHECK(outcome.optimised_errors->translation.rmse < 0.5);
+    REQUIRE(outcome.optimized_errors);
+    CHECK(outcome.optimized_errors->sessions == 2);
+    CHECK(outcome.optimized_errors->alignments == 1);
+    CHECK(outcome.optimized_errors->translation.rmse < 0.5);
     REQUIRE(outcome.inter_session_errors);
     CHECK(outcome.inter_session_errors->translation.rmse < 0.3);
     CHECK(outcome.summary.merge_closures == 30);
@@ -158,7 +158,7 @@ TEST_SUITE("lamm/merged_map") {
     const mapper::RunOutcome outcome =
         mapper::conclude(mapping_result(std::move(sets), result, {}), "two drives", mapper::MapperOptions{});
     CHECK(outcome.mapping.map->sessions[1].frame == SessionId{1});
-    CHECK(outcome.optimised_errors->alignments == 2);
+    CHECK(outcome.optimized_errors->alignments == 2);
     CHECK(!outcome.inter_session_errors);
     CHECK(outcome.summary.merges == 0);
   }

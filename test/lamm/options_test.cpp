@@ -4,10 +4,10 @@
 
 namespace chainslam::lamm {
 
-// The sources: hku-mars/LAMM, config_velo_nclt.yaml for what describes and recognises places, rgb_multi_mapping.launch
+// The sources: hku-mars/LAMM, config_velo_nclt.yaml for what describes and recognizes places, rgb_multi_mapping.launch
 // and rgb_multi_mapping.cpp for what is made of them.
 TEST_SUITE("lamm/options") {
-  TEST_CASE("places are described and recognised as LAMM's configuration for NCLT says") {
+  TEST_CASE("places are described and recognized as LAMM's configuration for NCLT says") {
     const Options options;
     CHECK(options.clouds.voxel_size == 0.25);
     CHECK(options.clouds.max_scans == 10);
@@ -40,7 +40,7 @@ TEST_SUITE("lamm/options") {
     CHECK(options.verification.min_overlap == 0.6);
   }
 
-  TEST_CASE("loops are filtered and optimised as LAMM's launch file says") {
+  TEST_CASE("loops are filtered and optimized as LAMM's launch file says") {
     const Options options;
     CHECK(options.frames_per_number == 10);
     CHECK(options.search.min_gap == 50);

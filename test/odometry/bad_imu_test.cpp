@@ -135,8 +135,8 @@ TEST_SUITE("odometry with bad IMU data") {
       if (seed > 1 && !test::full()) break;
       const double spikes = spike_share() * static_cast<double>(compare.rows());
       compare.check("spikes", 1.1, test::with_spikes(clean->imu, spike_share(), Rng(seed)));
-      CHECK(static_cast<double>(compare.counts().absurd) > 0.5 * spikes);
-      CHECK(static_cast<double>(compare.counts().absurd) < 2 * spikes);
+      CHECK(static_cast<double>(compare.counts().out_of_range) > 0.5 * spikes);
+      CHECK(static_cast<double>(compare.counts().out_of_range) < 2 * spikes);
     }
     compare.check("times out of order", 1.1, disordered(clean->imu));
     compare.check("rows doubled", 1.001, doubled(clean->imu));

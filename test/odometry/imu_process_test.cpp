@@ -147,7 +147,7 @@ TEST_SUITE("odometry/imu_process") {
     CHECK(error(ImuIntegration::euler, 400) > 10 * error(ImuIntegration::midpoint, 400));
   }
 
-  TEST_CASE("over a bent map up leans with the way, and creep counts by how much") {
+  TEST_CASE("over a bent map up leans with the way, and tilt counts by how much") {
     InertialState x;
     x.get<Inertial::velocity>() = R3d(Eigen::Vector3d(3, 4, 0));
     x.get<Inertial::bend>() = R1d(R1d::Tangent(1e-3));
@@ -157,7 +157,7 @@ TEST_SUITE("odometry/imu_process") {
     const Eigen::Vector3d moved = x.get<Inertial::up>().direction() - lying;
     CHECK(moved.x() == doctest::Approx(3e-3).epsilon(0.01));
     CHECK(moved.y() == doctest::Approx(4e-3).epsilon(0.01));
-    CHECK((moved.head<2>() - x.get<Inertial::creep>().value()).norm() < 1e-12);
+    CHECK((moved.head<2>() - x.get<Inertial::tilt>().value()).norm() < 1e-12);
   }
 
   TEST_CASE("uncertainty grows with time, not with the rate of the unit; as cited it does with the rate") {

@@ -135,7 +135,7 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     const Followed run = follow_stroll(strolling(), stroll_packets(), {.imu_use = ImuUse::gyroscope});
     CHECK(run.counts.lost_scans == 0);
     CHECK(count_use(run.frames, ImuUse::gyroscope) == 49);
-    CHECK(run.counts.doubted_accelerations == 0);
+    CHECK(run.counts.rejected_accelerations == 0);
     CHECK(std::ranges::count_if(run.frames, [](const Frame& frame) { return frame.health.doubtful(); }) == 0);
     CHECK(run.max_error < 0.03);
   }
@@ -364,14 +364,14 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     InertialState x;
     x.get<Inertial::position>() = R3d(Eigen::Vector3d(100, -50, 3));
     x.get<Inertial::up>() = S2d::from_vector({0.01, 0.02, 1});
-    x.get<Inertial::creep>() = R2d(Eigen::Vector2d(0.004, -0.003));
-    detail::Leveller leveller;
-    leveller.follow(x);
-    CHECK((leveller.T_odom_map() * x.get<Inertial::position>().value() - x.get<Inertial::position>().value()).norm() <
-          1e-9);
-    const Eigen::Vector3d turned = leveller.T_odom_map().rotation() * x.get<Inertial::up>().direction();
+    x.get<Inertial::tilt>() = R2d(Eigen::Vector2d(0.004, -0.003));
+    detail::TiltCorrection tilt_correction;
+    tilt_correction.follow(x);
+    CHECK((tilt_correction.T_odom_map() * x.get<Inertial::position>().value() - x.get<Inertial::position>().value())
+              .norm() < 1e-9);
+    const Eigen::Vector3d turned = tilt_correction.T_odom_map().rotation() * x.get<Inertial::up>().direction();
     const Eigen::Vector3d moved = x.get<Inertial::up>().direction() - turned;
-    CHECK((moved.head<2>() - x.get<Inertial::creep>().value()).norm() < 1e-4);
+    CHECK((moved.head<2>() - x.get<Inertial::tilt>().value()).norm() < 1e-4);
   }
 
   TEST_CASE("mounted upside down, odom's +z still points up" * doctest::skip(quick())) {
@@ -414,10 +414,10 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
       static_cast<void>(follow_trip(trip, packets, odometry));
       const double left = T_body_lidar(odometry.state()).rotation().local(trip.T_body_lidar.rotation()).norm();
       MESSAGE("mounting: ", left, " rad of ", std::sqrt(2.0) * off, " left, gyroscope doubted in ",
-              odometry.counts().doubted_rates, " scans");
+              odometry.counts().rejected_rates, " scans");
       CHECK(left < 0.004);
       CHECK(odometry.counts().mounting_resets == 0);
-      CHECK(odometry.counts().doubted_rates <= 8);  // of 50
+      CHECK(odometry.counts().rejected_rates <= 8);  // of 50
     }
     options.max_mounting_rotation = 1e-4;
     Lio bounded(options);

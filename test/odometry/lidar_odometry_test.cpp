@@ -98,7 +98,7 @@ TEST_SUITE("odometry/lidar_odometry") {
     CHECK(crosswise(drive(hall(), walking, 40, Spinner{})) < 0.9 * raw_rms);
   }
 
-  TEST_CASE("standing still does not creep") {
+  TEST_CASE("standing still does not tilt") {
     const Run run = drive(hall(), standing, quick() ? 15 : 60, Spinner{});
     CHECK(run.max_error < 0.003);
     CHECK(run.max_angle < 3e-4);
@@ -278,7 +278,7 @@ TEST_SUITE("odometry/lidar_odometry") {
   }
 
   TEST_CASE("the covariance is about as large as the errors are" * doctest::skip(quick())) {
-    // Normalised squared errors of the poses of a walk, over the six dimensions: one would be perfect.
+    // Normalized squared errors of the poses of a walk, over the six dimensions: one would be perfect.
     LidarOdometryOptions<> options;
     LidarOdometry<> odometry(options);
     Rng rng(15);

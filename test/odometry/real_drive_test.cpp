@@ -147,7 +147,7 @@ class Reference {
     const double error = checked_error(*drive_, test::run_drive(*drive_, odometry, options.T_body_lidar));
     const double left =
         odometry.alignment().R_body_lidar.local(drive_->T_body_lidar.rotation()).norm() * 180 / std::numbers::pi;
-    const auto doubted = odometry.counts().doubted_rates + odometry.counts().doubted_accelerations;
+    const auto doubted = odometry.counts().rejected_rates + odometry.counts().rejected_accelerations;
     MESSAGE(name_, ", mounting off by (", turn[0], ", ", turn[1], ", ", turn[2], ") rad: ", error, " m, ",
             error / error_, " times ", error_, ", ", left, " degrees left, IMU doubted in ", doubted, " scans");
     CHECK(doubted <= to_index(drive_->scans.size()) / 20);

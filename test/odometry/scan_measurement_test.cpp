@@ -39,7 +39,7 @@ std::vector<Eigen::Vector3f> hall_points(const SE3d& T_world_lidar, int columns,
 
 /// FAST-LIO2's filter as its paper writes it (Xu et al. 2022), without regard to cost: eq. 1 to 3 and 7 to 8 for the
 /// propagation, algorithm 1 with eq. 14 to 20 for the update, every matrix written out and inverted, neighbours by
-/// looking at every point, planes by a QR factorisation of a . p = -1 (its code's gates), Jacobians of the manifold
+/// looking at every point, planes by a QR factorization of a . p = -1 (its code's gates), Jacobians of the manifold
 /// by numbers.
 struct LiteralFastLio2 {
   State x;

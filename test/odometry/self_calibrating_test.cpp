@@ -57,7 +57,7 @@ Calibrated follow(const InertialTrip& trip, double late, const SO3d& R_imu_body 
   run.correction = odometry.odometry().imu_correction();
   run.estimate = odometry.alignment();
   run.axes_left = (R_imu_body * trip.T_body_lidar.rotation()).local(run.estimate.R_body_lidar).norm();
-  run.doubted = static_cast<Index>(odometry.counts().doubted_accelerations + odometry.counts().doubted_rates);
+  run.doubted = static_cast<Index>(odometry.counts().rejected_accelerations + odometry.counts().rejected_rates);
   run.believed = run.frames.back().health.imu_use == ImuUse::all;
   run.mounting_deviation = std::sqrt(odometry.odometry().covariance().bottomRightCorner<3, 3>().trace() / 3);
   CHECK(odometry.counts().lost_scans == 0);

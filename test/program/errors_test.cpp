@@ -182,16 +182,16 @@ TEST_SUITE("program/errors") {
           printed.output);
   }
 
-  TEST_CASE("an absurd row of the IMU changes nothing, and is told") {
+  TEST_CASE("an out_of_range row of the IMU changes nothing, and is told") {
     const ScratchFolder scratch("absurd_row");
-    const auto run = [&](const std::string& name, int absurd, const std::string& settings) {
+    const auto run = [&](const std::string& name, int out_of_range, const std::string& settings) {
       const fs::path data = scratch.path() / name;
       write_scans(data, 12);
       std::string rows;
       for (int i = 0; i < 200; ++i) {
         const std::string noise = std::to_string(1e-4 * (i % 7)), gravity = std::to_string(-9.8 + 1e-3 * (i % 5));
         rows += std::to_string(999'999'500'000'000 + i * 10'000) + ",0,0,0," + noise + "," + noise + "," + gravity +
-                "," + (i == absurd ? "1e30" : noise) + "," + noise + ",0\n";
+                "," + (i == out_of_range ? "1e30" : noise) + "," + noise + ",0\n";
       }
       write_text(data / "ms25.csv", rows);
       const std::string out = quoted(scratch.path() / (name + "_map"));
@@ -199,14 +199,14 @@ TEST_SUITE("program/errors") {
       CAPTURE(result.errors);
       CHECK(result.exit_code == 0);
       CHECK(contains(result.errors, "1 IMU samples rejected: beyond what any IMU measures") ==
-            (absurd >= 0 && settings.empty()));
+            (out_of_range >= 0 && settings.empty()));
       CHECK(contains(run_program(scratch.path(), "inspect " + quoted(data)).output, "! 1 IMU samples rejected") ==
-            (absurd >= 0));
+            (out_of_range >= 0));
       return summary_of(scratch.path() / (name + "_map"))["sessions"][0];
     };
-    CHECK(run("good", -1, "")["imu"]["rejected"]["absurd"] == 0);
+    CHECK(run("good", -1, "")["imu"]["rejected"]["out_of_range"] == 0);
     const auto spoilt = run("spoilt", 80, "");
-    CHECK(spoilt["imu"]["rejected"]["absurd"] == 1);
+    CHECK(spoilt["imu"]["rejected"]["out_of_range"] == 1);
     CHECK(spoilt["imu"]["samples"] == 200);
     CHECK(spoilt["frames"]["lost"] == 0);
     CHECK(spoilt["path_length_m"].get<double>() < 0.05);  // it stands

@@ -121,7 +121,7 @@ TEST_SUITE("program/extreme runs") {
   TEST_CASE("poses that cannot be are left out and counted, and leave no number that is not finite") {
     for (const double far : {1e20, 1e200, -1e308}) {
       CAPTURE(far);
-      const ScratchFolder scratch("absurd");
+      const ScratchFolder scratch("out_of_range");
       const fs::path root = scratch.path(), out = root / "out";
       Rng rng(3);
       write_line(root / "data", 12, 1, Eigen::Vector3d::Zero(), [&] { return walls(rng); });

@@ -27,7 +27,7 @@ bool harmless(const std::string& text) { return printable(text, true) == text; }
 }  // namespace
 
 TEST_SUITE("program/names") {
-  TEST_CASE("names of files and sessions cannot steer a terminal, a page or a table") {
+  TEST_CASE("names of files and sessions cannot coarse_stage a terminal, a page or a table") {
     const ScratchFolder scratch("names");
     const fs::path root = scratch.path() / "root", data = root / evil, out = root / ("out" + evil);
     // A slash parts folders: the name is a folder in a folder.

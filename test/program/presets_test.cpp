@@ -83,16 +83,16 @@ closures.scan_voxel                  0.4
 closures.method                      point_to_point
 closures.max_distance                2 2 150 150
 closures.max_iterations              100
-closures.pilot                       1
+closures.coarse_stride                       1
 closures.min_overlap                 0
 closures.degeneracy_threshold        0
 closures.translation_tolerance       0.001
 closures.rotation_tolerance          0.08102846845413955
 closures.cost_tolerance              1e-6
-closures.take_iteration_limit        false false true true
+closures.accept_iteration_limit        false false true true
 closures.noise_from_hessian          false
 closures.lambda                      1e-4
-closures.least_variance              1e-12
+closures.min_variance              1e-12
 closures.max_mean_squared_error      0.3
 closures.max_misfit                  0
 closures.min_inlier_ratio            0
@@ -138,8 +138,8 @@ merge.min_rotation                   0 0 2.0258172320113044 2.0258172320113044
 merge.measurement                    submaps submaps scan scan
 merge.lambda                         1e-4
 merge.confirmations                  1
-merge.witnesses                      0
-merge.fixes_apart                    0
+merge.supporting_scans                      0
+merge.max_fix_difference                    0
 merge.misplaced                      1e9
 merge.chained                        true
 merge.recheck_travel                 16 25 0 0
@@ -159,7 +159,7 @@ graph.odometry_unknown_rotation_per_metre 0
 graph.odometry_outlier_threshold     0
 graph.gnss                           false
 graph.gravity                        false
-graph.odometry_doubt                 false
+graph.odometry_inflation                 false
 graph.anchor                         1e-6
 graph.anchor_joined_sessions         true
 graph.remeasure_loaded               false false true true
@@ -256,7 +256,7 @@ Found mapped_by_preset(const ScratchFolder& scratch, const std::string& sets, co
                     .merge_closures = closures["merge"],
                     .direct = closures["direct"],
                     .chained = closures["chained"],
-                    .error = rmse(summary, "optimised"),
+                    .error = rmse(summary, "optimized"),
                     .between = rmse(summary, "inter_session", "rpe"),
                     .rule_kept = summary["closure_spacing"]["kept"]};
   std::printf(

@@ -65,7 +65,7 @@ inline ProgramResult run_program(const fs::path& scratch, const std::string& arg
 
 inline nlohmann::json summary_of(const fs::path& map) { return nlohmann::json::parse(read_text(map / "summary.json")); }
 
-/// The root mean square of a translational error of `odometry`, `optimised`, ... as a run's summary states it, metres.
+/// The root mean square of a translational error of `odometry`, `optimized`, ... as a run's summary states it, metres.
 inline double rmse(const nlohmann::json& summary, const char* which, const char* metric = "ape") {
   return summary["errors"][which][metric]["translation"]["rmse"].get<double>();
 }

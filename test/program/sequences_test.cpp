@@ -63,15 +63,15 @@ TEST_SUITE("program/sequences") {
     const std::string options = "--set odometry.source=lidar --set odometry.map_radius=30";
     const fs::path first = map(scratch, town, "first", options);
     const nlohmann::json summary = summary_of(first);
-    const double odometry = rmse(summary, "odometry"), optimised = rmse(summary, "optimised");
+    const double odometry = rmse(summary, "odometry"), optimized = rmse(summary, "optimized");
     figure("town, by scans alone: APE of odometry", odometry, "m");
-    figure("town, by scans alone: APE with closures", optimised, "m");
+    figure("town, by scans alone: APE with closures", optimized, "m");
     figure("town: closures", summary["closures"]["direct"].get<double>(), "");
     figures_of_run("town", summary);
     CHECK(odometry >= 1.0);
-    CHECK(odometry >= 3.0 * optimised);
+    CHECK(odometry >= 3.0 * optimized);
     for (const auto& [which, file] :
-         {std::pair("odometry", "odometry.tum"), std::pair("optimised", "trajectory.tum")}) {
+         {std::pair("odometry", "odometry.tum"), std::pair("optimized", "trajectory.tum")}) {
       const nlohmann::json& of_run = summary["errors"][which]["kitti"];
       const fs::path json = scratch.path() / "eval.json";
       const std::string pair = quoted(town / "truth.tum") + " " + quoted(first / file);
@@ -100,10 +100,10 @@ TEST_SUITE("program/sequences") {
     check_repeated(scratch, *data, out, options + " --threads 1");
     const nlohmann::json summary = summary_of(out);
     CHECK(summary["scans"] == 101);
-    figure("kitti00_first101: APE", rmse(summary, "optimised"), "m");
+    figure("kitti00_first101: APE", rmse(summary, "optimized"), "m");
     figures_of_run("kitti00_first101", summary);
-    CHECK(rmse(summary, "optimised") <= 0.5);
-    CHECK_FALSE(summary["errors"]["optimised"].contains("kitti"));  // 84 m: too short for any segment
+    CHECK(rmse(summary, "optimized") <= 0.5);
+    CHECK_FALSE(summary["errors"]["optimized"].contains("kitti"));  // 84 m: too short for any segment
 
     // NCLT's own axes are the wrong ones for these scans; taken all the same, the program says that they look wrong.
     const fs::path flipped = scratch.path() / "flipped";
@@ -150,7 +150,7 @@ TEST_SUITE("program/sequences") {
       if (full() || session == std::string("session1")) check_repeated(scratch, *data, out, "--threads 1");
       const nlohmann::json summary = summary_of(out);
       CHECK(summary["closures"]["direct"].get<int>() >= 1);
-      // Both return to their start; the data's own optimised poses say where the end lies as seen from there.
+      // Both return to their start; the data's own optimized poses say where the end lies as seen from there.
       const Trajectory ours = read_tum(out / "trajectory.tum");
       const Trajectory reference = read_kitti_poses(*data / "optimized_poses.txt");
       REQUIRE(ours.size() == reference.size());

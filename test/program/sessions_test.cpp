@@ -57,21 +57,21 @@ void map_town(unsigned seed) {
   std::printf(
       "FIGURE town, seed %u: APE front end alone %.3f m, chained %.3f m; between sessions %.4f m; %d chained "
       "closures\n",
-      seed, rmse(chained, "odometry"), rmse(chained, "optimised"), rmse(chained, "inter_session", "rpe"),
+      seed, rmse(chained, "odometry"), rmse(chained, "optimized"), rmse(chained, "inter_session", "rpe"),
       accepted(chained, "chained"));
   std::printf("FIGURE town, seed %u: back end per keyframe %s; peak memory %.0f MB\n", seed,
               cost["per_keyframe"].dump().c_str(), chained["peak_memory_bytes"].get<double>() / 1e6);
   CHECK(accepted(chained, "chained") >= 30);
-  CHECK(rmse(chained, "optimised") < 0.5 * rmse(chained, "odometry"));
+  CHECK(rmse(chained, "optimized") < 0.5 * rmse(chained, "odometry"));
   // Of seeds 1 to 5 0.026 to 0.068 m and 7 to 10 mm when written.
-  CHECK(rmse(chained, "optimised") < 0.1);
+  CHECK(rmse(chained, "optimized") < 0.1);
   CHECK(rmse(chained, "inter_session", "rpe") < 0.02);
   if (!full()) return;
 
   const nlohmann::json unchained =
       mapped(scratch, data, scratch.path() / "unchained", options + " --set chain.enabled=false");
   std::printf("FIGURE town, seed %u: unchained APE %.3f m, between sessions %.4f m\n", seed,
-              rmse(unchained, "optimised"), rmse(unchained, "inter_session", "rpe"));
+              rmse(unchained, "optimized"), rmse(unchained, "inter_session", "rpe"));
   CHECK(accepted(unchained, "chained") == 0);
   CHECK(rmse(chained, "inter_session", "rpe") <= 1.1 * rmse(unchained, "inter_session", "rpe"));
 

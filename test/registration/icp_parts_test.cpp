@@ -65,7 +65,7 @@ struct StoppingExecutor {
   }
 };
 
-/// Mean normalised estimation error squared over `trials`: e' covariance^-1 e with truth = estimate * exp(e), 6 for a
+/// Mean normalized estimation error squared over `trials`: e' covariance^-1 e with truth = estimate * exp(e), 6 for a
 /// covariance that is right.
 template <class Align>
 double mean_squared_normalised_error(int trials, Align&& align_noisy) {
@@ -105,12 +105,12 @@ TEST_SUITE("registration/icp parts") {
     const SE3d truth = asymmetric_pose();
     const PointCloud<float> source = seen_from(sample(rng, yard(), 8000, 0.01), truth);
     const SE3d guess = truth * random_motion(rng, 0.3, 0.03);
-    const AlignResult all = PointToPlaneIcp{.pilot = 1}.align(source, parts_target(), guess);
-    const AlignResult piloted = PointToPlaneIcp{.pilot = 8}.align(source, parts_target(), guess);
+    const AlignResult all = PointToPlaneIcp{.coarse_stride = 1}.align(source, parts_target(), guess);
+    const AlignResult has_coarse_stage = PointToPlaneIcp{.coarse_stride = 8}.align(source, parts_target(), guess);
     CHECK(all.status == AlignStatus::converged);
-    CHECK(piloted.status == AlignStatus::converged);
-    CHECK(translation_error(all.T_target_source, piloted.T_target_source) < 5e-4);
-    CHECK(piloted.inliers == all.inliers);
+    CHECK(has_coarse_stage.status == AlignStatus::converged);
+    CHECK(translation_error(all.T_target_source, has_coarse_stage.T_target_source) < 5e-4);
+    CHECK(has_coarse_stage.inliers == all.inliers);
   }
 
   TEST_CASE("the covariance is the one that the errors of many trials have") {

@@ -123,9 +123,9 @@ class View(InBrowser):
             "return [...document.querySelectorAll('.controls input[type=checkbox]')].map(box => "
             "[...box.attributes].filter(a => a.name.startsWith('data-')).map(a => `[${a.name}=\"${a.value}\"]`)[0]);"
         )
-        for needed in ("session", "points", "optimised", "truth", "direct", "chained", "merge"):
+        for needed in ("session", "points", "optimized", "truth", "direct", "chained", "merge"):
             self.assertTrue(any(needed in box for box in boxes), f"no box for {needed} among {boxes}")
-        trajectories = '[data-layer="optimised"]'
+        trajectories = '[data-layer="optimized"]'
         self.assert_changes(self.canvas, ".controls input" + trajectories, 20)
         self.page.click(".controls input" + trajectories)  # they cover the ground truth
         for box in boxes:
@@ -135,7 +135,7 @@ class View(InBrowser):
 
     def test_the_map_from_above_is_switched(self) -> None:
         self.page.scroll_to(".above svg")
-        for layer in ("optimised", "direct", "chained", "merge", "components"):
+        for layer in ("optimized", "direct", "chained", "merge", "components"):
             with self.subTest(layer):
                 self.assert_changes(lambda: self.page.picture(".above svg"), f'[data-switch="{layer}"]', 20)
 
@@ -170,7 +170,7 @@ class View(InBrowser):
             self.fail(f"no keyframe is described under the pointer: {tip!r}")
         meta, positions = embedded(self.map / "report.html")
         keyframe, path = int(found[2]), {}
-        for path in (path for path in meta["paths"] if path["kind"] == "optimised"):
+        for path in (path for path in meta["paths"] if path["kind"] == "optimized"):
             if keyframe < path["count"]:
                 break
             keyframe -= path["count"]
@@ -201,7 +201,7 @@ class Page400(InBrowser):
         text = self.page.run("return document.querySelector('header').innerText;")
         self.assertIn("Verdict: good", text)
         self.assertIn("all 2 sessions are in one frame", text)
-        self.assertIn(f"{summary['errors']['optimised']['ape']['translation']['rmse']:.3f} m RMSE against the ground truth", text)
+        self.assertIn(f"{summary['errors']['optimized']['ape']['translation']['rmse']:.3f} m RMSE against the ground truth", text)
         self.assertIn(f"odometry alone {summary['errors']['odometry']['ape']['translation']['rmse']:.3f} m", text)
         self.assertIn("Lost or doubtful", text)
         self.assertIn(str(self.map.resolve()), text)
@@ -268,7 +268,7 @@ class WithoutWebGL(InBrowser):
 
     def test_the_rest_of_the_page_works(self) -> None:
         self.page.scroll_to(".above svg")
-        self.assert_changes(lambda: self.page.picture(".above svg"), '[data-switch="optimised"]', 20)
+        self.assert_changes(lambda: self.page.picture(".above svg"), '[data-switch="optimized"]', 20)
 
 
 class Large(InBrowser):

@@ -164,7 +164,7 @@ TEST_SUITE("search/voxel_map") {
     }
   }
 
-  TEST_CASE("NaN, infinite and absurd points are refused and counted") {
+  TEST_CASE("NaN, infinite and out_of_range points are refused and counted") {
     const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
     VoxelMap<> map;
     map.insert(Points<float>{{nan, 0, 0}, {0, inf, 0}, {0, 0, -inf}, {1e30f, 0, 0}, {1, 2, 3}});

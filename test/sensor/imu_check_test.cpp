@@ -319,7 +319,7 @@ TEST_SUITE("sensor/imu_check") {
       auto samples = truth;
       samples[200].time = samples[200].time + seconds(off);
       const Checked wrong = checked(samples);
-      CHECK(wrong.counts.wrong_times == 1);
+      CHECK(wrong.counts.invalid_times == 1);
       CHECK(wrong.counts.rejected() == 1);
       CHECK(largest_error(wrong.samples, truth) == 0);
       for (std::size_t i = 201; i < samples.size(); ++i) samples[i].time = samples[i].time + seconds(off);
@@ -347,7 +347,7 @@ TEST_SUITE("sensor/imu_check") {
     }
   }
 
-  TEST_CASE("nothing that passes is ever absurd or out of order, whatever comes") {
+  TEST_CASE("nothing that passes is ever out_of_range or out of order, whatever comes") {
     for (std::uint64_t seed = 0; seed < 200; ++seed) {
       CAPTURE(seed);
       Rng rng(seed);
@@ -377,6 +377,6 @@ TEST_SUITE("sensor/imu_check") {
     for (ImuSample& sample : samples) sample.gyro.z() = 1e30;
     const Checked result = checked(samples);
     CHECK(result.samples.empty());
-    CHECK(result.counts.absurd == 100);
+    CHECK(result.counts.out_of_range == 100);
   }
 }

@@ -68,7 +68,7 @@ TEST_SUITE("sensor/imu_units") {
     CHECK(units.gyro == GyroUnit::unknown);
   }
 
-  TEST_CASE("a real hand-held recording is recognised, in its own units and in others") {
+  TEST_CASE("a real hand-held recording is recognized, in its own units and in others") {
     const auto file = test::real_data("imu/gtsam_points_continuous/imu.txt");
     if (!file) return;
     std::ifstream in(*file);

@@ -104,7 +104,7 @@ TEST_SUITE("slam/back_end") {
     const auto back_end = round.run(Serial{});
     const SlamMap& map = back_end->map();
     REQUIRE_FALSE(map.closures.empty());
-    CHECK(back_end->counts().failed_optimisations == 0);
+    CHECK(back_end->counts().failed_optimizations == 0);
     for (const LoopClosure& closure : map.closures) {
       CHECK(closure.from < closure.to);
       CHECK(translation_error(round.between(closure.from.value, closure.to.value), closure.T_from_to) < 0.15);
@@ -132,7 +132,7 @@ TEST_SUITE("slam/back_end") {
     const Index last = to_index(round.truth.size() - 1);
     PlainBackEnd back_end({.graph = {.odometry_noise = Round::noise}}, {{measured(2, last, round.between(2, last))}});
     for (std::size_t i = 0; i + 1 < round.truth.size(); ++i) back_end.add(round.keyframe(i));
-    CHECK(back_end.counts().optimisations == 0);
+    CHECK(back_end.counts().optimizations == 0);
     CHECK(test::translation_error(SE3d(), *back_end.T_map_odom()) < 1e-9);
     const double before = rms_error(round.truth, back_end.map().keyframes);
     back_end.add(round.keyframe(round.truth.size() - 1));
@@ -140,22 +140,22 @@ TEST_SUITE("slam/back_end") {
     MESSAGE("rms ", before, " m -> ", after, " m");
     CHECK(before > 1.0);
     CHECK(after < before / 3);
-    CHECK(back_end.counts().optimisations == 1);
+    CHECK(back_end.counts().optimizations == 1);
     CHECK(back_end.snapshot()->keyframes.size() == round.truth.size());
     const Keyframe& newest = back_end.map().keyframes.back();
     CHECK(translation_error(newest.T_map_body, *back_end.T_map_odom() * newest.T_odom_body) < 1e-9);
   }
 
-  TEST_CASE("a closure enters with its direction: the optimised pose of `to` seen from `from` is what was measured") {
+  TEST_CASE("a closure enters with its direction: the optimized pose of `to` seen from `from` is what was measured") {
     const SE3d T_from_to(SO3d::exp({0.1, -0.2, 0.7}), {0.5, -0.3, 0.2});
     BackEndOptions options;
     options.graph.odometry_noise = {.translation = 1, .rotation = 0.5};  // so loose that the closure decides
     PlainBackEnd back_end(options, {{measured(1, 4, T_from_to, 0.01)}});
     for (int i = 0; i < 5; ++i) back_end.add(keyframe_at(i, SE3d(SO3d::exp({0, 0, 0.1 * i}), {0.2 * i, 0, 0})));
     const std::vector<Keyframe>& keyframes = back_end.map().keyframes;
-    const SE3d optimised = keyframes[1].T_map_body.inverse() * keyframes[4].T_map_body;
-    CHECK(translation_error(T_from_to, optimised) < 1e-3);
-    CHECK(rotation_error(T_from_to, optimised) < 1e-3);
+    const SE3d optimized = keyframes[1].T_map_body.inverse() * keyframes[4].T_map_body;
+    CHECK(translation_error(T_from_to, optimized) < 1e-3);
+    CHECK(rotation_error(T_from_to, optimized) < 1e-3);
     CHECK(translation_error(SE3d(), keyframes[0].T_map_body) < 1e-3);  // the start stays
   }
 
@@ -185,7 +185,7 @@ TEST_SUITE("slam/back_end") {
     CHECK(back_end.map().closures.empty());
     REQUIRE(back_end.map().refusals.size() == 1);
     CHECK(back_end.map().refusals[0].verdict == ClosureVerdict::implausible);
-    CHECK(back_end.counts().optimisations == 0);
+    CHECK(back_end.counts().optimizations == 0);
     CHECK(back_end.smoother().count<BetweenFactor<SE3d>>() == to_index(back_end.map().odometry.size()));
   }
 
@@ -246,7 +246,7 @@ TEST_SUITE("slam/back_end") {
     const auto map = back_end.finish();
     REQUIRE(map != nullptr);
     CHECK(map->keyframes.empty());
-    CHECK(back_end.counts().optimisations == 0);
+    CHECK(back_end.counts().optimizations == 0);
   }
 
   TEST_CASE("a map that is given away is the one that is handed out as a copy") {

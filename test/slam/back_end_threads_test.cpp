@@ -37,7 +37,7 @@ TEST_SUITE("slam/back_end") {
       } while (!done);
     });
     const Serial serial;
-    Pipeline pipeline(back_end, serial, IgnoreSteps{}, 2);
+    Pipeline pipeline(back_end, serial, NoCallback{}, 2);
     for (std::size_t i = 0; i < truth.size(); ++i) pipeline.add(test::keyframe_at(static_cast<double>(i), odometry[i]));
     pipeline.finish();
     const auto last = back_end.finish();

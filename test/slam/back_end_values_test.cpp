@@ -120,7 +120,7 @@ TEST_SUITE("slam/back_end: values") {
     CHECK(found > 3 * late);
   }
 
-  TEST_CASE("ten fixes are worth an optimisation of their own") {
+  TEST_CASE("ten fixes are worth an optimization of their own") {
     test::TruthCloser closer;
     closer.candidates.max_count = 0;  // nothing else makes one
     BackEnd<test::TruthCloser, NoChaining, NoMerging> back_end({}, closer);
@@ -131,8 +131,8 @@ TEST_SUITE("slam/back_end: values") {
       keyframe.gnss = test::fix_at(keyframe.time, pose.translation());
       back_end.add(std::move(keyframe));
     }
-    CHECK(back_end.counts().failed_optimisations == 0);
-    CHECK(back_end.counts().optimisations == 20);
+    CHECK(back_end.counts().failed_optimizations == 0);
+    CHECK(back_end.counts().optimizations == 20);
   }
 }
 

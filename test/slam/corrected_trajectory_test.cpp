@@ -20,7 +20,7 @@ struct BentDrive {
   Trajectory odometry;
   std::vector<Keyframe> keyframes;
 
-  explicit BentDrive(bool optimised = true) {
+  explicit BentDrive(bool optimized = true) {
     Rng rng(3);
     SE3d pose = random_motion(rng, 5, 1);
     for (int i = 0; i <= 60; ++i) {
@@ -29,7 +29,7 @@ struct BentDrive {
       if (i >= 10 && i <= 40 && i % 10 == 0) {
         keyframes.push_back(keyframe_at(0, pose));
         keyframes.back().time = odometry.times.back();
-        if (optimised) keyframes.back().T_map_body = random_motion(rng, 2, 0.3) * pose;
+        if (optimized) keyframes.back().T_map_body = random_motion(rng, 2, 0.3) * pose;
       }
       pose = pose * random_motion(rng, 0.5, 0.05);
     }
@@ -37,7 +37,7 @@ struct BentDrive {
 };
 
 TEST_SUITE("slam/corrected_trajectory") {
-  TEST_CASE("keyframes have their optimised poses") {
+  TEST_CASE("keyframes have their optimized poses") {
     const BentDrive drive;
     const Trajectory corrected = corrected_trajectory(drive.odometry, drive.keyframes);
     REQUIRE(corrected.times == drive.odometry.times);
@@ -76,7 +76,7 @@ TEST_SUITE("slam/corrected_trajectory") {
     for (std::size_t i = 41; i <= 60; ++i) CHECK(difference(corrected.poses[i], rigid(i, drive.keyframes[3])) < 1e-12);
   }
 
-  TEST_CASE("where nothing was optimised, odometry stays as it is") {
+  TEST_CASE("where nothing was optimized, odometry stays as it is") {
     const BentDrive drive(false);
     const Trajectory corrected = corrected_trajectory(drive.odometry, drive.keyframes);
     for (std::size_t i = 0; i < corrected.size(); ++i)

@@ -49,7 +49,7 @@ bool same(const SlamMap& a, const SlamMap& b) {
   return is_same_recording(a, a.sessions.front(), b, b.sessions.front());
 }
 
-using Places = std::vector<SessionPlace>;
+using SessionPlaces = std::vector<SessionPlace>;
 
 }  // namespace
 
@@ -81,11 +81,11 @@ TEST_SUITE("map/distinct_sessions") {
     const SlamMap a = part_of_recording(1, 0, 30), b = part_of_recording(2, 0, 20), c = part_of_recording(3, 0, 25),
                   begun = part_of_recording(2, 0, 9);
     const DistinctSessions apart = distinct({a, b, c});
-    CHECK(apart.taken == Places{{0, SessionId{0}}, {1, SessionId{0}}, {2, SessionId{0}}});
+    CHECK(apart.taken == SessionPlaces{{0, SessionId{0}}, {1, SessionId{0}}, {2, SessionId{0}}});
     CHECK(apart.left_out.empty());
 
     const DistinctSessions grown = distinct({joined({a, begun}), joined({c, a, b}), b});
-    CHECK(grown.taken == Places{{0, SessionId{0}}, {1, SessionId{0}}, {1, SessionId{2}}});
+    CHECK(grown.taken == SessionPlaces{{0, SessionId{0}}, {1, SessionId{0}}, {1, SessionId{2}}});
     REQUIRE(grown.left_out.size() == 3);
     CHECK(grown.left_out[0].left_out == SessionPlace{0, SessionId{1}});
     CHECK(grown.left_out[0].taken == SessionPlace{1, SessionId{2}});
@@ -96,7 +96,7 @@ TEST_SUITE("map/distinct_sessions") {
 
     // What one map has twice, it was made with.
     const DistinctSessions twice = distinct({joined({a, a}), a});
-    CHECK(twice.taken == Places{{0, SessionId{0}}, {0, SessionId{1}}});
+    CHECK(twice.taken == SessionPlaces{{0, SessionId{0}}, {0, SessionId{1}}});
     CHECK(twice.left_out.size() == 1);
     CHECK(distinct({}).taken.empty());
   }

@@ -113,9 +113,9 @@ TEST_SUITE("slam/fix_evidence") {
 
   TEST_CASE("few fixes, fixes on one spot and fixes of no use say nothing, nor do any if they are not asked") {
     FixedDrives drives(Rng(4));
-    CHECK(drives.ask(drives.T_a_b, {.apart = 0}) == detail::FixVerdict::silent);
-    CHECK(drives.ask(drives.T_a_b, {.least_fixes = FixedDrives::each + 1}) == detail::FixVerdict::silent);
-    CHECK(drives.ask(drives.T_a_b, {.least_fixes = FixedDrives::each}) == detail::FixVerdict::agree);
+    CHECK(drives.ask(drives.T_a_b, {.max_difference = 0}) == detail::FixVerdict::silent);
+    CHECK(drives.ask(drives.T_a_b, {.min_fixes = FixedDrives::each + 1}) == detail::FixVerdict::silent);
+    CHECK(drives.ask(drives.T_a_b, {.min_fixes = FixedDrives::each}) == detail::FixVerdict::agree);
     CHECK(drives.ask(drives.T_a_b, {.max_sigma = 0.5}) == detail::FixVerdict::silent);
     const FixedDrives standing(Rng(4), 0.1);
     CHECK(standing.ask(standing.T_a_b) == detail::FixVerdict::silent);

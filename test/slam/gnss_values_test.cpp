@@ -39,7 +39,7 @@ double error_of_drive(double bend, const WanderingReceiver& receiver, const Gnss
     keyframe.gnss =
         GnssFix{.position_ecef = {earth_radius + p.z(), p.x(), p.y()}, .quality = GnssQuality::three_dimensional};
     graph.append(keyframe);
-    if (graph.waiting_fixes() >= 10) CHECK(graph.optimise().ok());
+    if (graph.waiting_fixes() >= 10) CHECK(graph.optimize().ok());
   }
   CHECK(graph.converge().ok());
   std::vector<Eigen::Vector3d> estimates, truth;
@@ -87,7 +87,7 @@ TEST_SUITE("slam: fixes by default") {
                         .T_odom_body = rounds.odometry[static_cast<std::size_t>(i)],
                         .gnss = map.fix(i, bias)});
       if (map.graph.waiting_fixes() < 10) continue;
-      const UpdateReport report = map.graph.optimise();
+      const UpdateReport report = map.graph.optimize();
       CHECK(report.ok());
       most = std::max(most, report.work.multiplications);
     }

@@ -78,7 +78,7 @@ void add(Graph& graph, const std::vector<FrameRecord>& frames) {
 void map(MapGraph<>& graph, const std::vector<FrameRecord>& frames) {
   graph.begin_session("a");
   add(graph, frames);
-  REQUIRE(graph.optimise().ok());
+  REQUIRE(graph.optimize().ok());
   REQUIRE(graph.converge().ok());
 }
 
@@ -96,7 +96,7 @@ void join(MapGraph<>& graph, const std::vector<FrameRecord>& frames) {
   closure.sqrt_information = SqrtInformation<6>::Identity() / 0.05;
   graph.join(closure);
   graph.accept(closure);
-  REQUIRE(graph.optimise().ok());
+  REQUIRE(graph.optimize().ok());
   REQUIRE(graph.converge().ok());
 }
 

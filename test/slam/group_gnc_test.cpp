@@ -28,7 +28,7 @@ TEST_SUITE("slam/group_gnc") {
     const Index seed = map.close(10, 50, parallel_street);
     std::vector<Index> wrong{seed};
     for (Index k = 0; k < 12; ++k) wrong.push_back(map.close(k < 10 ? k : k + 1, 50, parallel_street, seed));
-    REQUIRE(map.graph.optimise().ok());
+    REQUIRE(map.graph.optimize().ok());
     for (const Index closure : wrong) CHECK(map.verdict(closure) == ClosureVerdict::inconsistent);
     CHECK(map.worst() < 0.6);
     map.drive_to(60);
@@ -59,7 +59,7 @@ TEST_SUITE("slam/group_gnc") {
     for (const Index at : {55, 60, 65}) {
       map.drive_to(at + 1);
       after.push_back(map.close(at - Rounds::a_round, at));
-      REQUIRE(map.graph.optimise().ok());
+      REQUIRE(map.graph.optimize().ok());
       if (after.size() < 2) CHECK(map.verdict(after.back()) == ClosureVerdict::inconsistent);
     }
     for (const Index closure : after) CHECK(map.verdict(closure) == ClosureVerdict::accepted);

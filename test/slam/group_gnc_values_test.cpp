@@ -28,7 +28,7 @@ struct Decided {
 Index close_round(Growing& map, Index to, const Eigen::Vector3d& off = Eigen::Vector3d::Zero()) {
   map.drive_to(to + 1);
   const Index closure = map.close(to - Rounds::a_round, to, off);
-  CHECK(map.graph.optimise().ok());
+  CHECK(map.graph.optimize().ok());
   return closure;
 }
 
@@ -58,7 +58,7 @@ TEST_SUITE("slam/group_gnc: values") {
       map.drive_to(61);
       for (Index i = 0; i < 20; ++i)
         if (i != 10) map.close(i, i + Rounds::a_round);
-      CHECK(map.graph.optimise().ok());
+      CHECK(map.graph.optimize().ok());
       const Index closure = close_round(map, 50, {0, off, 0});
       CHECK((map.verdict(closure) == ClosureVerdict::accepted) == (off == 0.3));
     }
@@ -71,11 +71,11 @@ TEST_SUITE("slam/group_gnc: values") {
     map.drive_to(46);
     map.close(5, 45);
     map.close(4, 44);
-    CHECK(map.graph.optimise().ok());
+    CHECK(map.graph.optimize().ok());
     map.drive_to(61);
     map.close(19, 59);
     map.close(20, 60);
-    CHECK(map.graph.optimise().ok());
+    CHECK(map.graph.optimize().ok());
     // Two steps that fail are one failure only if they are near each other.
     const Decided wrong(map, {close_beside(map, 50, {5, 6, 0}), close_beside(map, 55, {5, 6, 0})});
     CHECK(wrong.in == 0);
@@ -117,7 +117,7 @@ TEST_SUITE("slam/group_gnc: values") {
     Rng rng(5);
     for (Index k = 0; k < 30; ++k) {
       map.close(k, 55, {rng.uniform(-20, 20), rng.uniform(-20, 20), rng.uniform(-5, 5)});
-      CHECK(map.graph.optimise().ok());
+      CHECK(map.graph.optimize().ok());
     }
     CHECK(map.verdict(first) == ClosureVerdict::inconsistent);
     const Decided decided(map, {first, close_round(map, 58)});
@@ -142,13 +142,13 @@ TEST_SUITE("slam/group_gnc: values") {
     Growing map(rounds);
     map.drive_to(46);
     const Index wrong = map.close(4, 44, {0, 1, 0}, -1, 0.02);
-    CHECK(map.graph.optimise().ok());
+    CHECK(map.graph.optimize().ok());
     CHECK(map.verdict(wrong) == ClosureVerdict::accepted);
     std::vector<Index> right;
     for (Index to = 36; to < 44; ++to)
       for (Index from = 0; from < 7; ++from) {
         right.push_back(map.close(from, to, {0, 0, 0}, -1, 0.6));
-        CHECK(map.graph.optimise().ok());
+        CHECK(map.graph.optimize().ok());
       }
     CHECK(map.verdict(wrong) == ClosureVerdict::inconsistent);
     CHECK(Decided(map, right).out == 0);

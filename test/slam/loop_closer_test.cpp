@@ -160,9 +160,9 @@ TEST_SUITE("slam/loop_closer") {
     CHECK(verdict([](AlignResult& r) { r.T_target_source = test::shift(nan, 0, 0); }) == ClosureVerdict::implausible);
     AlignResult unfinished = good;
     unfinished.status = AlignStatus::iteration_limit;
-    CHECK(ClosureGate{.take_iteration_limit = true}.judge(unfinished, SE3d()) == ClosureVerdict::accepted);
+    CHECK(ClosureGate{.accept_iteration_limit = true}.judge(unfinished, SE3d()) == ClosureVerdict::accepted);
     unfinished.status = AlignStatus::no_overlap;
-    CHECK(ClosureGate{.take_iteration_limit = true}.judge(unfinished, SE3d()) == ClosureVerdict::too_few_inliers);
+    CHECK(ClosureGate{.accept_iteration_limit = true}.judge(unfinished, SE3d()) == ClosureVerdict::too_few_inliers);
   }
 
   TEST_CASE("a scan is aligned as the keyframe has it, or thinned, each scan by itself") {

@@ -20,7 +20,7 @@ using test::for_all;
 using test::keyframe_at;
 using test::random_motion;
 
-/// Optimises until nothing moves any more, so that optima compare.
+/// Optimizes until nothing moves any more, so that optima compare.
 const MapGraphOptions to_the_end{
     .optimizer = {.max_iterations = 200, .relative_tolerance = 1e-16, .absolute_tolerance = 1e-16}};
 
@@ -154,18 +154,18 @@ TEST_SUITE("slam/map_graph") {
     const SE3d aligned = sessions.graph.map().keyframes[6].T_map_body;
     CHECK(joined.prior == aligned);
     CHECK(joined.prior_sqrt_information == SqrtInformation<6>::Identity() / 1e-4);
-    CHECK(sessions.graph.optimise().ok());
+    CHECK(sessions.graph.optimize().ok());
     CHECK(aligned.local(sessions.graph.map().keyframes[6].T_map_body).norm() < 1e-3);
   }
 
-  TEST_CASE("sessions that are joined and optimised lie where a graph made at once from the same factors has them") {
+  TEST_CASE("sessions that are joined and optimized lie where a graph made at once from the same factors has them") {
     for_all(8, [](Rng& rng, int) {
       RandomSessions sessions(rng, 3, 12);
-      REQUIRE(sessions.graph.optimise().ok());
+      REQUIRE(sessions.graph.optimize().ok());
       sessions.join(rng, 1, 2);
-      if (rng.uniform_index(2) == 0) REQUIRE(sessions.graph.optimise().ok());
+      if (rng.uniform_index(2) == 0) REQUIRE(sessions.graph.optimize().ok());
       sessions.join(rng, 0, 1);
-      REQUIRE(sessions.graph.optimise().ok());
+      REQUIRE(sessions.graph.optimize().ok());
       REQUIRE(sessions.graph.converge().ok());
       const SlamMap& map = sessions.graph.map();
       FactorGraph<SE3d, Map::ClosureFactor> batch;
@@ -176,7 +176,7 @@ TEST_SUITE("slam/map_graph") {
       for (const LoopClosure& closure : map.closures)
         batch.add(Map::ClosureFactor{closure.from.value, closure.to.value, closure.T_from_to, closure.sqrt_information,
                                      Cauchy{.width = 3.0}});
-      REQUIRE(chainslam::optimise(
+      REQUIRE(chainslam::optimize(
                   batch,
                   LevenbergMarquardt{.max_iterations = 200, .relative_tolerance = 1e-16, .absolute_tolerance = 1e-16})
                   .ok());
@@ -258,7 +258,7 @@ TEST_SUITE("slam/map_graph") {
     CHECK(map.closures.back().to == KeyframeId{24});
     CHECK(map.closures[a.closures.size()].cause == -1);
     CHECK(map.refusals.back().cause == 3 + to_index(a.closures.size()));
-    CHECK(first.graph.optimise().ok());
+    CHECK(first.graph.optimize().ok());
   }
 
   TEST_CASE(
@@ -277,7 +277,7 @@ TEST_SUITE("slam/map_graph") {
       wrong.to = KeyframeId{30};
       wrong.cause = first;
       sessions.graph.accept(wrong);
-      REQUIRE(sessions.graph.optimise().ok());
+      REQUIRE(sessions.graph.optimize().ok());
       const std::vector<Index> withdrawn{first};
       CHECK(sessions.graph.part(withdrawn));
       const SlamMap& map = sessions.graph.map();
@@ -291,7 +291,7 @@ TEST_SUITE("slam/map_graph") {
       CHECK_FALSE(sessions.graph.part());
       // It may be joined again, on other evidence.
       sessions.join(rng, 0, 2);
-      REQUIRE(sessions.graph.optimise().ok());
+      REQUIRE(sessions.graph.optimize().ok());
       CHECK(map.sessions[2].frame == SessionId{0});
     });
   }
@@ -344,11 +344,11 @@ TEST_SUITE("slam/map_graph") {
   TEST_CASE("what fails leaves the poses where they are, and is tried again with what comes next") {
     Rng rng(7);
     RandomSessions sessions(rng, 2, 8);
-    REQUIRE(sessions.graph.optimise().ok());
+    REQUIRE(sessions.graph.optimize().ok());
     sessions.graph.join(SessionId{0}, SessionId{1}, random_motion(rng, 5, 1));  // nothing ties it yet
     const SlamMap before = sessions.graph.map();
     for (int k = 0; k < 2; ++k) {
-      const UpdateReport report = sessions.graph.optimise();
+      const UpdateReport report = sessions.graph.optimize();
       CHECK(report.status == UpdateStatus::unconstrained);
       CHECK(report.variables == std::vector<Key>{8});
       CHECK(sessions.graph.converge().status == UpdateStatus::unconstrained);
@@ -358,40 +358,40 @@ TEST_SUITE("slam/map_graph") {
     unmeasured.sqrt_information.row(2).setZero();
     unmeasured.sqrt_information.col(2).setZero();
     sessions.graph.accept(unmeasured);  // leaves a direction open: the numbers fail
-    CHECK(sessions.graph.optimise().status == UpdateStatus::singular);
+    CHECK(sessions.graph.optimize().status == UpdateStatus::singular);
     CHECK(farthest_apart(sessions.graph.map(), before) == 0);
     sessions.graph.accept(random_closure(rng, sessions.truth, 3, 12));
-    CHECK(sessions.graph.optimise().ok());
+    CHECK(sessions.graph.optimize().ok());
     CHECK(sessions.graph.smoother().factor_count() == 1 + 14 + 2 + 4);
   }
 
   TEST_CASE("after a failure, a join lets go of the prior of its own session alone") {
     Rng rng(10);
     RandomSessions sessions(rng, 3, 6);
-    REQUIRE(sessions.graph.optimise().ok());
+    REQUIRE(sessions.graph.optimize().ok());
     sessions.graph.join(SessionId{0}, SessionId{1}, random_motion(rng, 5, 1));
     LoopClosure unmeasured = random_closure(rng, sessions.truth, 2, 8);
     unmeasured.sqrt_information.row(2).setZero();
     unmeasured.sqrt_information.col(2).setZero();
     sessions.graph.accept(unmeasured);
-    REQUIRE(sessions.graph.optimise().status == UpdateStatus::singular);
+    REQUIRE(sessions.graph.optimize().status == UpdateStatus::singular);
     sessions.graph.join(SessionId{2}, SessionId{0}, random_motion(rng, 5, 1));
     CHECK(sessions.graph.smoother().count<PriorFactor<SE3d>>() == 1);
     sessions.graph.accept(random_closure(rng, sessions.truth, 3, 9));
     sessions.graph.accept(random_closure(rng, sessions.truth, 4, 15));
-    CHECK(sessions.graph.optimise().ok());
+    CHECK(sessions.graph.optimize().ok());
     CHECK(sessions.graph.smoother().count<PriorFactor<SE3d>>() == 1);
   }
 
-  TEST_CASE("a join linearises nothing anew but what ties the session to others") {
+  TEST_CASE("a join linearizes nothing anew but what ties the session to others") {
     Rng rng(8);
     RandomSessions sessions(rng, 2, 200);
     REQUIRE(sessions.graph.converge().ok());
     sessions.join(rng, 0, 1, 1);
-    CHECK(sessions.graph.optimise().relinearized < 100);
+    CHECK(sessions.graph.optimize().relinearized < 100);
   }
 
-  TEST_CASE("an optimisation that exceeds its work goes on with the next calls, to the same bits") {
+  TEST_CASE("an optimization that exceeds its work goes on with the next calls, to the same bits") {
     for_all(5, [](Rng& rng, int) {
       const auto seed = static_cast<std::uint64_t>(rng.uniform_index(1000));
       MapGraphOptions options = to_the_end;
@@ -401,14 +401,14 @@ TEST_SUITE("slam/map_graph") {
         Rng same(seed);
         RandomSessions sessions(same, 2, 40, options);
         sessions.join(same, 0, 1);
-        const auto optimise = [&] {
+        const auto optimize = [&] {
           ++calls;
-          const UpdateReport report = sessions.graph.optimise();
+          const UpdateReport report = sessions.graph.optimize();
           REQUIRE(report.ok());
           CHECK(sessions.graph.is_unfinished() == (report.waiting > 0));
         };
-        optimise();
-        while (sessions.graph.is_unfinished()) optimise();
+        optimize();
+        while (sessions.graph.is_unfinished()) optimize();
         return sessions.graph.map().keyframes;
       };
       int at_once = 0, in_parts = 0;

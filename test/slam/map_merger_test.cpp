@@ -256,7 +256,8 @@ TEST_SUITE("slam/map_merger") {
   TEST_CASE("places too near each other on the path do not confirm each other") {
     Sessions sessions(2);
     for (const Index query : {45, 46, 49, 50}) sessions.place(query, query - 39);
-    Merger merger = sessions.merger({.min_travel = 0, .apart = 9.9});  // the first and the last: 10 m, but for rounding
+    Merger merger = sessions.merger(
+        {.min_travel = 0, .min_place_distance = 9.9});  // the first and the last: 10 m, but for rounding
     const Outcome outcome(sessions.attempts(merger));
     CHECK(outcome.joined_at == 10);
     REQUIRE(outcome.accepted.size() == 2);
@@ -264,7 +265,7 @@ TEST_SUITE("slam/map_merger") {
 
     Sessions others(2);  // 5 m, 5 m and 5 m apart: three that keep their distance are not among them
     for (const Index query : {45, 48, 51, 53}) others.place(query, query - 39);
-    Merger three = others.merger({.min_travel = 0, .confirmations = 3, .apart = 10});
+    Merger three = others.merger({.min_travel = 0, .confirmations = 3, .min_place_distance = 10});
     CHECK(Outcome(others.attempts(three)).accepted.empty());
     CHECK(three.withdraw().size() == 4);
   }
@@ -365,7 +366,7 @@ TEST_SUITE("slam/map_merger") {
   TEST_CASE("a keyframe that is asked for again, or that has not moved, is not tried again") {
     Sessions sessions(2);
     sessions.place(45, 6);
-    Merger merger = sessions.merger({.min_travel = 0, .apart = 0});
+    Merger merger = sessions.merger({.min_travel = 0, .min_place_distance = 0});
     CHECK(merger.attempt(sessions.map, KeyframeId{45}, sessions.closer).empty());
     CHECK(merger.attempt(sessions.map, KeyframeId{45}, sessions.closer).empty());
     CHECK(merger.withdraw().size() == 1);

@@ -84,7 +84,7 @@ std::vector<SE3d> batch_optimum(const SlamMap& map, const MapGraphOptions& optio
   REQUIRE_FALSE(options.gnss.enabled);
   // Full steps to the last digits: damped ones end where costs differ by rounding only.
   REQUIRE(
-      optimise(graph, GaussNewton{.max_iterations = 30, .relative_tolerance = 0, .absolute_tolerance = 1e-24}).ok());
+      optimize(graph, GaussNewton{.max_iterations = 30, .relative_tolerance = 0, .absolute_tolerance = 1e-24}).ok());
   std::vector<SE3d> poses;
   for (const Keyframe& one : map.keyframes) poses.push_back(graph[one.id.value]);
   return poses;

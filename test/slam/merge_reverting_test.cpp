@@ -104,7 +104,7 @@ TEST_SUITE("slam: merges that are reverted") {
   TEST_CASE("without fixes that are asked, it stays: the same closures, but for the decision") {
     const DrivesRoundTheBlock drives(2);
     MergeOptions deaf;
-    deaf.fixes.apart = 0;
+    deaf.fixes.max_difference = 0;
     auto back_end = misled_back_end(drives, first_of(1, 10), deaf);
     drives.drive(back_end, 0);
     drives.drive(back_end, 1);
@@ -118,7 +118,8 @@ TEST_SUITE("slam: merges that are reverted") {
     std::vector<Index> misled;
     for (Index i = 15; i < 28; ++i) misled.push_back(per_session + i);
     MergeOptions merging;
-    merging.apart = 14;  // so that the first two right places lie before the wrong ones, too near each other
+    merging.min_place_distance =
+        14;  // so that the first two right places lie before the wrong ones, too near each other
     auto back_end = misled_back_end(drives, misled, merging);
     drives.drive(back_end, 0);
     back_end.begin_session("b");
@@ -203,7 +204,7 @@ TEST_SUITE("slam: merges that are reverted") {
   }
 
   TEST_CASE("sessions that share a ten metres' stretch are joined by one place, if fixes and scans agree with it") {
-    for (const Index witnesses : {3, 0, 20}) {
+    for (const Index supporting_scans : {3, 0, 20}) {
       DrivesRoundTheBlock drives(2);
       for (Index i = 0; i < 2 * per_session; ++i) {  // along one line: the second begins where the first one ends
         const auto at = static_cast<std::size_t>(i);
@@ -212,7 +213,7 @@ TEST_SUITE("slam: merges that are reverted") {
         drives.odometry[at] = drives.truth[static_cast<std::size_t>(first)].inverse() * drives.truth[at];
       }
       MergeOptions merging;
-      merging.witnesses = witnesses;
+      merging.supporting_scans = supporting_scans;
       merging.measurement = MergeMeasurement::refined;
       MisledPlaces places{&drives};
       places.candidates = GnssCandidates({.radius = 4, .max_count = 1});
@@ -223,9 +224,9 @@ TEST_SUITE("slam: merges that are reverted") {
       drives.drive(back_end, 1);
       const auto map = back_end.finish();
       const auto merges = std::ranges::count(map->closures, ClosureKind::merge, &LoopClosure::kind);
-      CHECK(merges == (witnesses == 3 ? 1 : 0));
-      CHECK(frames_of(*map) == std::vector<Index>{0, witnesses == 3 ? 0 : 1});
-      if (witnesses == 3) check_together(drives, *map);
+      CHECK(merges == (supporting_scans == 3 ? 1 : 0));
+      CHECK(frames_of(*map) == std::vector<Index>{0, supporting_scans == 3 ? 0 : 1});
+      if (supporting_scans == 3) check_together(drives, *map);
     }
   }
 
@@ -257,7 +258,7 @@ TEST_SUITE("slam: merges that are reverted") {
         back_end.add(test::fix_at(Timestamp::from_seconds(i), drives.truth[at].translation()));
       }
       REQUIRE(back_end.counts().merges == 1);
-      CHECK(back_end.counts().failed_optimisations == 0);
+      CHECK(back_end.counts().failed_optimizations == 0);
       const SlamMap& map = back_end.map();
       const SE3d T_world_map = drives.truth[0] * map.keyframes[0].T_map_body.inverse();
       for (const Keyframe& one : map.keyframes)  // half a metre of drift, but no turn

@@ -59,7 +59,7 @@ TEST_SUITE("slam: several sessions") {
     drives.drive(back_end, 1);
     const auto map = back_end.finish();
     CHECK(back_end.counts().merges == 1);
-    CHECK(back_end.counts().failed_optimisations == 0);
+    CHECK(back_end.counts().failed_optimizations == 0);
     CHECK(frames(*map) == std::vector<Index>{0, 0});
     CHECK(count(*map, ClosureKind::merge) == 2);
     CHECK(count(*map, ClosureKind::direct) > 5);
@@ -208,7 +208,7 @@ TEST_SUITE("slam: several sessions") {
       CHECK(map->closures.front().sqrt_information.isZero(0));
       CHECK(inter_session_error(drives, *map, 0, 1) < (anchored ? 1.0 : 0.1));
       // Without the anchor nothing ties the sessions before the first closure: those poses stay as they were aligned.
-      CHECK(back_end.counts().failed_optimisations == (anchored ? 0 : 1));
+      CHECK(back_end.counts().failed_optimizations == (anchored ? 0 : 1));
     }
   }
 
@@ -222,7 +222,7 @@ TEST_SUITE("slam: several sessions") {
           {.graph = {.anchor_joined_sessions = true}, .recheck_travel = 1e9, .chain_merges = chained});
       for (Index session = 0; session < 3; ++session) drives.drive(back_end, session);
       const auto map = back_end.finish();
-      CHECK(back_end.counts().failed_optimisations == 0);
+      CHECK(back_end.counts().failed_optimizations == 0);
       CHECK(frames(*map) == std::vector<Index>{0, 0, 0});
       CHECK(count(*map, ClosureKind::merge) == 2);
       CHECK(back_end.closure_graph().connected(22, per_session + 10));
@@ -355,7 +355,7 @@ TEST_SUITE("slam: several sessions") {
     const DrivesRoundTheBlock again(3);
     auto back_end = gnss_back_end(again);
     const Serial serial;
-    Pipeline pipeline(back_end, serial, IgnoreSteps{}, 2);
+    Pipeline pipeline(back_end, serial, NoCallback{}, 2);
     for (Index session = 0; session < 3; ++session) again.drive(pipeline, session);
     pipeline.finish();
     const auto map = back_end.finish();

@@ -103,7 +103,7 @@ class SampledRegistration {
   ProximityCandidates candidates_;
 };
 
-/// Recognises places by GNSS, as `MapMerger` does, and takes the sampled registration's word for them.
+/// Recognizes places by GNSS, as `MapMerger` does, and takes the sampled registration's word for them.
 class SampledMerger {
  public:
   template <class Closer, Executor E = Serial>

@@ -84,7 +84,7 @@ TEST_SUITE("slam/pipeline") {
     drive([&](auto&& call) { call(by_hand); });
     for (const std::size_t capacity : {1U, 3U, 64U, 1000U}) {
       DiaryBackEnd back_end;
-      Pipeline pipeline(back_end, serial, IgnoreSteps{}, capacity);
+      Pipeline pipeline(back_end, serial, NoCallback{}, capacity);
       drive([&](auto&& call) { call(pipeline); });
       pipeline.finish();
       CHECK(back_end.diary == by_hand.diary);
@@ -126,7 +126,7 @@ TEST_SUITE("slam/pipeline") {
   THREADS_TEST_CASE("slam/pipeline", "what the back end throws reaches whoever adds, even one who waits for room") {
     DiaryBackEnd back_end;
     back_end.throws_at = 0;
-    Pipeline pipeline(back_end, serial, IgnoreSteps{}, 1);
+    Pipeline pipeline(back_end, serial, NoCallback{}, 1);
     const auto add_on = [&] {
       for (int i = 0; i < 1000; ++i) pipeline.add(keyframe(i));
     };
@@ -193,7 +193,7 @@ TEST_SUITE("slam/pipeline") {
     DiaryBackEnd back_end;
     std::latch opens(1);
     back_end.opens = &opens;
-    Pipeline pipeline(back_end, serial, IgnoreSteps{}, 2);
+    Pipeline pipeline(back_end, serial, NoCallback{}, 2);
     std::atomic<int> added = 0;
     std::jthread front([&] {
       for (int i = 0; i < 10; ++i) {

@@ -16,7 +16,7 @@
 #include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/map_merger.hpp"
-#include "chainslam/slam/near_else_places.hpp"
+#include "chainslam/slam/proximity_or_places.hpp"
 #include "slam/courtyard.hpp"
 #include "slam/street.hpp"
 #include "support/property.hpp"
@@ -78,7 +78,7 @@ TEST_SUITE("slam/place_candidates") {
     std::optional<TwoSessions> sessions = two_walks(2.0);
     if (!sessions) return;
     SlamMap& map = sessions->map;
-    MapMerger<FixesElsePlaces<>> merger({}, FixesElsePlaces<>(GnssCandidates(), PlaceCandidates(for_courtyard())));
+    MapMerger<GnssOrPlaces<>> merger({}, GnssOrPlaces<>(GnssCandidates(), PlaceCandidates(for_courtyard())));
     LoopCloser<> closer;
     std::vector<LoopClosure> accepted;
     for (Index i = map.sessions[1].first_keyframe; i < to_index(map.keyframes.size()) && accepted.empty(); ++i)
@@ -131,7 +131,7 @@ TEST_SUITE("slam/place_candidates") {
     PositionIndex index;
     index.rebuild(keyframes);
     const ProximityCandidates near{.radius = 1.0};
-    NearElsePlaces candidates(near, PlaceCandidates(for_courtyard()));
+    ProximityOrPlaces candidates(near, PlaceCandidates(for_courtyard()));
     int recognized = 0, right = 0;
     for (KeyframeId query{0}; query.value < to_index(keyframes.size()); ++query.value) {
       const auto seen = keyframes.first(static_cast<std::size_t>(query.value) + 1);
@@ -180,11 +180,11 @@ TEST_SUITE("slam/place_candidates") {
     std::optional<TwoSessions> sessions = two_walks(0.0);
     if (!sessions) return;
     const KeyframeId last = sessions->map.keyframes.back().id;
-    FixesElsePlaces<> candidates{GnssCandidates(), PlaceCandidates(for_courtyard())};
+    GnssOrPlaces<> candidates{GnssCandidates(), PlaceCandidates(for_courtyard())};
     const std::vector<KeyframeId> found = candidates.find(sessions->map, last);
     REQUIRE(!found.empty());
     CHECK(candidates.guess(found.front(), last));
-    FixesElsePlaces<> with_fixes{GnssCandidates(), PlaceCandidates(for_courtyard())};
+    GnssOrPlaces<> with_fixes{GnssCandidates(), PlaceCandidates(for_courtyard())};
     sessions->map.keyframes.back().gnss = GnssFix{};
     CHECK(with_fixes.find(sessions->map, last).empty());
     CHECK(!with_fixes.guess(found.front(), last));

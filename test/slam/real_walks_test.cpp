@@ -16,14 +16,14 @@
 #include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/slam/back_end.hpp"
-#include "chainslam/slam/near_else_places.hpp"
+#include "chainslam/slam/proximity_or_places.hpp"
 #include "support/real_data.hpp"
 
 using namespace chainslam;
 
 namespace {
 
-/// A walk round a courtyard with a hand-held scanner: keyframes with odometry, and the recorder's own optimised poses.
+/// A walk round a courtyard with a hand-held scanner: keyframes with odometry, and the recorder's own optimized poses.
 struct Walk {
   std::vector<Keyframe> keyframes;
   std::vector<SE3d> recorder;
@@ -117,11 +117,11 @@ TEST_SUITE("slam on real walks") {
       const Walk walk = read_walk(*folder);
       const std::size_t n = walk.keyframes.size();
       const auto map = mapped(walk.keyframes);
-      const auto optimised = [&](std::size_t i) { return map->keyframes[i].T_map_body; };
+      const auto optimized = [&](std::size_t i) { return map->keyframes[i].T_map_body; };
       const auto odometry = [&](std::size_t i) { return map->keyframes[i].T_odom_body; };
       const auto recorder = [&](std::size_t i) { return walk.recorder[i]; };
-      const SE3d difference = start_to_end(n, recorder).inverse() * start_to_end(n, optimised);
-      const double ours = blur(map->keyframes, optimised);
+      const SE3d difference = start_to_end(n, recorder).inverse() * start_to_end(n, optimized);
+      const double ours = blur(map->keyframes, optimized);
       MESSAGE(name, ": ", map->closures.size(), " closures, ", map->refusals.size(), " refusals; end ",
               difference.translation().norm(), " m from the recorder's; blur ", ours, " m, odometry's ",
               blur(map->keyframes, odometry), " m, recorder's ", blur(map->keyframes, recorder), " m");
@@ -165,8 +165,8 @@ TEST_SUITE("slam on real walks") {
     const SE3d truth = start_to_end(n, [&](std::size_t i) { return walk.keyframes[i].T_odom_body; });
     for (const Index count : {0, 2}) {
       places.max_count = count;
-      using Closer = LoopCloser<NearElsePlaces>;
-      BackEnd<Closer, NoChaining, NoMerging> back_end({}, Closer({}, NearElsePlaces({}, PlaceCandidates(places))));
+      using Closer = LoopCloser<ProximityOrPlaces>;
+      BackEnd<Closer, NoChaining, NoMerging> back_end({}, Closer({}, ProximityOrPlaces({}, PlaceCandidates(places))));
       for (const Keyframe& keyframe : broken(walk.keyframes)) back_end.add(keyframe);
       const auto map = back_end.finish();
       const SE3d end = start_to_end(n, [&](std::size_t i) { return map->keyframes[i].T_map_body; });

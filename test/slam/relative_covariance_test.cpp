@@ -23,13 +23,13 @@ TEST_SUITE("slam/relative_covariance") {
         }
       };
       drive(20);
-      REQUIRE(graph.optimise().ok());
+      REQUIRE(graph.optimize().ok());
       drive(40);
       const auto known = [&](Index from, Index to) {
         return relative_covariance(graph.smoother(), graph.map(), KeyframeId{from}, KeyframeId{to});
       };
       const std::vector<Matrix6d> before{known(5, 15), known(5, 19), known(5, 20), known(5, 39), known(19, 30)};
-      REQUIRE(graph.optimise().ok());
+      REQUIRE(graph.optimize().ok());
       const std::vector<Matrix6d> after{known(5, 15), known(5, 19), known(5, 20), known(5, 39), known(19, 30)};
       for (std::size_t i = 0; i < before.size(); ++i) {
         CHECK(before[i](0, 0) > 0);

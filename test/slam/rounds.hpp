@@ -49,7 +49,7 @@ struct Growing {
       Keyframe keyframe{.time = Timestamp(seconds(i)), .T_odom_body = rounds.odometry[static_cast<std::size_t>(i)]};
       if (fix_bias) keyframe.gnss = fix(i, *fix_bias);
       graph.append(keyframe);
-      if (graph.waiting_fixes() >= 10) CHECK(graph.optimise().ok());  // as the back end does
+      if (graph.waiting_fixes() >= 10) CHECK(graph.optimize().ok());  // as the back end does
     }
   }
   [[nodiscard]] GnssFix fix(Index i, const Eigen::Vector3d& bias) {

@@ -59,7 +59,7 @@ TEST_SUITE("map/submap") {
     CHECK(submap_range(keyframes, KeyframeId{10}, 8, 0) == SubmapRange{2, 19});
   }
 
-  TEST_CASE("scans are placed by their optimised poses and seen from the centre") {
+  TEST_CASE("scans are placed by their optimized poses and seen from the centre") {
     std::vector<SE3d> poses{SE3d(SO3d::exp({0.1, 0.2, 1.0}), {10, -5, 2}),
                             SE3d(SO3d::exp({-0.3, 0, -2.0}), {12, 3, 1})};
     std::vector<Keyframe> keyframes = keyframes_at(poses);

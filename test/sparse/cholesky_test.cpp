@@ -51,7 +51,7 @@ double residual(const BlockMatrix<N>& matrix, const Eigen::VectorXd& x, const Ei
 }  // namespace
 
 TEST_SUITE("sparse/cholesky") {
-  TEST_CASE_TEMPLATE("solutions agree with the dense factorisation", Solver, BlockCholesky<1>, BlockCholesky<3>,
+  TEST_CASE_TEMPLATE("solutions agree with the dense factorization", Solver, BlockCholesky<1>, BlockCholesky<3>,
                      BlockCholesky<6>, NaturalCholesky, Cholmod<3>) {
     constexpr int N = Solver::block_size;
     for_all(40, [](Rng& rng, int size) {
@@ -85,7 +85,7 @@ TEST_SUITE("sparse/cholesky") {
     });
   }
 
-  TEST_CASE("damping adds to the diagonal, and the next factorisation does without it") {
+  TEST_CASE("damping adds to the diagonal, and the next factorization does without it") {
     Rng rng(1);
     const BlockMatrix<6> matrix = random_normal_equations<6>(random_pattern(rng, 50, 1.0), rng, 0.1);
     const Eigen::VectorXd b = random_vector(rng, 300);
@@ -172,7 +172,7 @@ TEST_SUITE("sparse/cholesky") {
     CHECK(solver.factorize(scaled).ok());
   }
 
-  TEST_CASE("an empty matrix is factorised and solved") {
+  TEST_CASE("an empty matrix is factorized and solved") {
     BlockCholesky<6> solver;
     solver.analyze(BlockPattern());
     CHECK(solver.factorize(BlockMatrix<6>()).ok());

@@ -59,7 +59,7 @@ TEST_SUITE("sparse/parallel_cholesky") {
     });
   }
 
-  TEST_CASE("what is empty or one block is factorised in parallel, too") {
+  TEST_CASE("what is empty or one block is factorized in parallel, too") {
     const ThreadPool pool(2);
     ParallelCholesky<6, ThreadPool> solver(pool);
     solver.analyze(BlockPattern());

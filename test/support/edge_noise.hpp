@@ -10,7 +10,7 @@
 namespace chainslam::test {
 
 /// The noise of an edge of a public pose graph, also where its information has negative directions, as many of
-/// cubicle's have: there, what is left of a Cholesky factorisation that stops at the bad pivot, rotation first, is what
+/// cubicle's have: there, what is left of a Cholesky factorization that stops at the bad pivot, rotation first, is what
 /// published optima take for its square root.
 template <class Pose>
 [[nodiscard]] NoiseModel<Pose::dof> edge_noise(const typename NoiseModel<Pose::dof>::Matrix& information) {

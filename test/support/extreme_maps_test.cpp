@@ -105,7 +105,7 @@ TEST_SUITE("support/extreme_maps") {
     for (const double far : {5e28, 1e300, -1e308, infinity, std::numeric_limits<double>::quiet_NaN()}) {
       CAPTURE(far);
       ReportData data = report_data(corridor(100, 50), 0.2);
-      for (const std::size_t i : {0U, 20U, 49U}) data.sessions[0].optimised[i] = Eigen::Vector3d(far, -far, far);
+      for (const std::size_t i : {0U, 20U, 49U}) data.sessions[0].optimized[i] = Eigen::Vector3d(far, -far, far);
       data.sessions[0].times[30] = far;
       data.points[7].x() = static_cast<float>(std::max(-1e38, std::min(far, 1e38)));
       data.closures = {{.from = 0, .to = 49, .kind = ClosureKind::direct}, {.from = 3, .to = 20}};

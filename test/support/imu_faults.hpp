@@ -40,7 +40,7 @@ inline ImuSamples in_g_and_degrees(ImuSamples samples) {
   return samples;
 }
 
-/// A share of the measurements gets one absurd number of 1e3 to 1e30 (uniform in the logarithm), of either sign.
+/// A share of the measurements gets one out_of_range number of 1e3 to 1e30 (uniform in the logarithm), of either sign.
 inline ImuSamples with_spikes(ImuSamples samples, double share, Rng rng) {
   for (ImuSample& sample : samples) {
     if (rng.uniform() >= share) continue;

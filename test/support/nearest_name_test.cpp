@@ -12,7 +12,7 @@ TEST_SUITE("support/nearest_name") {
     const std::vector<std::string> names{"map", "simulate", "inspect", "optimize"};
     CHECK(nearest_name("mpa", names) == "map");
     CHECK(nearest_name("simulte", names) == "simulate");
-    CHECK(nearest_name("optimise", names) == "optimize");
+    CHECK(nearest_name("optimize", names) == "optimize");
     CHECK(nearest_name("inspects", names) == "inspect");
   }
 

@@ -81,7 +81,7 @@ ReportData square_town() {
     for (int i = 0; i < 40; ++i) {
       const double angle = 0.1 * i;
       session.times.push_back(0.5 * i);
-      session.optimised.emplace_back(50 * std::cos(angle), 40 * std::sin(angle), 1.0);
+      session.optimized.emplace_back(50 * std::cos(angle), 40 * std::sin(angle), 1.0);
       session.odometry.emplace_back(50 * std::cos(angle) + 0.01 * i, 40 * std::sin(angle), 1.0);
       session.truth.emplace_back(50 * std::cos(angle), 40 * std::sin(angle), 1.1);
     }
@@ -357,7 +357,7 @@ TEST_SUITE("support/report") {
   TEST_CASE("positions that are not finite draw nothing") {
     const Folder folder;
     ReportData data = square_town();
-    data.sessions[0].optimised[3].x() = not_a_number;
+    data.sessions[0].optimized[3].x() = not_a_number;
     data.points[7].y() = std::numeric_limits<float>::infinity();
     const std::string html = report_html(data, {.three_js = folder.three_js()});
     const std::string svg = between(html, "preserveAspectRatio", "</svg>");
@@ -488,9 +488,9 @@ TEST_SUITE("support/report_data") {
     const SE3d T_map_odom = odometry_placement(map, map.sessions[1]);
     CHECK(T_map_odom.translation().isApprox(Eigen::Vector3d(-2, 2, 0)));  // at keyframe 6, two odd metres back
     const ReportData data = report_data(map, 0.5);
-    CHECK(data.sessions[1].odometry[2].isApprox(data.sessions[1].optimised[2]));
-    CHECK((data.sessions[1].odometry[3] - data.sessions[1].optimised[3]).norm() == doctest::Approx(1));
-    CHECK(data.sessions[0].odometry[3].isApprox(data.sessions[0].optimised[3]));
+    CHECK(data.sessions[1].odometry[2].isApprox(data.sessions[1].optimized[2]));
+    CHECK((data.sessions[1].odometry[3] - data.sessions[1].optimized[3]).norm() == doctest::Approx(1));
+    CHECK(data.sessions[0].odometry[3].isApprox(data.sessions[0].optimized[3]));
   }
 
   TEST_CASE("a session is placed by a later one's merge with it, if that is what joined it") {
@@ -507,7 +507,7 @@ TEST_SUITE("support/report_data") {
     CHECK(data.sessions[1].frame == 0);
     CHECK(data.sessions[2].frame == 2);
     CHECK(data.sessions[2].offset.x() > 100);
-    CHECK(data.sessions[2].optimised[0].isApprox(data.sessions[2].offset));
+    CHECK(data.sessions[2].optimized[0].isApprox(data.sessions[2].offset));
   }
 
   TEST_CASE("components join what closures that are factors connect, the largest first") {
@@ -537,7 +537,7 @@ TEST_SUITE("support/report_data") {
     for (std::size_t i = 0; i < 2; ++i)
       sessions[i] = {.name = i == 0 ? "a" : "b",
                      .times = {0},
-                     .optimised = {{1, 0, 0}},
+                     .optimized = {{1, 0, 0}},
                      .odometry = {{0, 2, 0}},
                      .truth = {{0, 0, 0}}};
     const auto plots = error_plots(sessions);
@@ -572,7 +572,7 @@ TEST_SUITE("support/report_data") {
     CHECK(data.sessions[0].name == "a");
     CHECK(data.sessions[0].times == std::vector<double>{0, 2});
     CHECK(data.sessions[0].odometry[1].x() == doctest::Approx(1003));
-    CHECK(data.sessions[1].optimised.size() == 1);
+    CHECK(data.sessions[1].optimized.size() == 1);
     REQUIRE(data.closures.size() == 1);
     CHECK(data.closures[0].to == 2);
     CHECK(data.closures[0].kind == ClosureKind::merge);
@@ -593,7 +593,7 @@ TEST_SUITE("support/report_data") {
     std::vector<ReportSession> sessions(2);
     sessions[0] = {.name = "a",
                    .times = {0, 1},
-                   .optimised = {{0, 0, 0}, {3, 4, 0}},
+                   .optimized = {{0, 0, 0}, {3, 4, 0}},
                    .odometry = {},
                    .truth = {{0, 0, 0}, {0, 0, 0}}};
     const std::vector<ReportPlot> plots = error_plots(sessions);

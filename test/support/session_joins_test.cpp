@@ -56,7 +56,7 @@ TEST_SUITE("support/session_joins") {
     CHECK(evidence_of(joins[1]) == "nothing");
     CHECK(doubts_of(joins[1]) == "1 place and 1 closure reverted");
     CHECK(joins[2].first == SessionId{1});
-    CHECK(doubts_of(joins[2]) == "1 place unconfirmed, 1 place against the fixes, 1 place not recognised");
+    CHECK(doubts_of(joins[2]) == "1 place unconfirmed, 1 place against the fixes, 1 place not recognized");
   }
 
   TEST_CASE("a map of one session has nothing to say") {

@@ -119,7 +119,7 @@ class SampledMerger {
     last_ = travelled;
     Rng rng = scans_->of_pair(*near, query);
     const Attempt& drawn = attempts[static_cast<std::size_t>(rng.uniform_index(static_cast<Index>(attempts.size())))];
-    if (!drawn.converged || (!agreeing_.empty() && travelled - confirmed_ < options_.apart)) return {};
+    if (!drawn.converged || (!agreeing_.empty() && travelled - confirmed_ < options_.min_place_distance)) return {};
     confirmed_ = travelled;
     LoopClosure closure{.from = *near, .to = query, .T_from_to = scans_->T_true(*near, query) * SE3d::exp(drawn.error)};
     closure.kind = ClosureKind::merge;

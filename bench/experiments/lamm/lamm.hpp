@@ -11,8 +11,8 @@
 #include "scan_graph.hpp"
 
 // LAMM (Wei et al. 2025, "Large-Scale Multi-Session Point-Cloud Map Merging", RA-L 10(1)): joins sessions off line. Key
-// clouds are recognised by triangles of binary keypoints, verified by their planes; loops that contradict odometry or
-// one another are dropped; all sessions that loops connect are optimised together.
+// clouds are recognized by triangles of binary keypoints, verified by their planes; loops that contradict odometry or
+// one another are dropped; all sessions that loops connect are optimized together.
 
 namespace chainslam::lamm {
 
@@ -32,9 +32,9 @@ struct Options {
 /// - each loop is a factor for each of the ten scans after its ends, with the relative pose of the ends;
 /// - two to four loops between two sessions are all dropped, since their radius is zero;
 /// - the start of a session is computed with a translation that is not turned;
-/// - a place is recognised by half the overlap, as its launch file has it;
+/// - a place is recognized by half the overlap, as its launch file has it;
 /// - no candidate, of whatever session, is less than 101 key clouds before the query;
-/// - every session starts the optimisation in its own frame, which takes eleven steps;
+/// - every session starts the optimization in its own frame, which takes eleven steps;
 /// - groups after the first are held at a pose of the first session.
 [[nodiscard]] Options as_released();
 

@@ -113,7 +113,7 @@ int run(const Arguments& arguments) {
   const lamm::Result result = lamm::merge(drives, options, threads);
   times.add("describe", result.counts.describe_seconds);
   times.add("search", result.counts.search_seconds);
-  times.add("optimise", result.counts.optimize_seconds);
+  times.add("optimize", result.counts.optimize_seconds);
   const mapper::MapperOptions settings;
   mapper::RunOutcome outcome =
       mapper::conclude(lamm::mapping_result(std::move(sets), result, options.graph), title, settings);

@@ -116,10 +116,10 @@ mapper::MappingResult mapping_result(std::vector<KeyframeSet> sets, const Result
   mapping.map = std::make_shared<const SlamMap>(std::move(map));
   mapping.figures.alignments = to_index(result.loops.size());
   mapping.figures.merges = joined_sessions(result.drives);
-  mapping.figures.optimisations = 1;
+  mapping.figures.optimizations = 1;
   if (!result.drives.report.ok()) {
-    mapping.figures.failed_optimisations = 1;
-    mapping.notes.push_back(std::string("the pose graph was not optimised: ") + name_of(result.drives.report.status));
+    mapping.figures.failed_optimizations = 1;
+    mapping.notes.push_back(std::string("the pose graph was not optimized: ") + name_of(result.drives.report.status));
   }
   return mapping;
 }

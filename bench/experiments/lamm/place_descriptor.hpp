@@ -18,7 +18,7 @@ struct PlaceDescriptorOptions {
   TriangleOptions triangles{};
 };
 
-/// What a place is recognised and verified by, in the frame of the cloud that it was made of.
+/// What a place is recognized and verified by, in the frame of the cloud that it was made of.
 struct PlaceDescriptor {
   std::vector<BinaryKeypoint> keypoints;
   std::vector<Triangle> triangles;

@@ -32,7 +32,7 @@ struct VerificationOptions {
   double refine_distance = 3.0;    ///< metres between the centres of two pieces that refinement pairs
 };
 
-/// A place that was recognised.
+/// A place that was recognized.
 struct RecognizedPlace {
   Index place = 0;
   SE3d T_place_query{};

@@ -169,8 +169,8 @@ OptimizedDrives optimize_drives(std::span<const Drive> drives, std::span<const L
   result.factors = graph.factor_count();
   // Ten factors a loop tie the sessions together in sheets, which minimum degree does not see.
   BlockCholesky<6, NestedDissection> solver;
-  result.report = options.damped ? optimise(graph, LevenbergMarquardt{.max_iterations = options.max_iterations}, solver)
-                                 : optimise(graph, GaussNewton{.max_iterations = options.max_iterations}, solver);
+  result.report = options.damped ? optimize(graph, LevenbergMarquardt{.max_iterations = options.max_iterations}, solver)
+                                 : optimize(graph, GaussNewton{.max_iterations = options.max_iterations}, solver);
   for (std::size_t i = 0; i < drives.size(); ++i) {
     std::vector<SE3d>& poses = result.poses.emplace_back();
     for (const Scan& scan : drives[i].scans) poses.push_back(graph[keys[i].at(scan.frame)]);

@@ -40,7 +40,7 @@ struct OptimizedDrives {
   Index factors = 0;
 };
 
-/// Optimises all drives that loops connect, together.
+/// Optimizes all drives that loops connect, together.
 /// @param loops  those that are not `kept` are passed over.
 [[nodiscard]] OptimizedDrives optimize_drives(std::span<const Drive> drives, std::span<const Loop> loops,
                                               const ScanGraphOptions& options);

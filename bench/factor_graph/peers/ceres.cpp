@@ -151,7 +151,7 @@ template <class Pose>
 CeresBatch<Pose>::~CeresBatch() = default;
 
 template <class Pose>
-Values<Pose> CeresBatch<Pose>::optimised() {
+Values<Pose> CeresBatch<Pose>::optimized() {
   state_->poses = state_->start;
   ceres::Solver::Summary summary;
   ceres::Solve(options(), &state_->problem, &summary);

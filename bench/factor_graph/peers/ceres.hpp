@@ -16,7 +16,7 @@ class CeresBatch {
   ~CeresBatch();
 
   /// From the graph's values, ordering included, with Ceres's own tolerances.
-  [[nodiscard]] Values<Pose> optimised();
+  [[nodiscard]] Values<Pose> optimized();
 
  private:
   struct State;

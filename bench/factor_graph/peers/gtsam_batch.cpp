@@ -74,7 +74,7 @@ template <class Pose>
 GtsamBatch<Pose>::~GtsamBatch() = default;
 
 template <class Pose>
-Values<Pose> GtsamBatch<Pose>::optimised() const {
+Values<Pose> GtsamBatch<Pose>::optimized() const {
   const gtsam::Values end = gtsam::GaussNewtonOptimizer(state_->factors, state_->start).optimize();
   Values<Pose> values;
   for (gtsam::Key key = 0; key < end.size(); ++key) values.add(from_gtsam(end.template at<typename State::Peer>(key)));

@@ -20,7 +20,7 @@ class GtsamBatch {
   ~GtsamBatch();
 
   /// From the graph's values, ordering included, with GTSAM's own tolerances.
-  [[nodiscard]] Values<Pose> optimised() const;
+  [[nodiscard]] Values<Pose> optimized() const;
 
  private:
   struct State;

@@ -58,13 +58,13 @@ struct Meeting {
 }
 
 /// Recorded keyframes with odometry.
-/// @param T_place_odom  of the recorder's optimised poses, which are the reference.
+/// @param T_place_odom  of the recorder's optimized poses, which are the reference.
 [[nodiscard]] inline KnownDrive read_recorded(KnownDrive known, const std::filesystem::path& folder,
                                               const Picking& picking, const SE3d& T_place_odom) {
-  const std::vector<SE3d> optimised = read_kitti_poses(folder / "optimized_poses.txt").poses;
+  const std::vector<SE3d> optimized = read_kitti_poses(folder / "optimized_poses.txt").poses;
   const auto dataset = datasets::open_dataset(folder);
   std::size_t row = 0;
-  DriveRecorder recorder(std::move(known), picking, [&](Timestamp) { return T_place_odom * optimised.at(row); });
+  DriveRecorder recorder(std::move(known), picking, [&](Timestamp) { return T_place_odom * optimized.at(row); });
   for (; const std::optional<Frame> frame = dataset->next_frame(); ++row) recorder.add(*frame);
   return recorder.finish();
 }

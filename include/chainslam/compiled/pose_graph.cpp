@@ -2,8 +2,8 @@
 
 namespace chainslam {
 
-template OptimizeReport optimise(PoseGraph&, const GaussNewton&);
-template OptimizeReport optimise(PoseGraph&, const LevenbergMarquardt&);
-template OptimizeReport optimise(PoseGraph&, const Dogleg&);
+template OptimizeReport optimize(PoseGraph&, const GaussNewton&);
+template OptimizeReport optimize(PoseGraph&, const LevenbergMarquardt&);
+template OptimizeReport optimize(PoseGraph&, const Dogleg&);
 
 }  // namespace chainslam

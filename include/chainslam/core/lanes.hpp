@@ -7,7 +7,7 @@
 namespace chainslam::detail {
 
 // Vectors of the compiler's own, as wide as its registers: plain arithmetic on them is SIMD at any level of
-// optimisation, on any processor. They go by reference, since how they are passed by value depends on flags.
+// optimization, on any processor. They go by reference, since how they are passed by value depends on flags.
 
 #if defined(__AVX__)
 inline constexpr std::size_t lane_count = 8;

@@ -32,7 +32,7 @@ enum class OptimizeStatus {
   not_finite,       ///< the cost is not a number: check values and measurements
 };
 
-/// What `optimise` did. Costs are sums of squared whitened residuals (chi^2), through the kernels.
+/// What `optimize` did. Costs are sums of squared whitened residuals (chi^2), through the kernels.
 struct OptimizeReport {
   OptimizeStatus status = OptimizeStatus::converged;  ///< how it ended
   Index iterations = 0;                               ///< linear systems solved
@@ -277,7 +277,7 @@ class BatchOptimization {
 
 /// Optimizes with constraints as penalties.
 template <class Graph, class Method, class Solver>
-[[nodiscard]] OptimizeReport optimise_springs(Graph& graph, const Method& method, Solver& solver) {
+[[nodiscard]] OptimizeReport optimize_springs(Graph& graph, const Method& method, Solver& solver) {
   auto components = components_of(graph);
   std::vector<Key> floating = components.floating();
   if (!floating.empty()) {
@@ -320,15 +320,15 @@ template <class Graph>
 /// @param method  GaussNewton, LevenbergMarquardt or Dogleg.
 /// @param solver  where the linear systems are solved; keeps its memory for the next call.
 template <class Group, class... Extra, class Method, LinearSolver Solver>
-OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, Solver& solver) {
-  OptimizeReport report = detail::optimise_springs(graph, method, solver);
+OptimizeReport optimize(FactorGraph<Group, Extra...>& graph, const Method& method, Solver& solver) {
+  OptimizeReport report = detail::optimize_springs(graph, method, solver);
   if constexpr ((detail::is_constraint<Extra> || ...)) {
     report.violation = detail::violation_of(graph, graph.values());
     for (detail::ConstraintRounds rounds; report.ok() && rounds.more(report.violation);) {
       graph.change_factors([&](auto& factor) {
         if constexpr (requires { factor.tighten(graph.values()); }) factor.tighten(graph.values());
       });
-      const OptimizeReport next = detail::optimise_springs(graph, method, solver);
+      const OptimizeReport next = detail::optimize_springs(graph, method, solver);
       report.iterations += next.iterations;
       if (!next.ok()) break;
       report.status = next.status;
@@ -340,22 +340,22 @@ OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& metho
 }
 
 template <class Group, class... Extra, class Method = LevenbergMarquardt>
-OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method = {}) {
+OptimizeReport optimize(FactorGraph<Group, Extra...>& graph, const Method& method = {}) {
   BlockCholesky<Group::dof> solver;
-  return optimise(graph, method, solver);
+  return optimize(graph, method, solver);
 }
 
 /// The same, bit-identically, with the factorizations shared out by an executor.
 template <class Group, class... Extra, class Method, Executor Exec>
-OptimizeReport optimise(FactorGraph<Group, Extra...>& graph, const Method& method, const Exec& executor) {
+OptimizeReport optimize(FactorGraph<Group, Extra...>& graph, const Method& method, const Exec& executor) {
   ParallelCholesky<Group::dof, Exec> solver(executor);
-  return optimise(graph, method, solver);
+  return optimize(graph, method, solver);
 }
 
 #ifdef CHAINSLAM_COMPILED
-extern template OptimizeReport optimise(PoseGraph&, const GaussNewton&);
-extern template OptimizeReport optimise(PoseGraph&, const LevenbergMarquardt&);
-extern template OptimizeReport optimise(PoseGraph&, const Dogleg&);
+extern template OptimizeReport optimize(PoseGraph&, const GaussNewton&);
+extern template OptimizeReport optimize(PoseGraph&, const LevenbergMarquardt&);
+extern template OptimizeReport optimize(PoseGraph&, const Dogleg&);
 #endif
 
 }  // namespace chainslam

@@ -203,7 +203,7 @@ template <class Group, class... Extra>
   }
   const std::vector<Key> pinned = detail::floating_components(relaxed);
   for (const Key key : pinned) relaxed.set_fixed(key);
-  if (!optimise(relaxed, LevenbergMarquardt{.relative_tolerance = 1e-12, .absolute_tolerance = 1e-12}).ok())
+  if (!optimize(relaxed, LevenbergMarquardt{.relative_tolerance = 1e-12, .absolute_tolerance = 1e-12}).ok())
     return std::nullopt;
   detail::DualBound<Group> dual(relaxed.template factors<Chordal>(), relaxed.values(), pinned);
   return Certificate{graph.cost(), std::max(0.0, dual.value())};

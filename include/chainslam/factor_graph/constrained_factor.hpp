@@ -27,7 +27,7 @@ struct LessConstant {
 /// are one. (A variable that is known altogether is `set_fixed`.)
 ///
 /// By the method of multipliers (Hestenes 1969; Nocedal and Wright 2006, section 17.3): the rows count as stiff
-/// springs, whose rest is moved by what they give way, until they are at zero. `optimise` and
+/// springs, whose rest is moved by what they give way, until they are at zero. `optimize` and
 /// `IncrementalSmoother::converge` do so; `IncrementalSmoother::update` leaves the springs where they rest, and their
 /// rows off by the force on them times the square of their softness. The softness changes how fast the rows come to
 /// zero, not where all ends: a hundredth of the smallest standard deviation around makes two or three rounds; below
@@ -121,7 +121,7 @@ inline constexpr bool is_constraint = requires(F& factor, const Values<typename 
 /// When the springs of constraints have been moved often enough.
 class ConstraintRounds {
  public:
-  /// @returns whether to move the springs and optimise once more.
+  /// @returns whether to move the springs and optimize once more.
   [[nodiscard]] bool more(double violation) {
     since_best_ = violation < 0.9 * best_ ? 0 : since_best_ + 1;
     best_ = std::min(best_, violation);

@@ -156,7 +156,7 @@ class IncrementalSmoother {
   /// Sum of the squared whitened residuals (chi^2) of the estimate, through their kernels. Linear in the graph.
   [[nodiscard]] double cost() const { return pools_.cost(estimates_); }
   /// Covariance of the estimates of some variables together, as right perturbations, in the order of `keys` (without
-  /// repetitions): by the linearised factors of the last update. Fixed variables have none. Costs the way to the root.
+  /// repetitions): by the linearized factors of the last update. Fixed variables have none. Costs the way to the root.
   /// @throws std::invalid_argument if a key is unknown.
   [[nodiscard]] Eigen::MatrixXd covariance(std::span<const Key> keys) const;
   /// Covariance of one variable's estimate, as a right perturbation.
@@ -166,10 +166,10 @@ class IncrementalSmoother {
   [[nodiscard]] [[gnu::cold]] typename Group::Jacobian relative_covariance(Key from, Key to) const;
   /// Whether covariances know the variable: it is not fixed, and an update has taken it in.
   [[nodiscard]] bool has_covariance(Key key) const { return solver_.is_eliminated(key); }
-  /// The covariance of each variable by itself, all at once: for about two factorisations of everything.
+  /// The covariance of each variable by itself, all at once: for about two factorizations of everything.
   [[nodiscard]] std::vector<typename Group::Jacobian> marginals() const;
 
-  /// What would happen if a factor on known variables were added, by the linearised factors of the last update.
+  /// What would happen if a factor on known variables were added, by the linearized factors of the last update.
   /// @throws std::invalid_argument if a key is unknown or repeated.
   template <Factor F>
   [[nodiscard]] [[gnu::cold]] FactorForecast what_if(const F& factor) const;
@@ -183,7 +183,7 @@ class IncrementalSmoother {
   /// Grows whenever the graph may have come to know less: factors removed, weights lowered, variables moved.
   [[nodiscard]] std::uint64_t losses() const { return losses_; }
 
-  /// The whole state as bytes, the same on every machine: values and where they are linearised, factors with their
+  /// The whole state as bytes, the same on every machine: values and where they are linearized, factors with their
   /// names and weights, what is fixed or waits, and the order of elimination; not what `undo` would need. Types of
   /// factors of one's own have `visit_members(self, visit)`, as `BetweenFactor` has.
   /// @throws std::invalid_argument if changes wait for `update`.
@@ -331,7 +331,7 @@ class IncrementalSmoother {
   SmootherOptions options_;
   MarginalizeOld marginalize_old_;
   IncrementalCholesky<dof> solver_;
-  Values<Group> origins_;    ///< where the factors are linearised
+  Values<Group> origins_;    ///< where the factors are linearized
   Values<Group> estimates_;  ///< these, moved by the linear system's solution
   Pools pools_;
   detail::Table<double> look_;        ///< of each variable: the step at which its factors are looked at

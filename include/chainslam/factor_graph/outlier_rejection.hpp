@@ -115,7 +115,7 @@ struct WeightedFactor {
 /// Those beyond suspicion (odometry) must hold the graph together. If an optimization fails, the graph keeps its
 /// values.
 template <class Group, std::predicate<const BetweenFactor<Group>&> Suspect>
-GncReport optimise(FactorGraph<Group>& graph, const GraduatedNonConvexity& method, Suspect&& suspect) {
+GncReport optimize(FactorGraph<Group>& graph, const GraduatedNonConvexity& method, Suspect&& suspect) {
   using Weighted = detail::WeightedFactor<BetweenFactor<Group>>;
   const double threshold = method.threshold > 0.0 ? method.threshold : chi_squared_99(Group::dof);
   const auto betweens = graph.betweens();
@@ -137,7 +137,7 @@ GncReport optimise(FactorGraph<Group>& graph, const GraduatedNonConvexity& metho
   std::optional<double> mu;
   while (report.steps < method.max_steps && !report.decided) {
     ++report.steps;
-    report.last = optimise(weighted, method.optimizer, solver);
+    report.last = optimize(weighted, method.optimizer, solver);
     if (!report.last.ok()) return report;
     std::vector<double> squares;
     for (const std::size_t k : suspects) squares.push_back(betweens[k].residual(weighted.values()).squaredNorm());

@@ -36,7 +36,7 @@ struct Inertial {
     gyro_bias,       ///< rad/s
     accel_bias,      ///< m/s^2
     up,              ///< against gravity, in odom
-    creep,           ///< by how much `up` has moved since the start, along x and y
+    tilt,            ///< by how much `up` has moved since the start, along x and y
     bend,            ///< 1/m: `up` leans with the way by so much, as over a map bent like a bowl
     lidar_position,  ///< of the LiDAR in the body frame, metres
     lidar_rotation,  ///< R_body_lidar
@@ -164,7 +164,7 @@ static_assert(ProcessModel<ImuProcess, InertialState>);
 inline void ImuProcess::lean(const InertialState& x, double dt, Transition<InertialState>& step) {
   using Part = Inertial::Part;
   constexpr int v = inertial_offset<Part::velocity>, bend = inertial_offset<Part::bend>;
-  constexpr int up = inertial_offset<Part::up>, creep = inertial_offset<Part::creep>;
+  constexpr int up = inertial_offset<Part::up>, tilt = inertial_offset<Part::tilt>;
   const Eigen::Vector3d& before = x.get<Part::up>().direction();
   const Eigen::Matrix<double, 3, 2> basis = x.get<Part::up>().basis();
   const Eigen::Vector3d velocity = x.get<Part::velocity>().value();
@@ -175,7 +175,7 @@ inline void ImuProcess::lean(const InertialState& x, double dt, Transition<Inert
   const S2d after = turn * x.get<Part::up>();
   const Eigen::Vector3d change = difference_of(after.direction(), before);
   step.state.get<Part::up>() = after;
-  step.state.get<Part::creep>() = R2d(sum_of(x.get<Part::creep>().value(), block_of<2, 1>(change, 0, 0)));
+  step.state.get<Part::tilt>() = R2d(sum_of(x.get<Part::tilt>().value(), block_of<2, 1>(change, 0, 0)));
 
   // d up' / d (w, up, velocity)
   const Eigen::Matrix3d R = turn.matrix();
@@ -189,16 +189,16 @@ inline void ImuProcess::lean(const InertialState& x, double dt, Transition<Inert
   set_block(step.F, up, up, product(to_tangent, by_up));
   set_block(step.F, up, v, product(to_tangent, by_velocity));
   set_block(step.F, up, bend, product(to_tangent, by_bend));
-  set_block(step.F, creep, up, block_of<2, 2>(difference_of(by_up, basis), 0, 0));
-  set_block(step.F, creep, v, block_of<2, 3>(by_velocity, 0, 0));
-  set_block(step.F, creep, bend, block_of<2, 1>(by_bend, 0, 0));
+  set_block(step.F, tilt, up, block_of<2, 2>(difference_of(by_up, basis), 0, 0));
+  set_block(step.F, tilt, v, block_of<2, 3>(by_velocity, 0, 0));
+  set_block(step.F, tilt, bend, block_of<2, 1>(by_bend, 0, 0));
 }
 
 inline Transition<InertialState> ImuProcess::predict(const InertialState& x, const ImuInput& input, double dt) const {
   using Part = Inertial::Part;
   constexpr int p = inertial_offset<Part::position>, R = inertial_offset<Part::rotation>;
   constexpr int v = inertial_offset<Part::velocity>;
-  constexpr int up = inertial_offset<Part::up>, creep = inertial_offset<Part::creep>;
+  constexpr int up = inertial_offset<Part::up>, tilt = inertial_offset<Part::tilt>;
   constexpr int bg = inertial_offset<Part::gyro_bias>, ba = inertial_offset<Part::accel_bias>;
   const bool midpoint = integration == ImuIntegration::midpoint;
 
@@ -263,9 +263,9 @@ inline Transition<InertialState> ImuProcess::predict(const InertialState& x, con
   const Eigen::Matrix2d by_walk = block_of<2, 2>(step.state.get<Part::up>().basis(), 0, 0);
   const Eigen::Matrix2d with_up = scaled(walk, by_walk);
   for (int i = 0; i < 2; ++i) step.Q(up + i, up + i) = walk;
-  set_block(step.Q, creep, up, with_up);
-  set_block(step.Q, up, creep, transposed(with_up));
-  set_block(step.Q, creep, creep, product_transposed(with_up, by_walk));
+  set_block(step.Q, tilt, up, with_up);
+  set_block(step.Q, up, tilt, transposed(with_up));
+  set_block(step.Q, tilt, tilt, product_transposed(with_up, by_walk));
   return step;
 }
 

@@ -66,9 +66,9 @@ struct InertialMotionOptions {
   double start_gyro_bias = 1e-2;  ///< rad/s, deviation
   double rest_share = 0.5;  ///< of starts with quiet measurements, those at rest; the others are in a slow, steady turn
   double start_accel_bias = 0.1;  ///< m/s^2, deviation
-  double start_up = 0.15;    ///< radians, deviation of gravity's direction: steady acceleration is as quiet as rest
-  double rest_up = 0.01;     ///< and where rest is assumed: what the accelerometer's bias makes of it
-  double start_bend = 5e-5;  ///< 1/m, deviation of the map's bend: 0.3 degrees in 100 m
+  double start_up = 0.15;  ///< radians, deviation of gravity's direction: steady acceleration is as quiet as rest
+  double rest_up = 0.01;   ///< and where rest is assumed: what the accelerometer's bias makes of it
+  double start_curvature = 5e-5;  ///< 1/m, deviation of the map's bend: 0.3 degrees in 100 m
   // Without readings the body goes on as it did: constant velocity and rate, with these densities of change.
   double free_accel = 1.5;        ///< m/s^2 per sqrt(Hz)
   double free_gyro = 0.2;         ///< rad/s per sqrt(Hz)

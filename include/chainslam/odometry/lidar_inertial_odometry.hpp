@@ -17,12 +17,12 @@
 #include "chainslam/odometry/detail/delta_velocity.hpp"
 #include "chainslam/odometry/detail/first_sweep.hpp"
 #include "chainslam/odometry/detail/inertial_motion.hpp"
-#include "chainslam/odometry/detail/leveller.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/pose_doubt.hpp"
 #include "chainslam/odometry/detail/scan_measurement.hpp"
 #include "chainslam/odometry/detail/sweep.hpp"
 #include "chainslam/odometry/detail/sweep_registration.hpp"
+#include "chainslam/odometry/detail/tilt_correction.hpp"
 #include "chainslam/odometry/imu_alignment.hpp"
 #include "chainslam/odometry/lidar_inertial_options.hpp"
 #include "chainslam/odometry/odometry_source.hpp"
@@ -108,7 +108,9 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   [[nodiscard]] const ImuStart& imu_start() const { return imu_start_; }
   /// In the frame of the local map, which scans hold to itself; `T_odom_map` turns it level.
   [[nodiscard]] const InertialState& state() const { return Registration::state(); }
-  [[nodiscard]] const SE3d& T_odom_map() const { return leveller_.T_odom_map(); }  ///< levels the local map's frame
+  [[nodiscard]] const SE3d& T_odom_map() const {
+    return tilt_correction_.T_odom_map();
+  }  ///< levels the local map's frame
   /// Covariance of `state()` in its tangent space.
   [[nodiscard]] const InertialState::Jacobian& covariance() const { return Registration::covariance(); }
   [[nodiscard]] const InertialHealth& health() const { return health_; }  ///< of the last frame
@@ -133,7 +135,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
 
   LidarInertialOdometryCounts counts_;
   ImuCheck imu_check_;
-  detail::Leveller leveller_;
+  detail::TiltCorrection tilt_correction_;
   detail::PoseDoubt doubt_;
   InertialHealth health_;
   std::deque<Sweep> waiting_;  ///< for measurements up to their ends
@@ -187,8 +189,8 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::next_frame(const E& exe
   ++counts_.frames;
   const bool gap = since_last > options_.motion.max_free, measured = motion_.measured_share() > 0.5;
   if (gap) ++counts_.gaps;
-  if (motion_.use() == ImuUse::gyroscope && options_.imu_use == ImuUse::all) ++counts_.doubted_accelerations;
-  if (motion_.use() > ImuUse::gyroscope) ++counts_.doubted_rates;
+  if (motion_.use() == ImuUse::gyroscope && options_.imu_use == ImuUse::all) ++counts_.rejected_accelerations;
+  if (motion_.use() > ImuUse::gyroscope) ++counts_.rejected_rates;
   ++(measured ? counts_.gyro_scans : counts_.unmeasured_scans);
   Frame frame = believable(*found) ? follow(*found) : lose(*found, since_last);
   frame.health.after_gap = gap && !measured;
@@ -221,7 +223,7 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
   const SE3d T_odom_scan = this->scan_pose(attempt.filter.state());
   T_map_lidar_ = attempt.own_pose * T_body_lidar(state());
   motion_.filter() = attempt.filter;
-  leveller_.follow(state());
+  tilt_correction_.follow(state());
   motion_.follow();
   watch_imu(attempt);
   if (motion_.bound_mounting(options_.max_mounting_position, options_.max_mounting_rotation)) ++counts_.mounting_resets;
@@ -305,7 +307,7 @@ template <class Map, class Kernel>
 Frame LidarInertialOdometry<Map, Kernel>::answer(Attempt& attempt, FrameStatus status) const {
   Frame frame;
   frame.time = motion_.time();
-  frame.T_odom_body = leveller_.T_odom_map() * T_odom_body(state());
+  frame.T_odom_body = tilt_correction_.T_odom_map() * T_odom_body(state());
   const double times = options_.stated_deviations * options_.stated_deviations;
   frame.covariance = doubt_.in_odom(frame.T_odom_body, scaled(times, pose_covariance(state(), covariance())));
   frame.health = {.status = status,

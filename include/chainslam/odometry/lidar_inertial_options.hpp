@@ -89,7 +89,7 @@ struct LidarInertialOdometryOptions {
   options.motion.process = rules.process;
   options.motion.lidar_rotation = 0;
   options.motion.start_speed = 5;
-  options.motion.start_bend = 0;
+  options.motion.start_curvature = 0;
   options.motion.rest_share = 1;
   options.motion.accel_noise.start = 0;
   options.motion.imu.unseen_share = 0;

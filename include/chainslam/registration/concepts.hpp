@@ -12,7 +12,7 @@
 
 namespace chainslam {
 
-/// A cloud whose traits know a covariance (3x3, m^2 or regularised) at every point.
+/// A cloud whose traits know a covariance (3x3, m^2 or regularized) at every point.
 template <class T>
 concept DistributedCloud = Cloud<T> && requires(const T& cloud, std::size_t i) {
   { CloudTraits<T>::covariance(cloud, i)(0, 0) } -> std::convertible_to<double>;

@@ -74,7 +74,7 @@ struct Icp {
   double cost_tolerance = 0;            ///< relative change of the mean cost in one step; 0: not looked at
   /// Coarse stage: the initial iterations, until their steps are short, use every n-th source point; later ones use
   /// all. 1: no coarse stage.
-  Index pilot = 8;
+  Index coarse_stride = 8;
   double min_overlap = 0.05;  ///< least share of source points with a match
   /// Least eigenvalue of the Hessian per inlier, rotations scaled by the source's extent: a mean squared cosine. 0.005
   /// is the square of 4 degrees, the noise of normals themselves: below it, what looks like information is mostly that
@@ -116,8 +116,9 @@ struct Icp {
 
   /// The first steps: brings some of the points near, or leaves them at the guess where too few have a match.
   template <class Target, class Exec>
-  [[nodiscard]] [[gnu::cold]] SE3d steer(const detail::SourceColumns& points, const Target& target, const SE3d& guess,
-                                         const Exec& executor, const Deadline& deadline, Index& iterations) const;
+  [[nodiscard]] [[gnu::cold]] SE3d coarse_stage(const detail::SourceColumns& points, const Target& target,
+                                                const SE3d& guess, const Exec& executor, const Deadline& deadline,
+                                                Index& iterations) const;
 
   /// @param pilot_only  whether to end with the first short step.
   template <class Run>
@@ -176,10 +177,11 @@ AlignResult Icp<Metric, Kernel, Rejector, Optimizer, Prior>::align(const Source&
   if (points.count < least_points || target.size() < static_cast<std::size_t>(least_points)) return result;
 
   SE3d start = guess;
-  const bool piloted = points.count >= pilot * least_pilot_points && pilot > 1 && max_iterations > 0;
-  if (piloted) start = steer(points, target, guess, executor, deadline, result.iterations);
+  const bool has_coarse_stage =
+      points.count >= coarse_stride * least_pilot_points && coarse_stride > 1 && max_iterations > 0;
+  if (has_coarse_stage) start = coarse_stage(points, target, guess, executor, deadline, result.iterations);
   detail::IcpRun<Icp, Target, Exec> run(*this, points, target, start, degeneracy_threshold, executor);
-  run.measure(piloted);
+  run.measure(has_coarse_stage);
   result.stop = iterate(run, deadline, result.iterations, false);
   if (!run.overlaps()) {
     run.count(result);
@@ -216,10 +218,11 @@ const {
 
 template <class Metric, class Kernel, class Rejector, class Optimizer, class Prior>
 template <class Target, class Exec>
-SE3d Icp<Metric, Kernel, Rejector, Optimizer, Prior>::steer(const detail::SourceColumns& points, const Target& target,
-                                                            const SE3d& guess, const Exec& executor,
-                                                            const Deadline& deadline, Index& iterations) const {
-  const detail::SourceColumns some = detail::one_of_each(points, pilot);
+SE3d Icp<Metric, Kernel, Rejector, Optimizer, Prior>::coarse_stage(const detail::SourceColumns& points,
+                                                                   const Target& target, const SE3d& guess,
+                                                                   const Exec& executor, const Deadline& deadline,
+                                                                   Index& iterations) const {
+  const detail::SourceColumns some = detail::one_of_each(points, coarse_stride);
   // What some points tell all but do not determine is not for them to decide.
   detail::IcpRun<Icp, Target, Exec> run(*this, some, target, guess, 2 * degeneracy_threshold, executor);
   run.measure(false);
@@ -256,8 +259,8 @@ template <class Metric, class Kernel, class Rejector, class Optimizer, class Pri
 template <class Source, class Target>
 void Icp<Metric, Kernel, Rejector, Optimizer, Prior>::check(const Source& source, const Target& target,
                                                             const SE3d& guess) const {
-  if (!(max_distance > 0) || max_iterations < 0 || pilot < 1)
-    throw std::invalid_argument("Icp: max_distance and pilot must be positive, max_iterations not negative");
+  if (!(max_distance > 0) || max_iterations < 0 || coarse_stride < 1)
+    throw std::invalid_argument("Icp: max_distance and coarse_stride must be positive, max_iterations not negative");
   if (!is_finite(guess.translation()) || !is_finite(guess.rotation().quaternion().coeffs()))
     throw std::invalid_argument("Icp: the guess is not finite");
   constexpr Surface of_source = detail::source_surface<Metric>(), of_target = detail::target_surface<Metric>();

@@ -13,7 +13,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/detail/box_split.hpp"
-#include "chainslam/search/detail/lanes.hpp"
+#include "chainslam/search/detail/point_lanes.hpp"
 #include "chainslam/search/detail/point_runs.hpp"
 #include "chainslam/search/search_base.hpp"
 

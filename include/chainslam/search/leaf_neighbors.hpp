@@ -16,8 +16,8 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/search/concepts.hpp"
-#include "chainslam/search/detail/lanes.hpp"
 #include "chainslam/search/detail/nearest_list.hpp"
+#include "chainslam/search/detail/point_lanes.hpp"
 #include "chainslam/search/detail/point_source.hpp"
 #include "chainslam/search/detail/tree_leaves.hpp"
 

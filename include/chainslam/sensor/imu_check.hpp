@@ -37,13 +37,13 @@ struct ImuCheckOptions {
 struct ImuCheckCounts {
   std::int64_t received = 0;  ///< samples that came
   // Left out:
-  std::int64_t not_finite = 0;    ///< with NaN or infinite numbers
-  std::int64_t absurd = 0;        ///< beyond what any IMU measures
-  std::int64_t spikes = 0;        ///< isolated
-  std::int64_t repeated = 0;      ///< equal to the row before
-  std::int64_t out_of_order = 0;  ///< not later than the one before
-  std::int64_t wrong_times = 0;   ///< a time that neither the sample before nor the one after agrees with
-  std::int64_t second_imu = 0;    ///< of another IMU, whose rows alternate with those of the first
+  std::int64_t not_finite = 0;     ///< with NaN or infinite numbers
+  std::int64_t out_of_range = 0;   ///< beyond what any IMU measures
+  std::int64_t spikes = 0;         ///< isolated
+  std::int64_t repeated = 0;       ///< equal to the row before
+  std::int64_t out_of_order = 0;   ///< not later than the one before
+  std::int64_t invalid_times = 0;  ///< a time that neither the sample before nor the one after agrees with
+  std::int64_t second_imu = 0;     ///< of another IMU, whose rows alternate with those of the first
   // Passed on, but without one of the sensors:
   std::int64_t stuck_gyro = 0;   ///< samples with a stuck axis of the gyroscope
   std::int64_t stuck_accel = 0;  ///< samples with a stuck axis of the accelerometer
@@ -53,7 +53,7 @@ struct ImuCheckCounts {
 
   /// Left out, for whatever reason.
   [[nodiscard]] std::int64_t rejected() const {
-    return not_finite + absurd + spikes + repeated + out_of_order + wrong_times + second_imu;
+    return not_finite + out_of_range + spikes + repeated + out_of_order + invalid_times + second_imu;
   }
 };
 
@@ -106,7 +106,7 @@ class ImuCheck {
 
   /// The sample in m/s^2 and rad/s, if these are plausible.
   std::optional<ImuSample> in_range(const ImuSample& raw) {
-    constexpr double no_unit = 1e4;  // more is absurd in any
+    constexpr double no_unit = 1e4;  // more is out_of_range in any
     const auto within = [](const ImuSample& sample, double gyro, double accel) {
       for (int i = 0; i < 3; ++i)
         if (std::abs(sample.gyro[i]) > gyro || std::abs(sample.accel[i]) > accel) return false;
@@ -115,7 +115,7 @@ class ImuCheck {
     if (!options_.units && within(raw, no_unit, no_unit)) watch_.add(raw);
     const ImuSample sample = units().converted(raw);
     if (within(sample, options_.max_gyro, options_.max_accel)) return sample;
-    ++counts_.absurd;
+    ++counts_.out_of_range;
     return std::nullopt;
   }
 
@@ -161,7 +161,7 @@ class ImuCheck {
     if (step > Duration::zero() && step <= longest_step()) return !isolated(held, next);
     // A gap, or a clock that was set back, if time runs on from there.
     const bool runs_on = next.time > held.time && (step > Duration::zero() || next.time < last_->time);
-    if (!runs_on) ++counts_.wrong_times;
+    if (!runs_on) ++counts_.invalid_times;
     return runs_on;
   }
 

@@ -51,7 +51,7 @@ struct ImuUnits {
 namespace detail {
 
 /// Mean of a stretch of samples, so that gravity stands out of the motion.
-struct ImuStretch {
+struct ImuInterval {
   Eigen::Vector3d accel = Eigen::Vector3d::Zero();
   Eigen::Vector3d gyro = Eigen::Vector3d::Zero();
   double time = 0;  ///< seconds from the first sample, of the middle
@@ -79,9 +79,9 @@ inline std::vector<ImuSample> without_spikes(std::span<const ImuSample> samples)
 }
 
 /// @param length  seconds of a stretch, at least.
-inline std::vector<ImuStretch> imu_stretches(const std::vector<ImuSample>& samples, double length) {
-  std::vector<ImuStretch> stretches;
-  ImuStretch sum;
+inline std::vector<ImuInterval> imu_intervals(const std::vector<ImuSample>& samples, double length) {
+  std::vector<ImuInterval> stretches;
+  ImuInterval sum;
   double begin = 0;
   int count = 0;
   for (const ImuSample& sample : samples) {
@@ -111,18 +111,18 @@ struct GravityTurn {
 /// A world-fixed direction seen from a body that turns at w moves by d' = d x w. The least-squares factor s in
 /// d' = s (d x w), d the direction of the mean specific force, is 1 where w is in rad/s. Where the body hardly tilts
 /// there is none: turning about the vertical says nothing. The gyroscope's mean counts as bias.
-inline GravityTurn gravity_turn(const std::vector<ImuStretch>& stretches) {
+inline GravityTurn gravity_turn(const std::vector<ImuInterval>& stretches) {
   GravityTurn turn;
   Eigen::Vector3d bias = Eigen::Vector3d::Zero();
-  for (const ImuStretch& stretch : stretches)
+  for (const ImuInterval& stretch : stretches)
     bias = sum_of(bias, divided(stretch.gyro, static_cast<double>(stretches.size())));
   double measured = 0, predicted = 0, actual = 0;
   for (std::size_t i = 2; i < stretches.size(); ++i) {
-    const ImuStretch &before = stretches[i - 2], &here = stretches[i - 1], &after = stretches[i];
+    const ImuInterval &before = stretches[i - 2], &here = stretches[i - 1], &after = stretches[i];
     const double step = after.time - before.time;
     if (step <= 0 || step > 2) continue;  // a gap
     if (before.accel.norm() <= 0 || here.accel.norm() <= 0 || after.accel.norm() <= 0) continue;
-    const auto direction = [](const ImuStretch& stretch) { return divided(stretch.accel, stretch.accel.norm()); };
+    const auto direction = [](const ImuInterval& stretch) { return divided(stretch.accel, stretch.accel.norm()); };
     const Eigen::Vector3d change = divided(difference_of(direction(after), direction(before)), step);
     const Eigen::Vector3d model = direction(here).cross(difference_of(here.gyro, bias));
     measured += change.dot(model);
@@ -165,8 +165,8 @@ inline double quantile(std::vector<double> values, double q) {
   result.used = to_index(accel.size(), "IMU samples");
   result.median_accel = detail::quantile(std::move(accel), 0.5);
   result.fastest_gyro = detail::quantile(std::move(gyro), 0.99);
-  const detail::GravityTurn turn = detail::gravity_turn(detail::imu_stretches(smooth, 0.25));
-  const detail::GravityTurn quick = detail::gravity_turn(detail::imu_stretches(smooth, 0.125));
+  const detail::GravityTurn turn = detail::gravity_turn(detail::imu_intervals(smooth, 0.25));
+  const detail::GravityTurn quick = detail::gravity_turn(detail::imu_intervals(smooth, 0.125));
   constexpr int enough = 6;  // comparisons; fewer agree by chance
   if (turn.compared >= enough) result.gravity_scale = turn.scale;
   if (quick.compared >= enough) result.gravity_bound = quick.bound;

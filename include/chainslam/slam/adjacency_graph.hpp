@@ -47,51 +47,51 @@ concept OneOf = (std::same_as<T, Types> || ...);
 
 // A visitor hears an event if it has a member for it with a type that means something.
 template <class V>
-concept HearsDiscover = requires(V& visitor, Index node) {
+concept HandlesDiscover = requires(V& visitor, Index node) {
   { visitor.discover(node) } -> OneOf<void, bool>;
 };
 template <class V>
-concept HearsExamine = requires(V& visitor, Index node) {
+concept HandlesExamine = requires(V& visitor, Index node) {
   { visitor.examine(node) } -> OneOf<void, BfsAction>;
 };
 template <class V, class G>
-concept HearsFollow = requires(V& visitor, Index from, const ArcOf<G>& arc) {
+concept HandlesFollow = requires(V& visitor, Index from, const ArcOf<G>& arc) {
   { visitor.follow(from, arc) } -> OneOf<bool>;
 };
 template <class V, class G>
-concept HearsTreeEdge = requires(V& visitor, Index from, const ArcOf<G>& arc) {
+concept HandlesTreeEdge = requires(V& visitor, Index from, const ArcOf<G>& arc) {
   { visitor.tree_edge(from, arc) } -> OneOf<void>;
 };
 template <class V>
-concept HearsFinish = requires(V& visitor, Index node) {
+concept HandlesFinish = requires(V& visitor, Index node) {
   { visitor.finish(node) } -> OneOf<void>;
 };
 
 // An event that is named but cannot be heard is a mistake (members that are templates or overloaded go unseen here).
 template <class V>
-concept DiscoverIsRight = HearsDiscover<V> || !requires {
+concept ValidDiscover = HandlesDiscover<V> || !requires {
   &V::discover;
 };
 template <class V>
-concept ExamineIsRight = HearsExamine<V> || !requires {
+concept ValidExamine = HandlesExamine<V> || !requires {
   &V::examine;
 };
 template <class V, class G>
-concept FollowIsRight = HearsFollow<V, G> || !requires {
+concept ValidFollow = HandlesFollow<V, G> || !requires {
   &V::follow;
 };
 template <class V, class G>
-concept TreeEdgeIsRight = HearsTreeEdge<V, G> || !requires {
+concept ValidTreeEdge = HandlesTreeEdge<V, G> || !requires {
   &V::tree_edge;
 };
 template <class V>
-concept FinishIsRight = HearsFinish<V> || !requires {
+concept ValidFinish = HandlesFinish<V> || !requires {
   &V::finish;
 };
 
 template <class V, class G>
-concept HearsSomething =
-    HearsDiscover<V> || HearsExamine<V> || HearsFollow<V, G> || HearsTreeEdge<V, G> || HearsFinish<V>;
+concept HandlesEvents =
+    HandlesDiscover<V> || HandlesExamine<V> || HandlesFollow<V, G> || HandlesTreeEdge<V, G> || HandlesFinish<V>;
 
 }  // namespace detail
 
@@ -105,9 +105,8 @@ concept HearsSomething =
 /// - `void finish(Index node)`: the node's arcs have been gone through.
 /// Law: events do not change the graph.
 template <class V, class G>
-concept BfsVisitor =
-    IncidenceGraph<G> && detail::HearsSomething<V, G> && detail::DiscoverIsRight<V> && detail::ExamineIsRight<V> &&
-    detail::FollowIsRight<V, G> && detail::TreeEdgeIsRight<V, G> && detail::FinishIsRight<V>;
+concept BfsVisitor = IncidenceGraph<G> && detail::HandlesEvents<V, G> && detail::ValidDiscover<V> &&
+    detail::ValidExamine<V> && detail::ValidFollow<V, G> && detail::ValidTreeEdge<V, G> && detail::ValidFinish<V>;
 
 /// An edge about which nothing is known but its ends; takes no memory.
 struct NoLabel {

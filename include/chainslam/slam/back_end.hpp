@@ -25,7 +25,7 @@
 
 namespace chainslam {
 
-/// Keeps the keyframes of all sessions in one pose graph, closes loops, chains them, joins sessions, and optimises.
+/// Keeps the keyframes of all sessions in one pose graph, closes loops, chains them, joins sessions, and optimizes.
 ///
 /// All work is done inside `add`, in the order of the calls: the same keyframes give the same map, bit for bit. Only
 /// one thread may call `load`, `add`, `begin_session` and `finish`; `snapshot` and `T_map_odom` may be read by any.
@@ -73,7 +73,7 @@ class BackEnd {
   [[gnu::cold]] void begin_session(std::string name);
 
   /// Takes the next keyframe of the session, tries to close loops with it and to join its frame with others, and
-  /// optimises if that succeeds.
+  /// optimizes if that succeeds.
   /// @returns its id.
   /// @throws std::invalid_argument if its time is not later than the session's last, or if T_odom_body is not finite;
   /// the map is then as it was.
@@ -97,7 +97,7 @@ class BackEnd {
   template <Executor E = Serial>
   [[gnu::cold]] void add(std::span<const KeyframeFix> fixes, const E& executor = {});
 
-  /// Optimises to the end and hands out the map.
+  /// Optimizes to the end and hands out the map.
   [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> finish() {
     conclude();
     return snapshot();
@@ -163,7 +163,7 @@ class BackEnd {
     closure_graph_ = ClosureGraph();
     connect_closures(closure_graph_, map(), 0);
     std::erase_if(rechecks_, [&](const detail::Recheck& one) { return one.is_reverted(map()); });
-    optimise();
+    optimize();
     return true;
   }
 
@@ -196,18 +196,18 @@ class BackEnd {
       while (!spent()) {
         const auto id = moved_.next(map().keyframes, session(), options_.search_again, options_.recheck_travel);
         if (!id) return;
-        if (take(closer_.search(map().keyframes, positions_, *id, executor), -1, true, executor)) optimise();
+        if (take(closer_.search(map().keyframes, positions_, *id, executor), -1, true, executor)) optimize();
       }
     }
   }
 
-  [[gnu::cold]] void optimise() {
-    counts_.last = graph_.optimise();
-    count_optimisation(counts_.last.ok());
+  [[gnu::cold]] void optimize() {
+    counts_.last = graph_.optimize();
+    count_optimization(counts_.last.ok());
   }
-  [[gnu::cold]] void count_optimisation(bool succeeded) {
-    ++counts_.optimisations;
-    if (!succeeded) ++counts_.failed_optimisations;
+  [[gnu::cold]] void count_optimization(bool succeeded) {
+    ++counts_.optimizations;
+    if (!succeeded) ++counts_.failed_optimizations;
     index_positions();
   }
   [[gnu::cold]] void publish_frame() {
@@ -215,7 +215,7 @@ class BackEnd {
     const Keyframe& newest = map().keyframes.back();
     T_map_odom_.store(std::make_shared<const SE3d>(newest.T_map_body * newest.T_odom_body.inverse()));
   }
-  /// Optimises to the end.
+  /// Optimizes to the end.
   [[gnu::cold]] void conclude() {
     catch_up();
     withdraw();
@@ -224,7 +224,7 @@ class BackEnd {
       catch_up();
       counts_.end = graph_.converge();
       if (part()) counts_.end = graph_.converge();
-      count_optimisation(counts_.end.ok());
+      count_optimization(counts_.end.ok());
     }
     publish_frame();
   }
@@ -241,7 +241,7 @@ class BackEnd {
   detail::MovedKeyframes moved_;
   std::vector<detail::Recheck> rechecks_;  ///< of the current session, in their order
   bool in_session_ = false;
-  Index held_after_ = 0;  ///< optimisations until it was last looked whether frames hold together
+  Index held_after_ = 0;  ///< optimizations until it was last looked whether frames hold together
   BackEndCounts counts_;
   Index alignments_end_ = 0;  ///< of `counts_`, what the keyframe at hand may bring them to
   Snapshot<SE3d> T_map_odom_;
@@ -272,7 +272,7 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, co
   const bool found = may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor);
   // Where the last one failed, fixes do not make the next one better.
   if (found || graph_.is_unfinished() || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok()))
-    optimise();
+    optimize();
   moved_.searched(map().keyframes.back());
   try_merge(id, executor);
   recheck(executor);
@@ -335,7 +335,7 @@ template <class Closer, class Chainer, class Merger, class Outliers>
 template <Executor E>
 void BackEnd<Closer, Chainer, Merger, Outliers>::try_merge(KeyframeId query, const E& executor) {
   if constexpr (!std::same_as<Merger, NoMerging>) {
-    if (std::exchange(held_after_, counts_.optimisations) != counts_.optimisations) part();
+    if (std::exchange(held_after_, counts_.optimizations) != counts_.optimizations) part();
     if (keyframe(query).session != session().id) return;
     std::vector<LoopClosure> accepted;
     for (const LoopClosure& closure : merger_.attempt(map(), query, closer_, executor)) {
@@ -362,7 +362,7 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClo
   Index position = -1;
   for (const LoopClosure& closure : closures)
     position = take(closure, options_.chain_merges && !closure.sqrt_information.isZero(0), executor);
-  optimise();
+  optimize();
   rechecks_.emplace_back(session(), std::move(joined), position);
   moved_.moved_together(map().keyframes, session());
 }
@@ -381,7 +381,7 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const E& executor) {
       auto tried = closer_.search(map().keyframes, one.others(map().keyframes, positions_), *id, executor);
       if (!take(std::move(tried), one.cause(), options_.chain_in_recheck, executor)) continue;
       one.pause(options_.recheck_pause);
-      optimise();
+      optimize();
     }
   }
 }

@@ -10,11 +10,11 @@ namespace chainslam {
 
 /// What fixes say for and against a merge.
 struct FixEvidenceOptions {
-  double apart = 10.0;         ///< metres that fixes of two sessions may differ by; 0: they are not asked
-  double contradiction = 2.0;  ///< times as much, in the median, contradicts
-  Index least_fixes = 10;      ///< of each part
-  double least_spread = 15.0;  ///< metres (rms) along its main direction
-  double max_sigma = 20.0;     ///< metres: fixes that state more are not used
+  double max_difference = 10.0;  ///< metres that fixes of two sessions may differ by; 0: they are not asked
+  double contradiction = 2.0;    ///< times as much, in the median, contradicts
+  Index min_fixes = 10;          ///< of each part
+  double min_spread = 15.0;      ///< metres (rms) along its main direction
+  double max_sigma = 20.0;       ///< metres: fixes that state more are not used
 };
 
 /// What measures a merge's closure, once the submaps are aligned.
@@ -43,22 +43,22 @@ struct MergeOptions {
   double min_rotation = 0;  ///< radians: frames that lie nearer together than both are not joined (released: 1, 0.035)
   MergeMeasurement measurement = MergeMeasurement::refined;  ///< what joins the frames
   double lambda = 1e-4;  ///< of `submaps`: variance, m^2 and rad^2, over the inliers' mean squared distance (the paper)
-  Index confirmations = 2;         ///< places that have to agree before the frames are joined (the paper: 1)
-  double apart = 10.0;             ///< metres along the path between two such places
-  double agree_translation = 2.0;  ///< metres that two places may differ by,
-  double agree_per_metre = 0.02;   ///< and metres for each metre of the path between them
-  double agree_rotation = 0.1;     ///< radians
+  Index confirmations = 2;           ///< places that have to agree before the frames are joined (the paper: 1)
+  double min_place_distance = 10.0;  ///< metres along the path between two such places
+  double agree_translation = 2.0;    ///< metres that two places may differ by,
+  double agree_per_metre = 0.02;     ///< and metres for each metre of the path between them
+  double agree_rotation = 0.1;       ///< radians
   /// What fixes contradict is not joined; and one place is enough if they agree with it, each session along its whole
   /// way, and so many scans around the place do, a quarter as far off as two places may be. 0: one place never is.
   FixEvidenceOptions fixes{};
-  Index witnesses = 3;  ///< scans around the place that have to agree with it
+  Index supporting_scans = 3;  ///< scans around the place that have to agree with it
 };
 
 /// Of the pose graph over the keyframes.
 struct MapGraphOptions {
   OdometryNoise odometry_noise{};                             ///< what odometry's measurements weigh
   OdometryNoise unknown_odometry = unknown_odometry_noise();  ///< where frames have no covariance, as recorded ones
-  OdometryDoubt odometry_doubt{};  ///< where frames between two keyframes were lost or degenerate
+  OdometryInflation odometry_inflation{};  ///< where frames between two keyframes were lost or degenerate
   /// Standard deviation of the prior that holds a frame's first keyframe, metres and radians.
   double anchor = 1e-4;
   /// Whether a session that a merge joins to another frame is held there, at its aligned start, by a prior as tight
@@ -84,7 +84,7 @@ struct BackEndOptions {
   MapGraphOptions graph{};  ///< of the pose graph
   /// After a merge, metres along the aligned path between two keyframes that are tried again (section 6 of the paper).
   double recheck_travel = 4.0;
-  Index fixes_at_once = 10;  ///< GNSS fixes that wait before they make an optimisation of their own
+  Index fixes_at_once = 10;  ///< GNSS fixes that wait before they make an optimization of their own
   /// Metres that a keyframe of the current session is moved by before it is tried again: its neighbours are others now.
   double search_again = 3.0;
   /// Scans that a keyframe aligns, until what is left to search again waits for the next one; 0: any number (the
@@ -99,8 +99,8 @@ struct BackEndOptions {
 
 /// What the back end did so far.
 struct BackEndCounts {
-  Index optimisations = 0;         ///< of the graph
-  Index failed_optimisations = 0;  ///< the estimates before were kept
+  Index optimizations = 0;         ///< of the graph
+  Index failed_optimizations = 0;  ///< the estimates before were kept
   Index merges = 0;                ///< frames joined
   Index reverted = 0;              ///< times that closures were withdrawn, or frames parted again
   Index alignments = 0;            ///< scans aligned to submaps, accepted or not; without those that confirm a merge

@@ -163,12 +163,12 @@ class BreadthFirstSearch {
     if (action == BfsAction::skip) return true;
     for (const Arc& arc : graph_.neighbors(node))
       if (!take(node, arc)) return false;
-    if constexpr (HearsFinish<Visitor>) visitor_.finish(node);
+    if constexpr (HandlesFinish<Visitor>) visitor_.finish(node);
     return true;
   }
 
   bool take(Index from, const Arc& arc) {
-    if constexpr (HearsFollow<Visitor, Graph>)
+    if constexpr (HandlesFollow<Visitor, Graph>)
       if (!visitor_.follow(from, arc)) return true;
     if (workspace_.has_reached(arc.node)) return true;
     if (workspace_.count() >= limits_.max_nodes) {
@@ -178,14 +178,14 @@ class BreadthFirstSearch {
     workspace_.reach(arc.node);
     prefetch(arc.node);
     depth_of_last_ = depth_ + 1;
-    if constexpr (HearsTreeEdge<Visitor, Graph>) visitor_.tree_edge(from, arc);
+    if constexpr (HandlesTreeEdge<Visitor, Graph>) visitor_.tree_edge(from, arc);
     return discover(arc.node);
   }
 
   bool discover(Index node) {
     if constexpr (requires { requires std::same_as<decltype(visitor_.discover(node)), bool>; }) {
       return visitor_.discover(node);
-    } else if constexpr (HearsDiscover<Visitor>) {
+    } else if constexpr (HandlesDiscover<Visitor>) {
       visitor_.discover(node);
     }
     return true;
@@ -194,7 +194,7 @@ class BreadthFirstSearch {
   BfsAction examine(Index node) {
     if constexpr (requires { requires std::same_as<decltype(visitor_.examine(node)), BfsAction>; }) {
       return visitor_.examine(node);
-    } else if constexpr (HearsExamine<Visitor>) {
+    } else if constexpr (HandlesExamine<Visitor>) {
       visitor_.examine(node);
     }
     return BfsAction::expand;
@@ -211,7 +211,7 @@ class BreadthFirstSearch {
 };
 
 /// Is content to know what a search reached.
-struct DeafVisitor {
+struct NullVisitor {
   void finish(Index /*node*/) const {}
 };
 
@@ -258,7 +258,7 @@ BfsResult breadth_first_search(const Graph& graph, Index start, Visitor&& visito
 template <IncidenceGraph Graph>
 [[nodiscard]] std::vector<Index> reachable(const Graph& graph, Index start, const BfsLimits& limits = {}) {
   BfsWorkspace workspace;
-  breadth_first_search(graph, start, detail::DeafVisitor{}, limits, workspace);
+  breadth_first_search(graph, start, detail::NullVisitor{}, limits, workspace);
   return {workspace.reached().begin(), workspace.reached().end()};
 }
 

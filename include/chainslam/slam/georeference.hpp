@@ -28,10 +28,10 @@ struct GnssFactorOptions {
   double bias = 2.0;
   /// Fixes one after another that err together: so many count as one.
   double correlated = 10.0;
-  double threshold = 30.0;   ///< squared whitened residual beyond which a fix is an outlier
-  double max_sigma = 20.0;   ///< metres: fixes that state more are not used
-  Index least_fixes = 20;    ///< before a frame is put on the Earth,
-  double least_spread = 15;  ///< and metres (rms) that they must spread across their main direction
+  double threshold = 30.0;  ///< squared whitened residual beyond which a fix is an outlier
+  double max_sigma = 20.0;  ///< metres: fixes that state more are not used
+  Index min_fixes = 20;     ///< before a frame is put on the Earth,
+  double min_spread = 15;   ///< and metres (rms) that they must spread across their main direction
 };
 
 /// A position in a frame, and where the fix that was taken there lies on the Earth.
@@ -58,14 +58,14 @@ struct FixedPosition {
       ecef.push_back(fix.ecef);
       positions.push_back(fix.position);
     }
-    if (to_index(ecef.size()) < options.least_fixes) return found;
+    if (to_index(ecef.size()) < options.min_fixes) return found;
     const Eigen::Vector3d middle = detail::mean(positions);
     Eigen::Matrix3d spread = zeros<Eigen::Matrix3d>();
     for (const Eigen::Vector3d& position : positions) {
       const Eigen::Vector3d off = difference_of(position, middle);
       spread = sum_of(spread, divided(product_transposed(off, off), static_cast<double>(positions.size())));
     }
-    if (!(jacobi_eigen(spread).values[1] >= options.least_spread * options.least_spread)) return found;
+    if (!(jacobi_eigen(spread).values[1] >= options.min_spread * options.min_spread)) return found;
     const auto fitted = umeyama(ecef, positions, false);
     if (!fitted) return found;
     found = SE3d(fitted->rotation(), fitted->translation());

@@ -94,7 +94,7 @@ struct LocalizerOptions {
   StartOptions start{};                                       ///< when a recognized place is accepted
   OdometryNoise odometry_noise{};                             ///< of the poses between
   OdometryNoise unknown_odometry = unknown_odometry_noise();  ///< where frames state no covariance
-  OdometryDoubt odometry_doubt{};                             ///< where scans between were lost or degenerate
+  OdometryInflation odometry_inflation{};                     ///< where scans between were lost or degenerate
   /// Largest squared Mahalanobis distance between a registered pose and the predicted one: the 99.99 % quantile of
   /// chi-squared with 6 degrees of freedom. What is farther off counts if the next scan agrees with it.
   double gate = 27.9;

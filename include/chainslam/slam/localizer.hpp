@@ -219,7 +219,7 @@ Matrix6d Localizer<Closer, Places>::odometry_noise(const SE3d& T_from_to) const 
   const bool says_nothing = frames_.back().covariance.matrix().isZero(0);
   const Matrix6d added = says_nothing ? zeros<Matrix6d>()
                                       : sum_of(options_.odometry_noise.share_of(stated_covariance(frames_)),
-                                               options_.odometry_doubt(frames_));
+                                               options_.odometry_inflation(frames_));
   const OdometryNoise& noise = says_nothing ? options_.unknown_odometry : options_.odometry_noise;
   return detail::covariance_of(noise(T_from_to, added).sqrt_information());
 }

@@ -135,13 +135,14 @@ struct ClosureGate {
   double min_inlier_ratio = 0.6;      ///< of the scan's points with a partner in the submap
   double max_translation = 10.0;      ///< metres that the graph may have been off
   double max_rotation = 0.5;          ///< radians that the graph may have been off
-  bool take_iteration_limit = false;  ///< whether an alignment that was still moving after its last step will do (PCL)
+  bool accept_iteration_limit =
+      false;  ///< whether an alignment that was still moving after its last step will do (PCL)
 
   /// What the registration says of itself, all but the misfit, which the clouds say. Bounds are met or not: a figure
   /// that is not a number meets none.
   [[nodiscard]] [[gnu::cold]] ClosureVerdict judge(const AlignResult& result, const SE3d& guess) const {
     const bool ended = result.status == AlignStatus::converged || result.status == AlignStatus::degenerate ||
-                       (take_iteration_limit && result.status == AlignStatus::iteration_limit);
+                       (accept_iteration_limit && result.status == AlignStatus::iteration_limit);
     if (!ended)
       return result.status == AlignStatus::iteration_limit ? ClosureVerdict::not_converged
                                                            : ClosureVerdict::too_few_inliers;

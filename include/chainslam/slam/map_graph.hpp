@@ -81,7 +81,7 @@ class MapGraph {
 
   /// Gives a keyframe a fix, now or `with_previous`: together with that of the keyframe before.
   void set_gnss(KeyframeId id, const GnssFix& fix, bool with_previous = false);
-  /// Fixes that the next optimisation will take in.
+  /// Fixes that the next optimization will take in.
   [[nodiscard]] Index waiting_fixes() const { return factors_->waiting(); }
 
   /// @returns the closure's position among the map's closures.
@@ -93,7 +93,7 @@ class MapGraph {
   }
 
   /// Carries all sessions of the frame `joined` over into `frame`, as one body: what lies between their keyframes stays
-  /// as it is linearised. They keep priors at the aligned poses, or none.
+  /// as it is linearized. They keep priors at the aligned poses, or none.
   [[gnu::cold]] void join(SessionId frame, SessionId joined, const SE3d& T_frame_joined);
 
   /// Joins the frames of a closure's keyframes where it puts them, the later one to the earlier. One frame stays as it
@@ -101,7 +101,7 @@ class MapGraph {
   [[gnu::cold]] void join(const LoopClosure& closure);
 
   /// Takes closures back, by their positions, with all that they led to, and parts frames that no accepted closure
-  /// holds together any more: what leaves a frame goes back to where odometry has it. Poses are to be optimised then.
+  /// holds together any more: what leaves a frame goes back to where odometry has it. Poses are to be optimized then.
   /// @returns whether anything changed.
   [[gnu::cold]] bool part(std::span<const Index> withdrawn = {});
 
@@ -111,7 +111,7 @@ class MapGraph {
 
   /// Takes in what was added, and moves the keyframes to the optimum, as near as the smoother's tolerances say. If that
   /// fails they stay, and what was added waits for the next time.
-  [[gnu::cold]] UpdateReport optimise();
+  [[gnu::cold]] UpdateReport optimize();
   /// Whether the last one left something to the next (`MapGraphOptions::largest_work`).
   [[nodiscard]] bool is_unfinished() const { return unfinished_; }
 
@@ -205,7 +205,7 @@ NoiseModel<6> MapGraph<Outliers>::odometry_noise(const Keyframe& last, const Key
   if (!frames.empty() && std::all_of(frames.begin(), frames.end(), says_nothing))
     return options_.unknown_odometry(T_last_next);
   const Matrix6d stated = options_.odometry_noise.share_of(stated_covariance(frames));
-  return options_.odometry_noise(T_last_next, sum_of(stated, options_.odometry_doubt(frames)));
+  return options_.odometry_noise(T_last_next, sum_of(stated, options_.odometry_inflation(frames)));
 }
 
 template <class Outliers>
@@ -301,7 +301,7 @@ void MapGraph<Outliers>::load(const SlamMap& other) {
 }
 
 template <class Outliers>
-UpdateReport MapGraph<Outliers>::optimise() {
+UpdateReport MapGraph<Outliers>::optimize() {
   UpdateReport report;
   hold_upright();
   report.variables = floating();

@@ -149,7 +149,7 @@ std::vector<LoopClosure> MapMerger<Candidates, Registration>::attempt(const Slam
     if (hypotheses_.confirm(map, tried)) return tried;
     last_asked_ = -std::numeric_limits<double>::infinity();
   }
-  if (travelled - last_asked_ >= options_.apart) {
+  if (travelled - last_asked_ >= options_.min_place_distance) {
     last_asked_ = travelled;
     confirm_alone(map, tried, closer, executor);
   }
@@ -251,13 +251,13 @@ template <class Closer, Executor E>
 void MapMerger<Candidates, Registration>::confirm_alone(const SlamMap& map, std::vector<LoopClosure>& tried,
                                                         Closer& closer, const E& executor) {
   for (detail::MergeHypothesis& one : hypotheses_.all()) {
-    if (options_.witnesses <= 0 || one.needs_others) continue;
+    if (options_.supporting_scans <= 0 || one.needs_others) continue;
     if (hypotheses_.ask_fixes(map, one.closure) != detail::FixVerdict::agree) continue;
     if (is_witnessed(map, one.closure, closer, executor)) {
       hypotheses_.accept(map, one, tried);
       return;
     }
-    one.needs_others = path_.length - one.travelled >= options_.apart;  // else there are scans to come
+    one.needs_others = path_.length - one.travelled >= options_.min_place_distance;  // else there are scans to come
   }
 }
 
@@ -268,7 +268,7 @@ bool MapMerger<Candidates, Registration>::is_witnessed(const SlamMap& map, const
   constexpr double share = 0.25;  // of what two places may differ by
   const Session& session = map.sessions[static_cast<std::size_t>(keyframe(map, closure.to).session.value)];
   Index agreeing = 0;
-  for (Index step = 1; step <= options_.witnesses; ++step)
+  for (Index step = 1; step <= options_.supporting_scans; ++step)
     for (const Index near : {closure.to.value - step, closure.to.value + step}) {
       if (near < session.first_keyframe || near >= session.end_keyframe()) continue;
       const SE3d T_to_near =
@@ -280,7 +280,7 @@ bool MapMerger<Candidates, Registration>::is_witnessed(const SlamMap& map, const
           off.rotation().log().norm() <= share * options_.agree_rotation)
         ++agreeing;
     }
-  return agreeing >= options_.witnesses;
+  return agreeing >= options_.supporting_scans;
 }
 
 /// Joins no frames: every session stays by itself.

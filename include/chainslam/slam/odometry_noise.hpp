@@ -173,7 +173,7 @@ namespace detail {
 }
 
 /// How much less than that odometry is trusted where scans were lost, the motion was unknown, or a direction unseen.
-struct OdometryDoubt {
+struct OdometryInflation {
   bool enabled = true;  ///< else odometry is trusted the same everywhere (the paper)
   /// Share of wrong matches after lost scans: the scan may fit elsewhere. A relative pose that is off as far as it was
   /// predicted with this probability, and else right, has this share of the prediction's variance. (Of 18 losses of up

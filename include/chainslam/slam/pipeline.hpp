@@ -18,7 +18,7 @@
 namespace chainslam {
 
 /// No-op callback for the steps of the back end.
-struct IgnoreSteps {
+struct NoCallback {
   template <class BackEnd>
   void operator()(const BackEnd& /*back_end*/) const {}  ///< does nothing
 };
@@ -31,7 +31,7 @@ struct IgnoreSteps {
 /// @tparam BackEnd  `BackEnd` with its policies, or anything with the same `begin_session` and `add`s.
 /// @tparam E        what the back end's own loops run on.
 /// @tparam AfterEach  called with the back end after each item, on its thread: a journal, a progress line.
-template <class BackEnd, Executor E = Serial, class AfterEach = IgnoreSteps>
+template <class BackEnd, Executor E = Serial, class AfterEach = NoCallback>
 class Pipeline {
  public:
   /// @param back_end  must outlive the pipeline, as must `executor`; belongs to its thread until `finish` returns.

@@ -324,10 +324,10 @@ class FixesOfSession {
 
 /// What fixes propose, and places for a session that has no fixes.
 template <MergeCandidates Fixes = GnssCandidates, MergeCandidates Places = PlaceCandidates>
-class FixesElsePlaces {
+class GnssOrPlaces {
  public:
   /// Starts without places.
-  explicit FixesElsePlaces(Fixes fixes = Fixes{}, Places places = Places{})
+  explicit GnssOrPlaces(Fixes fixes = Fixes{}, Places places = Places{})
       : fixes_(std::move(fixes)), places_(std::move(places)) {}
 
   /// Keyframes of other frames: see `MergeCandidates`.
@@ -350,6 +350,6 @@ class FixesElsePlaces {
   bool by_place_ = false;
   detail::FixesOfSession of_session_;
 };
-static_assert(MergeCandidates<FixesElsePlaces<>>);
+static_assert(MergeCandidates<GnssOrPlaces<>>);
 
 }  // namespace chainslam

@@ -267,9 +267,9 @@ struct DistinctSessions {
     if (next > 0 && next < keyframes.size()) {
       const Keyframe& b = keyframes[next];
       const SE3d raw = a.T_odom_body.inverse() * b.T_odom_body;
-      const SE3d optimised = a.T_map_body.inverse() * b.T_map_body;
+      const SE3d optimized = a.T_map_body.inverse() * b.T_map_body;
       const double share = to_seconds(time - a.time) / to_seconds(b.time - a.time);
-      pose = pose * SE3d::exp(share * (raw.inverse() * optimised).log());
+      pose = pose * SE3d::exp(share * (raw.inverse() * optimized).log());
     }
     corrected.poses[i] = pose;
   }

@@ -29,7 +29,7 @@ struct FactorizationWork {
   Index reordered = 0;           ///< variables whose place in the order was chosen again
   Index refactorized = 0;        ///< variables whose columns of the factor were recomputed
   Index substituted = 0;         ///< variables whose solution was recomputed
-  double multiplications = 0.0;  ///< of the factorisation
+  double multiplications = 0.0;  ///< of the factorization
 
   /// Adds the work of another factorization.
   FactorizationWork& operator+=(const FactorizationWork& more) {
@@ -72,10 +72,10 @@ class IncrementalCholesky {
     double reorder_work = 20000.0;
     /// if they take more than this share of all multiplications: a way through a large tree keeps its order.
     double reorder_share = 0.3;
-    /// In subtrees whose factorisation takes less than this share of a mean update's multiplications, what a front
+    /// In subtrees whose factorization takes less than this share of a mean update's multiplications, what a front
     /// leaves to its parent is not kept, but computed again when the parent is.
     double forgotten_share = 1.0;
-    /// A factorisation of fewer multiplications than this (a few tenths of a millisecond) is not worth waking threads.
+    /// A factorization of fewer multiplications than this (a few tenths of a millisecond) is not worth waking threads.
     double least_shared_work = 2e6;
   };
 
@@ -205,7 +205,7 @@ class IncrementalCholesky {
     detail::PathSolver<BlockSize>(tree_, size(), variables).inverse_product(variables, E, columns, product);
   }
   /// The diagonal blocks of H^-1, column-major, at `BlockSize`^2 times their variable's number; zeros for what is not
-  /// eliminated. Costs about two factorisations of everything; allocates.
+  /// eliminated. Costs about two factorizations of everything; allocates.
   [[nodiscard]] std::vector<double> inverse_diagonal() const {
     std::vector<double> blocks(static_cast<std::size_t>(Offset{size()} * BlockSize * BlockSize), 0.0);
     detail::TreeInverse<BlockSize>(tree_, size()).diagonal(blocks);
@@ -234,7 +234,7 @@ class IncrementalCholesky {
 
   /// Everything as it is after `solve`, but for what could be undone.
   void save(ByteSink& out) const;
-  /// What `save` wrote, of a system with the same options: what follows is bit-identical. Costs a factorisation.
+  /// What `save` wrote, of a system with the same options: what follows is bit-identical. Costs a factorization.
   void load(ByteSource& in);
 
  private:
@@ -284,7 +284,7 @@ class IncrementalCholesky {
     written_.clear();
   }
 
-  /// Where factorisation costs much more than ordering, it is worth looking for a better order each time.
+  /// Where factorization costs much more than ordering, it is worth looking for a better order each time.
   void promote_heavy();
 
   /// Removes the nodes that are to be reordered; lists their variables and the subtrees that they leave.
@@ -319,7 +319,7 @@ class IncrementalCholesky {
   /// Adds the damping of a front's own columns, whose diagonal is complete, to it.
   void damp(Index node, const Front& front);
 
-  /// Assembles a node's front and factorises it.
+  /// Assembles a node's front and factorizes it.
   /// @param memory  null where no other thread computes.
   template <Executor Exec = Serial>
   [[nodiscard]] FactorizationResult compute(Index node, Assembly& assembly, std::mutex* memory = nullptr,
@@ -330,7 +330,7 @@ class IncrementalCholesky {
   [[nodiscard]] FactorizationResult compute_all(std::span<const Index> nodes, const Exec& executor);
 
   /// What several threads share while they compute.
-  struct Workshop {
+  struct Workspace {
     std::mutex memory;  ///< held where memory of the tree is taken or given back
     std::vector<std::unique_ptr<Assembly>> idle;
   };
@@ -345,7 +345,7 @@ class IncrementalCholesky {
   /// Computes the nodes at some places, up to the first that fails or place `stop`.
   template <Executor Exec>
   [[nodiscard]] PartResult compute_part(std::span<const Index> nodes, std::span<const Index> places, Index stop,
-                                        Workshop& workshop, const Exec& executor);
+                                        Workspace& workspace, const Exec& executor);
 
   /// Solves for a node's columns, given all above; keeps their old solution if it is nearly as good.
   void substitute(Index node);

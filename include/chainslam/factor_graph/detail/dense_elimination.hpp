@@ -14,7 +14,7 @@
 
 namespace chainslam::detail {
 
-/// Eliminates one variable from the linearised factors on it: what they say of the others, their least squares in it
+/// Eliminates one variable from the linearized factors on it: what they say of the others, their least squares in it
 /// taken, is left as a linear factor (the Schur complement, and a square root of it).
 class DenseElimination {
  public:

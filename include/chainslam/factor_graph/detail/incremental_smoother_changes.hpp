@@ -85,7 +85,7 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::note_added(Index term) {
   if (term >= to_index(touched_.size())) touched_.resize(Offset{term} + 1, 0);
   if (term >= to_index(off_.size())) off_.resize(Offset{term} + 1, 0.0);
-  touched_[term] = 1;  // it will be linearised in any case
+  touched_[term] = 1;  // it will be linearized in any case
   changes_.push_back({ChangeKind::factor_added, term, 0.0});
   if (!components_outdated_) tie(term);
 }
@@ -94,7 +94,7 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::require_keys(std::span<const Key> keys) const {
   for (std::size_t i = 0; i < keys.size(); ++i) {
     require_known(keys[i]);
-    if (is_marginalized(keys[i])) refuse("variable ", keys[i], " was marginalised");
+    if (is_marginalized(keys[i])) refuse("variable ", keys[i], " was marginalized");
     for (std::size_t j = 0; j < i; ++j) {
       if (keys[i] == keys[j]) refuse("a factor names variable ", keys[i], " twice");
     }
@@ -120,7 +120,7 @@ void IncrementalSmoother<Group, Extra...>::remove_term(Index term) {
 
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::set_fixed(Key key, bool fixed) {
-  require_keys(std::array<Key, 1>{key});  // a marginalised one stays as it is
+  require_keys(std::array<Key, 1>{key});  // a marginalized one stays as it is
   if (solver_.is_fixed(key) == fixed) return;
   begin();
   ++losses_;

@@ -194,8 +194,8 @@ std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
   return detail::open_parts(system, estimates_);
 }
 
-/// Linearises anew about what waits: the oldest first, where all that waits has become worth it or a step was too long;
-/// else what costs no more than its linearisation, since its fronts are due.
+/// Linearizes anew about what waits: the oldest first, where all that waits has become worth it or a step was too long;
+/// else what costs no more than its linearization, since its fronts are due.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_waiting(bool exact) {
   Index budget = exact ? size() : std::max<Index>(options_.largest_relinearization, 0);
@@ -224,7 +224,7 @@ bool IncrementalSmoother<Group, Extra...>::impatient() const {
   return tolerated == 0.0 || !(waiting_gap_ < tolerated);
 }
 
-/// Whether linearising a variable's factors anew reaches no front that is not due.
+/// Whether linearizing a variable's factors anew reaches no front that is not due.
 template <class Group, class... Extra>
 bool IncrementalSmoother<Group, Extra...>::all_due(Key key) const {
   for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next) {
@@ -261,7 +261,7 @@ void IncrementalSmoother<Group, Extra...>::estimate(Key key) {
   estimates_[key] = origins_[key].retract(matrix_of<Tangent>(solver_.solution(key).data()));
 }
 
-/// Moves the point at which a variable's factors are linearised, and its estimate with it.
+/// Moves the point at which a variable's factors are linearized, and its estimate with it.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& origin) {
   origins_before_.push_back(origins_[key]);
@@ -309,7 +309,7 @@ bool IncrementalSmoother<Group, Extra...>::linearize_added(UpdateReport& report)
   return finite;
 }
 
-/// Writes a factor's linearisation into its term.
+/// Writes a factor's linearization into its term.
 /// @returns false if it is not finite; the report then names its variables.
 template <class Group, class... Extra>
 bool IncrementalSmoother<Group, Extra...>::write(Index term, UpdateReport& report) {
@@ -323,7 +323,7 @@ bool IncrementalSmoother<Group, Extra...>::write(Index term, UpdateReport& repor
   return false;
 }
 
-/// Finds the factors that the step has carried too far from where they were linearised.
+/// Finds the factors that the step has carried too far from where they were linearized.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report) {
   if (to_index(waiting_.size()) == left_) waiting_gap_ = 0.0;  // but for rounding
@@ -354,7 +354,7 @@ void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report)
   report.gap += waiting_gap_;
 }
 
-/// Squared distance between a factor's residual and what its linearisation predicts.
+/// Squared distance between a factor's residual and what its linearization predicts.
 template <class Group, class... Extra>
 double IncrementalSmoother<Group, Extra...>::misprediction(Index term) {
   const Index rows = solver_.terms().rows(term);

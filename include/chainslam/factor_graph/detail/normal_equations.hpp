@@ -17,7 +17,7 @@
 
 namespace chainslam::detail {
 
-/// J^T J and J^T r of linearised factors, whatever their types. Fixed variables have no rows. The pattern and each
+/// J^T J and J^T r of linearized factors, whatever their types. Fixed variables have no rows. The pattern and each
 /// factor's places in it are found once; factors are then added in the order in which they were connected.
 template <int Dof>
 class NormalSystem {

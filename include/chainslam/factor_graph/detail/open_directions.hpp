@@ -18,12 +18,12 @@
 
 namespace chainslam::detail {
 
-/// Finds the motions that factors leave open although they tie all together, once a factorisation has failed.
+/// Finds the motions that factors leave open although they tie all together, once a factorization has failed.
 ///
 /// Variables whose pivots are bad are held by springs as stiff as their own factors, one after another, until the
-/// factorisation succeeds. What then resists a motion of such a variable by its spring alone is open; the others move
+/// factorization succeeds. What then resists a motion of such a variable by its spring alone is open; the others move
 /// as the solution of a pull along it says.
-/// @tparam System  linearised factors, with `size`, `key`, `diagonal`, `factorize` and `solve`, as `SpringedSystem`.
+/// @tparam System  linearized factors, with `size`, `key`, `diagonal`, `factorize` and `solve`, as `SpringedSystem`.
 template <class System>
 class OpenDirections {
   static constexpr int Dof = System::dof;

@@ -16,7 +16,7 @@
 
 namespace chainslam::detail {
 
-/// Linearised factors whose variables are held by springs, on the solver that an `IncrementalSmoother` has anyway. A
+/// Linearized factors whose variables are held by springs, on the solver that an `IncrementalSmoother` has anyway. A
 /// spring is a term of its own, and a pull its residual. Cold: it comes once, before a failure is reported.
 template <int Dof>
 class SpringedTerms {

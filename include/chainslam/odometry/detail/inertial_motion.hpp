@@ -264,7 +264,7 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   set.operator()<Inertial::velocity>(options_.start_speed);
   set.operator()<Inertial::gyro_bias>(options_.start_gyro_bias * std::sqrt(rest * 0.2 * 0.2 + 1 - rest));
   set.operator()<Inertial::accel_bias>(options_.start_accel_bias);
-  set.operator()<Inertial::bend>(options_.start_bend);
+  set.operator()<Inertial::bend>(options_.start_curvature);
   set.operator()<Inertial::up>(options_.start_up);
   constexpr int bias = inertial_offset<Inertial::gyro_bias>;
   for (int j = 0; j < 3; ++j)

@@ -156,7 +156,7 @@ struct PlaneEquations {
   /// row to the noise.
   void add_products(const Vector6d& row, double w, const Vector6d& along, double w_along, const Vector6d& across,
                     double w_across) {
-    using Pair = double __attribute__((vector_size(2 * sizeof(double))));  // a SIMD register at any optimisation
+    using Pair = double __attribute__((vector_size(2 * sizeof(double))));  // a SIMD register at any optimization
     const Pair r[3]{{row[0], row[1]}, {row[2], row[3]}, {row[4], row[5]}};
     const Pair u[3]{{along[0], along[1]}, {along[2], along[3]}, {along[4], along[5]}};
     const Pair v[3]{{across[0], across[1]}, {across[2], across[3]}, {across[4], across[5]}};

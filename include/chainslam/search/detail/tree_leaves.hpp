@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/search/detail/lanes.hpp"
+#include "chainslam/search/detail/point_lanes.hpp"
 
 namespace chainslam::detail {
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "chainslam/core/types.hpp"
-#include "chainslam/search/detail/lanes.hpp"
+#include "chainslam/search/detail/point_lanes.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"
 
 namespace chainslam::detail {

@@ -8,7 +8,7 @@
 
 #include "chainslam/core/types.hpp"
 #include "chainslam/search/detail/growing_array.hpp"
-#include "chainslam/search/detail/lanes.hpp"
+#include "chainslam/search/detail/point_lanes.hpp"
 
 namespace chainslam::detail {
 

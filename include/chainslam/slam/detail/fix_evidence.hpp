@@ -33,7 +33,7 @@ class FixEvidence {
   template <class IsA, class IsB>
   [[nodiscard]] [[gnu::cold]] FixVerdict operator()(const SlamMap& map, const IsA& is_a, const IsB& is_b,
                                                     const SE3d& T_a_b) const {
-    if (!(options_.apart > 0)) return FixVerdict::silent;
+    if (!(options_.max_difference > 0)) return FixVerdict::silent;
     Part a, b;
     for (const Keyframe& keyframe : map.keyframes) {
       if (!usable(keyframe)) continue;
@@ -41,13 +41,13 @@ class FixEvidence {
       if (is_a(session)) a.push_back({keyframe.T_map_body.translation(), keyframe.gnss->position_ecef});
       if (is_b(session)) b.push_back({T_a_b * keyframe.T_map_body.translation(), keyframe.gnss->position_ecef});
     }
-    if (std::min(a.size(), b.size()) < options_.least_fixes) return FixVerdict::silent;
+    if (std::min(a.size(), b.size()) < options_.min_fixes) return FixVerdict::silent;
     flatten(a, b);
     const double spread_a = spread(a), spread_b = spread(b);
-    if (!(std::max(spread_a, spread_b) >= options_.least_spread)) return FixVerdict::silent;
+    if (!(std::max(spread_a, spread_b) >= options_.min_spread)) return FixVerdict::silent;
     const double off = spread_a >= spread_b ? discrepancy(a, spread_a, b) : discrepancy(b, spread_b, a);
     if (off > options_.contradiction) return FixVerdict::contradict;
-    return off <= 1 && std::min(spread_a, spread_b) >= options_.least_spread ? FixVerdict::agree : FixVerdict::silent;
+    return off <= 1 && std::min(spread_a, spread_b) >= options_.min_spread ? FixVerdict::agree : FixVerdict::silent;
   }
 
  private:
@@ -147,7 +147,7 @@ class FixEvidence {
     detail::Table<Ranked> off;
     for (const FixedPosition& fix : seen) {
       const double away = ground.off({center, fix.ecef});
-      off.push_back({ground.off(fix) / (options_.apart * (1 + away / spread_known)), 0});
+      off.push_back({ground.off(fix) / (options_.max_difference * (1 + away / spread_known)), 0});
     }
     return median(off);
   }

@@ -101,7 +101,8 @@ inline bool MergeHypotheses::confirm(const SlamMap& map, std::vector<LoopClosure
   double last = -std::numeric_limits<double>::infinity();
   for (const MergeHypothesis& one : all_) {
     const bool is_newest = &one == &all_.back();
-    const bool apart = one.travelled - last >= options_.apart && newest.travelled - one.travelled >= options_.apart;
+    const bool apart = one.travelled - last >= options_.min_place_distance &&
+                       newest.travelled - one.travelled >= options_.min_place_distance;
     const bool agrees = is_newest || (apart && agree(map, one, newest));
     if (agrees) last = one.travelled;
     agreeing.push_back(agrees ? 1 : 0);

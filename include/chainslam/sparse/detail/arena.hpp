@@ -250,7 +250,7 @@ class ArenaMemory {
 /// Memory for many arrays that come and go: taken from the system in large pieces, and used again without asking it.
 ///
 /// Arrays that are given back become one block with free neighbours; a block that is too large is split: two-level
-/// segregated fit (Masmano, Ripoll, Crespo and Real 2004, "TLSF"). Arrays are not initialised. O(1).
+/// segregated fit (Masmano, Ripoll, Crespo and Real 2004, "TLSF"). Arrays are not initialized. O(1).
 ///
 /// Arrays of a `Movable` arena have owners, by number, and move when `compact` is called; others never do.
 template <class T, bool Movable = false>

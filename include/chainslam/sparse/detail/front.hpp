@@ -11,7 +11,7 @@
 
 namespace chainslam::detail {
 
-/// The numbers of one front of a multifrontal factorisation, in two arrays: its columns of the factor and their part of
+/// The numbers of one front of a multifrontal factorization, in two arrays: its columns of the factor and their part of
 /// the right-hand side, which stay, and what is there while it is computed and for the parent (the update).
 ///
 /// A front has `columns` block columns of its own and `rows` block rows below them. The panel holds its columns,
@@ -31,7 +31,7 @@ class Front {
   [[nodiscard]] static Offset update_size(Index columns, Index rows) {
     return update_start(columns, rows) + Offset{rows} * (Offset{rows} + 1) / 2 * B * B;
   }
-  /// Multiplications of a factorisation.
+  /// Multiplications of a factorization.
   [[nodiscard]] static double work(Index columns, Index rows) {
     const double n = columns * B, m = rows * B;
     return n * n * n / 6 + n * n * m / 2 + n * m * m / 2;
@@ -71,7 +71,7 @@ class Front {
     return {update(j) + Offset{row - column} * B, update_stride(j)};
   }
 
-  /// Factorises the own columns and subtracts them from the update, whose columns are shared out by an executor.
+  /// Factorizes the own columns and subtracts them from the update, whose columns are shared out by an executor.
   /// @returns the own column with a bad pivot, or -1.
   template <Executor Exec = Serial>
   [[nodiscard]] Index eliminate(double pivot_tolerance, const Exec& executor = {}) const {

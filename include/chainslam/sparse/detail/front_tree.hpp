@@ -16,7 +16,7 @@ namespace chainslam::detail {
 /// What has to be done again at a front: of those that are none, all fronts above are none too.
 enum class Stale : std::uint8_t { none, numbers, order };
 
-/// The fronts of a factorisation whose tree changes, and which variable is eliminated in which.
+/// The fronts of a factorization whose tree changes, and which variable is eliminated in which.
 template <int B>
 class FrontTree {
  public:
@@ -35,7 +35,7 @@ class FrontTree {
     double* update = nullptr;  ///< what it leaves to its parent; null where that is not kept
     double lowered = 0.0;      ///< what its elimination lowers the squared error by
     double excess = 0.0;       ///< what keeping an old solution of its columns raises it by
-    double work = 0.0;         ///< multiplications of its factorisation and all below
+    double work = 0.0;         ///< multiplications of its factorization and all below
   };
 
   void add_variable() { node_of_.push_back(-1); }
@@ -72,7 +72,7 @@ class FrontTree {
     free_.push_back(node);
   }
 
-  /// The numbers alone: not initialised when they are taken again.
+  /// The numbers alone: not initialized when they are taken again.
   void release_numbers(Index node) {
     if (has_update(node)) release_update(node);
     panels_.give_back(nodes_[node].data, panel_size(node));
@@ -146,7 +146,7 @@ class FrontTree {
     unused.append(released);
     out.put_list(unused);
   }
-  /// What `save` wrote, into an empty tree. The fronts' numbers are not initialised, and their updates all there.
+  /// What `save` wrote, into an empty tree. The fronts' numbers are not initialized, and their updates all there.
   /// @returns the nodes whose update was not kept.
   [[nodiscard]] std::vector<Index> load(ByteSource& in) {
     std::vector<Index> without_update;

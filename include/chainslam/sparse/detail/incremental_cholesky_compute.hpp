@@ -124,15 +124,15 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute_parts(std::span<cons
   const std::vector<std::vector<Index>> parts = parts_of(nodes);
   PartResult first{to_index(nodes.size()), {}};
   std::vector<PartResult> results(parts.size() - 1, first);
-  Workshop workshop;
+  Workspace workspace;
   executor.for_chunks(to_index(results.size()), 1, [&](Index begin, Index) {
     const auto k = static_cast<std::size_t>(begin);
-    results[k] = compute_part(nodes, parts[k], first.stop, workshop, Serial{});
+    results[k] = compute_part(nodes, parts[k], first.stop, workspace, Serial{});
   });
   for (const PartResult& result : results) {
     if (result.stop < first.stop) first = result;
   }
-  const PartResult above = compute_part(nodes, parts.back(), first.stop, workshop, executor);
+  const PartResult above = compute_part(nodes, parts.back(), first.stop, workspace, executor);
   return above.stop < first.stop ? above.result : first.result;
 }
 
@@ -140,25 +140,26 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute_parts(std::span<cons
 template <int BlockSize>
 template <Executor Exec>
 auto IncrementalCholesky<BlockSize>::compute_part(std::span<const Index> nodes, std::span<const Index> places,
-                                                  Index stop, Workshop& workshop, const Exec& executor) -> PartResult {
+                                                  Index stop, Workspace& workspace, const Exec& executor)
+    -> PartResult {
   std::unique_ptr<Assembly> assembly;
   {
-    const std::scoped_lock lock(workshop.memory);
-    if (!workshop.idle.empty()) {
-      assembly = std::move(workshop.idle.back());
-      workshop.idle.pop_back();
+    const std::scoped_lock lock(workspace.memory);
+    if (!workspace.idle.empty()) {
+      assembly = std::move(workspace.idle.back());
+      workspace.idle.pop_back();
     }
   }
   if (assembly == nullptr) assembly = std::make_unique<Assembly>(size());
   for (const Index place : places) {
     if (place >= stop) break;
     const Index node = nodes[static_cast<std::size_t>(place)];
-    const FactorizationResult result = compute(node, *assembly, &workshop.memory, executor);
+    const FactorizationResult result = compute(node, *assembly, &workspace.memory, executor);
     if (!result.ok()) return {place, result};
-    forget_updates(node, &workshop.memory);
+    forget_updates(node, &workspace.memory);
   }
-  const std::scoped_lock lock(workshop.memory);
-  workshop.idle.push_back(std::move(assembly));
+  const std::scoped_lock lock(workspace.memory);
+  workspace.idle.push_back(std::move(assembly));
   return {stop, {}};
 }
 

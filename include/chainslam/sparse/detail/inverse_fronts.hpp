@@ -11,7 +11,7 @@
 namespace chainslam::detail {
 
 /// The blocks of H^-1 where the factor L of H = L L^T is not zero, front by front, from the roots down: about twice the
-/// work of the factorisation.
+/// work of the factorization.
 ///
 /// Takahashi, Fagan and Chen 1973; Erisman and Tinney 1975; on supernodes: Campbell and Davis 1995.
 template <int B>

@@ -19,7 +19,7 @@ struct Panel {
 
   [[nodiscard]] double* diagonal(Index j) const { return data + Offset{j} * B * (stride + 1); }
 
-  /// Factorises the columns.
+  /// Factorizes the columns.
   /// @param scale  the matrix's diagonal before elimination; may lie where the reciprocals go.
   /// @returns the column with a bad pivot, or -1.
   [[nodiscard]] Index eliminate(const double* scale, double pivot_tolerance) const {

@@ -12,7 +12,7 @@
 namespace chainslam::detail {
 
 /// Plans how some columns of a matrix are eliminated after all others: their order, and the fronts in which they are
-/// factorised together.
+/// factorized together.
 ///
 /// Columns are numbered from 0; those before have left elements (cliques of columns) behind. Memory is kept for the
 /// next plan. Fronts come in the order of their elimination, children before parents.

@@ -27,7 +27,7 @@ class PathSolver {
     }
   }
 
-  /// E^T H^-1 E, where H is the matrix that was factorised.
+  /// E^T H^-1 E, where H is the matrix that was factorized.
   ///
   /// @param variables  of E's block rows; all that the constructor got, or some of them.
   /// @param E          `B` rows for each of them, column-major

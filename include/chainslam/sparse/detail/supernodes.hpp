@@ -13,7 +13,7 @@
 
 namespace chainslam::detail {
 
-/// All about a Cholesky factor that the values do not decide: the order of elimination, the columns that are factorised
+/// All about a Cholesky factor that the values do not decide: the order of elimination, the columns that are factorized
 /// together (supernodes), their rows, and how their updates flow up the tree (multifrontal method: Duff and Reid 1983,
 /// Liu 1992). Supernodes and block columns are numbered in the order of elimination, which is a postorder of the tree.
 struct Supernodes {
@@ -56,7 +56,7 @@ struct Supernodes {
   return position;
 }
 
-/// Joins columns that are worth factorising together into supernodes.
+/// Joins columns that are worth factorizing together into supernodes.
 ///
 /// A column joins its last child's supernode when their rows agree, or nearly so: zeros stored on purpose cost less
 /// than many small fronts. The limits are those that measured best for pose graphs (`bench/sparse/cholesky_bench.cpp`).

@@ -37,12 +37,12 @@ struct TreePart {
   }
 };
 
-/// Divides a tree into parts of whole subtrees, to be factorised at the same time, and what is above them. Depends on
+/// Divides a tree into parts of whole subtrees, to be factorized at the same time, and what is above them. Depends on
 /// the tree alone, never on the number of threads.
 ///
 /// @param size       number of its nodes, children before parents.
 /// @param parent_of  a node's parent, -1 at a root.
-/// @param work       of a node's factorisation.
+/// @param work       of a node's factorization.
 /// @returns the part of each node: 0, 1, ... of subtrees, heavier ones first; -1 above.
 template <class ParentOf, class Work>
 [[nodiscard]] Table<Index> divide_tree(Index size, ParentOf&& parent_of, Work&& work) {

@@ -24,11 +24,11 @@ struct PlausibleDrift {
 
 /// Keyframes near the query; and where those do not close, keyframes that the graph puts elsewhere though their
 /// surroundings look like the query's: drift may have led beyond any radius.
-class NearElsePlaces {
+class ProximityOrPlaces {
  public:
   /// Starts without places.
-  explicit NearElsePlaces(const ProximityCandidates& near = {}, PlaceCandidates places = PlaceCandidates{},
-                          const PlausibleDrift& drift = {})
+  explicit ProximityOrPlaces(const ProximityCandidates& near = {}, PlaceCandidates places = PlaceCandidates{},
+                             const PlausibleDrift& drift = {})
       : near_(near), places_(std::move(places)), drift_(drift) {}
 
   /// As `ProximityCandidates`.
@@ -85,6 +85,6 @@ class NearElsePlaces {
   PlausibleDrift drift_;
   Index asked_ = 0;  ///< places when it was last asked
 };
-static_assert(ClosureCandidates<NearElsePlaces>);
+static_assert(ClosureCandidates<ProximityOrPlaces>);
 
 }  // namespace chainslam

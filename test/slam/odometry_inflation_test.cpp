@@ -56,42 +56,44 @@ Matrix6d measured(const std::vector<FrameRecord>& frames) {
 
 }  // namespace
 
-TEST_SUITE("slam/odometry_doubt") {
+TEST_SUITE("slam/odometry_inflation") {
   TEST_CASE("good frames add nothing, whatever their covariance") {
-    CHECK(OdometryDoubt{}(frames_of({good, good, good}, {0.25, 4, 0.5})).isZero(0));
-    CHECK(OdometryDoubt{}({}).isZero(0));
+    CHECK(OdometryInflation{}(frames_of({good, good, good}, {0.25, 4, 0.5})).isZero(0));
+    CHECK(OdometryInflation{}({}).isZero(0));
   }
 
   TEST_CASE("degenerate frames add what their covariance grows by, and nothing when it shrinks") {
-    const Matrix6d doubt = OdometryDoubt{}(frames_of({good, degenerate, degenerate, degenerate}, {0.25, 1, 2, 1.5}));
+    const Matrix6d doubt =
+        OdometryInflation{}(frames_of({good, degenerate, degenerate, degenerate}, {0.25, 1, 2, 1.5}));
     CHECK((doubt - diagonal(1.75, 0)).cwiseAbs().maxCoeff() < 1e-6);
   }
 
   TEST_CASE("lost frames add a share of the prediction's variance, all of it if the local map was restarted") {
     std::vector<FrameRecord> frames = frames_of({good, lost, lost, good}, {0.25, 1.25, 4.25, 0.25});
-    CHECK((OdometryDoubt{}(frames)-diagonal(0.4, 0)).cwiseAbs().maxCoeff() < 1e-6);
+    CHECK((OdometryInflation{}(frames)-diagonal(0.4, 0)).cwiseAbs().maxCoeff() < 1e-6);
     frames[2].health.map_restarted = true;
-    CHECK((OdometryDoubt{}(frames)-diagonal(4, 0)).cwiseAbs().maxCoeff() < 1e-6);
+    CHECK((OdometryInflation{}(frames)-diagonal(4, 0)).cwiseAbs().maxCoeff() < 1e-6);
   }
 
   TEST_CASE("what is matched after a gap is doubted by how far the body may have gone in it") {
     std::vector<FrameRecord> frames = frames_of({good, good, good}, {0.01, 0.01, 0.01});
     frames[2].time = frames[1].time + seconds(4);
-    CHECK(OdometryDoubt{}(frames).isZero(0));  // odometry's own gaps count: with an IMU the motion is known in others
+    CHECK(
+        OdometryInflation{}(frames).isZero(0));  // odometry's own gaps count: with an IMU the motion is known in others
     frames[2].health.after_gap = true;
-    const Matrix6d doubt = OdometryDoubt{}(frames);
+    const Matrix6d doubt = OdometryInflation{}(frames);
     CHECK(doubt(0, 0) == doctest::Approx(0.1 * 20 * 20));
     CHECK(doubt(5, 5) == doctest::Approx(0.1 * 0.4 * 0.4));
     CHECK(doubt(0, 1) == 0);
     frames[2].health.status = lost;  // whose covariance says it
-    CHECK(OdometryDoubt{}(frames).isZero(0));
+    CHECK(OdometryInflation{}(frames).isZero(0));
   }
 
   // A match is wrong with the probability `wrong_rematch`, and then as far off as the pose had been predicted.
   TEST_CASE("where it is switched off, nothing is doubted") {
     const std::vector<FrameRecord> frames = frames_of({good, lost, good, degenerate}, {0.1, 0.5, 0.5, 0.9});
-    CHECK_FALSE(OdometryDoubt{}(frames).isZero(0));
-    CHECK(OdometryDoubt{.enabled = false}(frames).isZero(0));
+    CHECK_FALSE(OdometryInflation{}(frames).isZero(0));
+    CHECK(OdometryInflation{.enabled = false}(frames).isZero(0));
   }
 
   TEST_CASE("the share is the variance of a pose that is sometimes matched at a wrong place") {
@@ -100,10 +102,10 @@ TEST_SUITE("slam/odometry_doubt") {
     constexpr int draws = 200'000;
     const double predicted = 2;
     for (int i = 0; i < draws; ++i) {
-      const double error = rng.uniform(0, 1) < OdometryDoubt{}.wrong_rematch ? rng.normal(0, predicted) : 0.0;
+      const double error = rng.uniform(0, 1) < OdometryInflation{}.wrong_rematch ? rng.normal(0, predicted) : 0.0;
       sum += error * error;
     }
-    const Matrix6d doubt = OdometryDoubt{}(frames_of({good, lost, good}, {0, predicted * predicted, 0}));
+    const Matrix6d doubt = OdometryInflation{}(frames_of({good, lost, good}, {0, predicted * predicted, 0}));
     CHECK(doubt(1, 1) == doctest::Approx(sum / draws).epsilon(0.05));
   }
 
@@ -122,7 +124,7 @@ TEST_SUITE("slam/odometry_doubt") {
       const Vector6d at_end = frames[2].T_odom_body.local(frames[1].T_odom_body.retract(error) * relative);
       sampled += at_end * at_end.transpose() / draws;
     }
-    const Matrix6d doubt = OdometryDoubt{}(frames);
+    const Matrix6d doubt = OdometryInflation{}(frames);
     CHECK((doubt - sampled).cwiseAbs().maxCoeff() < 0.03 * sampled.cwiseAbs().maxCoeff());
     CHECK(doubt(1, 1) > 0.03);  // m^2: 19 m times 0.01 rad
   }
