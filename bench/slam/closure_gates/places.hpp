@@ -89,12 +89,12 @@ struct Meeting {
     meetings.push_back(halves_of(read_recorded({.name = "MulRan", .sensor = "OS1-64", .place = "MulRan"}, *folder,
                                                Picking{.distance = 0, .full_every = 2}, SE3d())));  // 1 m apart: all
   if (auto drive = test::kitti00_keyframes()) {
-    drive->reference = *test::detail::kitti00_truth(100);
+    drive->reference = *test::internal::kitti00_truth(100);
     meetings.push_back(
         follow_drive({.name = "KITTI 00 sweeps", .sensor = "HDL-64E", .place = "KITTI 00"}, *drive, picking));
   }
   if (auto drive = test::kitti00_first101()) {
-    drive->reference = *test::detail::kitti00_truth(1317600000.0);
+    drive->reference = *test::internal::kitti00_truth(1317600000.0);
     meetings.push_back(
         follow_drive({.name = "KITTI 00 first 101", .sensor = "HDL-64E", .place = "KITTI 00"}, *drive, picking));
   }
