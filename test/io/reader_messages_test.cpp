@@ -199,8 +199,8 @@ TEST_SUITE("io/messages of readers") {
   TEST_CASE("no place in the readers that fails is without a case") {
     std::string all = "no such file|check that you may read it|a folder|a pipe or a device|";
     for (const MessageCase& one : cases()) all += one.place + '|' + one.found + '|' + one.remedy + '|';
-    for (const char* name : {"pcd", "ply", "tum", "kitti", "g2o", "euroc_csv", "line_fields", "detail/pose_fields",
-                             "detail/point_records"}) {
+    for (const char* name :
+         {"pcd", "ply", "trajectory_file", "g2o", "input_file", "detail/pose_fields", "detail/point_records"}) {
       const std::string source =
           read_bytes(std::string(CHAINSLAM_SOURCE_DIR) + "/include/chainslam/io/" + name + ".hpp");
       REQUIRE(!source.empty());
