@@ -197,7 +197,10 @@ TEST_SUITE("io/messages of readers") {
   }
 
   TEST_CASE("no place in the readers that fails is without a case") {
-    std::string all = "no such file|check that you may read it|a folder|a pipe or a device|";
+    // The last is a failing disk's, as `every_fault` of the program's tests has it.
+    std::string all =
+        "no such file|check that you may read it|a folder|a pipe or a device|check the disk; the file could not be "
+        "read on|";
     for (const MessageCase& one : cases()) all += one.place + '|' + one.found + '|' + one.remedy + '|';
     for (const char* name :
          {"pcd", "ply", "trajectory_file", "g2o", "input_file", "detail/pose_fields", "detail/point_records"}) {
