@@ -71,7 +71,7 @@ double IncrementalSmoother<Group, Extra...>::violation() const {
   return worst;
 }
 
-/// The next update takes it in if it linearizes everything anew.
+/// The next update takes it in if it relinearizes everything.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::tighten() {
   begin();

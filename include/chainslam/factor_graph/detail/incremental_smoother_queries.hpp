@@ -15,7 +15,7 @@
 
 namespace chainslam {
 
-/// Between factors among moved variables see no change; the others are linearized anew at their estimate.
+/// Between factors among moved variables see no change; the others are relinearized at their estimate.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const Group& motion) {
   for (const Key key : keys) require_known(key);

@@ -194,7 +194,7 @@ std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
   return detail::open_parts(system, estimates_);
 }
 
-/// Linearizes anew about what waits: the oldest first, where all that waits has become worth it or a step was too long;
+/// Relinearizes what waits: the oldest first, where all that waits has become worth it or a step was too long;
 /// else what costs no more than its linearization, since its fronts are due.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_waiting(bool exact) {
@@ -224,7 +224,7 @@ bool IncrementalSmoother<Group, Extra...>::impatient() const {
   return tolerated == 0.0 || !(waiting_gap_ < tolerated);
 }
 
-/// Whether linearizing a variable's factors anew reaches no front that is not due.
+/// Whether relinearizing a variable's factors reaches no front that is not due.
 template <class Group, class... Extra>
 bool IncrementalSmoother<Group, Extra...>::all_due(Key key) const {
   for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next) {
