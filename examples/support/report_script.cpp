@@ -502,9 +502,11 @@ function draw() {
   if (!performance.getEntriesByName('first frame').length) performance.mark('first frame');
 }
 
+const shown = {width: 0, height: 0};
 function resize() {
   const width = canvas.clientWidth, height = canvas.clientHeight;
-  if (!width || !height) return;
+  if (!width || !height || (width === shown.width && height === shown.height)) return;  // an observer calls at first, too
+  Object.assign(shown, {width, height});
   const density = Math.min(window.devicePixelRatio || 1, 2);
   renderer.setPixelRatio(density);
   renderer.setSize(width, height, false);
