@@ -182,7 +182,7 @@ void measure_starts(Localizer<>& localizer, const Drive& drive, const Judge* jud
 void measure_tracking(Localizer<>& localizer, const Drive& drive, const Judge& judge, const Options& options) {
   localizer.restart();
   const LocalizerCounts before = localizer.counts();
-  std::vector<double> local, nearest, rotation, nees;
+  std::vector<double> local, along, across, nearest, rotation, nees;
   int known = 0, without = 0, after = 0, tracked = 0;
   double cost = 0;
   bool found = false;
@@ -205,6 +205,8 @@ void measure_tracking(Localizer<>& localizer, const Drive& drive, const Judge& j
     if (now.status != LocalizationStatus::tracking) continue;
     const Vector6d error = judge.error(static_cast<std::size_t>(now.reference.value), *now.T_map_body, drive.truth[i]);
     local.push_back(error.head<3>().norm());
+    along.push_back(error[0]);
+    across.push_back(error.segment<2>(1).norm());
     rotation.push_back(error.tail<3>().norm() * 180 / 3.14159265358979);
     nearest.push_back(judge.error(judge.nearest(drive.truth[i]), *now.T_map_body, drive.truth[i]).head<3>().norm());
     nees.push_back(std::sqrt(error.dot(now.covariance.inverse() * error) / 6));
@@ -216,12 +218,12 @@ void measure_tracking(Localizer<>& localizer, const Drive& drive, const Judge& j
   const double data = to_seconds(drive.frames.back().time - drive.frames.front().time);
   std::printf(
       "| frames after the fix | tracked | where the map is: without a pose | rmse to the reference / nearest "
-      "keyframe | largest | rotation | normalized error (rms, 1) | registrations, refused | starts, losses | times "
+      "keyframe | along the path / across it | largest | rotation | normalized error (rms, 1) | registrations, refused | starts, losses | times "
       "real time |\n"
-      "|---|---|---|---|---|---|---|---|---|---|\n"
-      "| %d | %.2f %% | %.2f %% of %d | %.3f / %.3f m | %.3f m | %.2f deg | %.2f | %d, %d | %d, %d | %.1f |\n",
+      "|---|---|---|---|---|---|---|---|---|---|---|\n"
+      "| %d | %.2f %% | %.2f %% of %d | %.3f / %.3f m | %.3f / %.3f m | %.3f m | %.2f deg | %.2f | %d, %d | %d, %d | %.1f |\n",
       after, 100.0 * tracked / after, 100.0 * without / std::max(known, 1), known, rms(local), rms(nearest),
-      quantile(local, 1), rms(rotation), rms(nees), counts.registrations - before.registrations,
+      rms(along), rms(across), quantile(local, 1), rms(rotation), rms(nees), counts.registrations - before.registrations,
       counts.refusals - before.refusals, counts.starts - before.starts, counts.losses - before.losses, data / cost);
 }
 

@@ -151,9 +151,15 @@ function addTo(layer, object) {
 }
 
 const hidden = new Set();  // sessions
+const outline = [];  // points that the first view has to show
 if (meta.point_count > 0) {
   const positions = scaled(decode('points', Uint16Array), meta.point_low, meta.point_step);
   const sessions = decode('point-sessions', Uint8Array);
+  const inside = (value, axis) => axis === 2 || (value >= meta.low[axis] && value <= meta.high[axis]);
+  for (let i = 0; i < positions.length; i += 3 * Math.ceil(meta.point_count / 2000)) {
+    const point = [positions[i], positions[i + 1], Math.min(meta.height[1], Math.max(meta.height[0], positions[i + 2]))];
+    if (point.every(inside)) outline.push(new THREE.Vector3(...point));
+  }
   const bySession = new Map();
   for (let i = 0; 3 * i < positions.length; ++i) {
     const session = sessions.length ? sessions[i] : 0;
@@ -315,14 +321,18 @@ function look(azimuth, elevation) {
   requestDraw();
 }
 
+if (!outline.length)
+  for (let corner = 0; corner < 8; ++corner)
+    outline.push(new THREE.Vector3(
+      corner & 1 ? meta.high[0] : meta.low[0], corner & 2 ? meta.high[1] : meta.low[1], meta.height[corner >> 2]));
+
 // One step towards a view that the map just fills.
 function fit() {
   place();
   camera.updateMatrixWorld();
   const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
-  for (let corner = 0; corner < 8; ++corner) {
-    seen.set(corner & 1 ? meta.high[0] : meta.low[0], corner & 2 ? meta.high[1] : meta.low[1], meta.height[corner >> 2]);
-    seen.project(camera);
+  for (const point of outline) {
+    seen.copy(point).project(camera);
     [seen.x, seen.y].forEach((value, axis) => {
       low[axis] = Math.min(low[axis], value);
       high[axis] = Math.max(high[axis], value);
