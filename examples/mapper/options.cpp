@@ -242,6 +242,8 @@ void add_localizer(Configuration& configuration, LocalizerOptions& localizer, Pl
                      .min = 0,
                      .max = 1000,
                      .help = "Minimum translation between scans that are registered to the map."});
+  configuration.add("localize.period", localizer.min_period,
+                    {.unit = "s", .min = 0, .max = 1000, .help = "Minimum time between them."});
   configuration.add("localize.min_evidence", localizer.start.min_evidence,
                     {.min = 1,
                      .max = 1000,

@@ -255,6 +255,29 @@ TEST_SUITE("slam/localizer") {
     }
   }
 
+  TEST_CASE("scans of a fast drive are registered no more often than asked for") {
+    const StreetDrives drives;
+    std::vector<Frame> frames = drives.drive(0, 60);
+    for (std::size_t i = 0; i < frames.size(); ++i)
+      frames[i].time = Timestamp::from_seconds(1000.0 + 0.1 * static_cast<double>(i));  // 10 m/s
+    for (const double period : {LocalizerOptions{}.min_period, 0.0}) {
+      Localizer<> localizer(drives.map(), {.min_period = period});
+      std::vector<Timestamp> registered;
+      Localization now;
+      for (const Frame& frame : frames) {
+        now = localizer.process(frame);
+        if (now.registered) registered.push_back(now.time);
+      }
+      CHECK(now.status == LocalizationStatus::tracking);
+      CHECK(off(now, drives.truth[59]) < 0.25);
+      for (std::size_t i = 1; i < registered.size(); ++i)
+        CHECK(to_seconds(registered[i] - registered[i - 1]) > period - 1e-6);
+      CHECK(registered.size() >= (period > 0 ? 10 : 40));
+      CHECK(registered.size() <= (period > 0 ? 20 : 60));
+    }
+    CHECK_THROWS_AS(Localizer<>(drives.map(), {.min_period = -1}), std::invalid_argument);
+  }
+
   TEST_CASE("what cannot be used is refused") {
     const StreetDrives drives;
     SlamMap map = drives.map();

@@ -30,7 +30,7 @@ struct StartOptions {
   double agree_translation = 0.5;  ///< metres that two of them may differ by,
   double agree_per_metre = 0.02;   ///< and metres for each metre of the path between them
   double agree_rotation = 0.05;    ///< radians
-  double lead = 2.0;               ///< times as many scans as for any other place of the same frame
+  double lead = 2.0;               ///< times as much evidence as for any other place of the same frame
   Index max_count = 6;             ///< places that are pursued at a time
 };
 
@@ -91,8 +91,9 @@ static_assert(PlaceRecognition<PlaceCandidates>);
 struct LocalizerOptions {
   /// Which scans are registered to the map; poses between them are odometry's.
   KeyframeOptions scans{.distance = 1.0, .angle = 0.2, .scan_voxel = 0.4, .scan_step = 0};
-  StartOptions start{};                                       ///< when a recognized place is accepted
-  OdometryNoise odometry_noise{};                             ///< of the poses between
+  double min_period = 0.3;         ///< seconds from one of them to the next, at least: a car's are metres apart
+  StartOptions start{};            ///< when a recognized place is accepted
+  OdometryNoise odometry_noise{};  ///< of the poses between
   OdometryNoise unknown_odometry = unknown_odometry_noise();  ///< where frames state no covariance
   OdometryInflation odometry_inflation{};                     ///< where scans between were lost or degenerate
   /// Largest squared Mahalanobis distance between a registered pose and the predicted one: the 99.99 % quantile of

@@ -86,6 +86,10 @@ class Localizer {
                                                              const SE3d& T_from_to) const {
     return moved(from, T_from_to, odometry_noise(T_from_to));
   }
+  /// Whether the last scan was long enough ago.
+  [[nodiscard]] bool is_due(Timestamp time) const {
+    return travelled_at_.empty() || to_seconds(time - keyframes_.back().time) >= options_.min_period;
+  }
   [[gnu::cold]] void append(Keyframe keyframe);
   [[gnu::cold]] void forget_path();
   [[gnu::cold]] void set_anchor(SessionId frame, KeyframeId reference, const detail::UncertainPose& at,
@@ -140,11 +144,11 @@ Localizer<Closer, Places>::Localizer(const SlamMap& map, const LocalizerOptions&
       map_keyframes_(to_index(map.keyframes.size())),
       select_(options.scans),
       hypotheses_(options.start) {
-  if (!(options.gate > 0 && options.max_distance > 0 && options.max_deviation > 0) ||
+  if (!(options.min_period >= 0 && options.gate > 0 && options.max_distance > 0 && options.max_deviation > 0) ||
       !(options.lost_distance >= options.max_distance && options.lost_deviation >= options.max_deviation))
     throw std::invalid_argument(
-        "LocalizerOptions: gate, max_distance and max_deviation must be positive, lost_distance and lost_deviation "
-        "not smaller");
+        "LocalizerOptions: gate, max_distance and max_deviation must be positive, min_period not negative, "
+        "lost_distance and lost_deviation not smaller than max_distance and max_deviation");
   bool has_scans = false;
   for (const Keyframe& one : keyframes_) {
     if (!is_finite(one.T_map_body.matrix()) || !is_finite(one.T_odom_body.matrix()))
@@ -187,7 +191,7 @@ Localization Localizer<Closer, Places>::process(const Frame& frame, const E& exe
   frames_.push_back(record_of(frame));
   if (frame.health.status == FrameStatus::lost || frame.health.map_restarted) forget_path();
   if (anchor_) now_ = moved_by(anchor_->at, anchor_->T_odom_body.inverse() * frame.T_odom_body);
-  if (std::optional<Keyframe> scan = select_(frame)) {
+  if (std::optional<Keyframe> scan = is_due(frame.time) ? select_(frame) : std::nullopt) {
     append(std::move(*scan));
     if (anchor_) track(frame, executor);
     if (updated_status() != LocalizationStatus::tracking)

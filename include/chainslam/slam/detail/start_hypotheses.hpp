@@ -154,10 +154,10 @@ class StartHypotheses {
   [[nodiscard]] const StartHypothesis* accepted() const {
     const StartHypothesis* best = nullptr;
     for (const StartHypothesis& one : all_)
-      if (is_sufficient(one) && (best == nullptr || one.agreeing > best->agreeing)) best = &one;
+      if (is_sufficient(one) && (best == nullptr || one.evidence() > best->evidence())) best = &one;
     if (best == nullptr) return nullptr;
     for (const StartHypothesis& other : all_)
-      if (&other != best && other.frame == best->frame && options_.lead * other.agreeing > best->agreeing)
+      if (&other != best && other.frame == best->frame && options_.lead * other.evidence() > best->evidence())
         return nullptr;
     return best;
   }
