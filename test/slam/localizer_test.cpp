@@ -142,6 +142,15 @@ TEST_SUITE("slam/start_hypotheses") {
       CHECK(hypotheses.all().size() == 1);
       CHECK(hypotheses.accepted() != nullptr);
     }
+    // As many scans agree with a rival, but hardly any place of the map looks like it.
+    detail::StartHypotheses hypotheses({.min_evidence = 1, .min_recognitions = 1, .min_scans = 1, .min_travel = 0});
+    REQUIRE(hypotheses.recognized(SessionId{0}, KeyframeId{7}, here, along(0), 0) != nullptr);
+    const detail::UncertainPose there{SE3d(SO3d(), {50, 0, 0}), Matrix6d::Identity()};
+    REQUIRE(hypotheses.recognized(SessionId{0}, KeyframeId{9}, there, along(0), 0) != nullptr);
+    CHECK(hypotheses.recognized(SessionId{0}, KeyframeId{7}, here, along(0), 0) == nullptr);
+    CHECK(hypotheses.accepted() == nullptr);  // 3 to 2
+    CHECK(hypotheses.recognized(SessionId{0}, KeyframeId{7}, here, along(0), 0) == nullptr);
+    CHECK(hypotheses.accepted() == &hypotheses.all().front());  // 4 to 2
     CHECK_THROWS_AS(detail::StartHypotheses({.min_scans = 0}), std::invalid_argument);
     CHECK_THROWS_AS(detail::StartHypotheses({.lead = 0.5}), std::invalid_argument);
   }
