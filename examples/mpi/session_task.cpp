@@ -1,5 +1,6 @@
 #include "session_task.hpp"
 
+#define XXH_INLINE_ALL  // the library of Debian is not linked
 #include <xxhash.h>
 
 #include <algorithm>
