@@ -64,25 +64,32 @@ int do_task(const char* share, const char* niceness) {
 
 std::atomic<bool> asked_to_end = false;
 
+/// Ends this process without MPI, which would wait for processes that are lost.
+[[noreturn]] void leave(int exit_code) {
+  std::fflush(nullptr);
+  std::_Exit(exit_code);
+}
+
 /// The worker itself stays until process 0 says that the job is done: MPI ends together.
-int work(const mpi::Environment& environment, tasks::TaskExecutor& executor) {
+void work(const mpi::Environment& environment, tasks::TaskExecutor& executor) {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) std::signal(signal, [](int) { asked_to_end = true; });
   for (const int signal : {SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_IGN);  // errors like any other, as in process 0
   mpi::MpiTransport transport(environment);
   const auto end = tasks::serve(transport, executor, [] { return asked_to_end.load(); });
-  if (end == tasks::WorkerEnd::quit) return mapper::exit_good;
+  if (end == tasks::WorkerEnd::abandoned) leave(mapper::exit_good);
+  if (end == tasks::WorkerEnd::quit) return;
   std::fprintf(stderr,
                "error: process %d\n  found: process 0 does not answer any more\n  do: run the same command again: "
                "it continues with the sessions that are done\n",
                environment.rank());
-  std::_Exit(mapper::exit_internal);
+  leave(mapper::exit_internal);
 }
 
 int coordinate(const mpi::Environment& environment, tasks::TaskExecutor& executor, int argc, char** argv) {
-  mpi::MpiTransport transport(environment);
   int exit_code = mapper::exit_internal;
   bool lost = false;
   {
+    mpi::MpiTransport transport(environment);
     tasks::Coordinator coordinator(transport, executor);
     {
       mpi::RecordedSessions sessions(coordinator);
@@ -90,11 +97,7 @@ int coordinate(const mpi::Environment& environment, tasks::TaskExecutor& executo
     }
     lost = coordinator.lost_any();
   }
-  if (lost)  // MPI may wait for it at the end; all that matters is done
-    std::thread([exit_code] {
-      std::this_thread::sleep_for(std::chrono::seconds(20));
-      std::_Exit(exit_code);
-    }).detach();
+  if (lost) leave(exit_code);
   return exit_code;
 }
 
@@ -102,7 +105,6 @@ int coordinate(const mpi::Environment& environment, tasks::TaskExecutor& executo
 
 int main(int argc, char** argv) {
   if (argc == 4 && argv[1] == task_option) return do_task(argv[2], argv[3]);
-  int exit_code = mapper::exit_internal;
   try {
     const mpi::Environment environment(argc, argv);
     if (environment.size() == 1) return mapper::run_program(argc, argv);
@@ -112,10 +114,12 @@ int main(int argc, char** argv) {
     const char* const niceness = environment.rank() == 0 ? "10" : "0";
     tasks::ChildExecutor executor({std::filesystem::read_symlink("/proc/self/exe").string(), std::string(task_option),
                                    std::to_string(share), niceness});
-    exit_code = environment.rank() == 0 ? coordinate(environment, executor, argc, argv) : work(environment, executor);
+    if (environment.rank() == 0) return coordinate(environment, executor, argc, argv);
+    work(environment, executor);
+    return mapper::exit_good;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "error: %s\n  found: MPI does not work\n  do: start the program by mpirun of the same MPI\n",
                  error.what());
+    return mapper::exit_internal;
   }
-  return exit_code;
 }

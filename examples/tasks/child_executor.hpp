@@ -13,7 +13,8 @@ namespace chainslam::tasks {
 /// Does each task in a process of its own: whatever ends that, costs the task alone, and all memory goes back.
 ///
 /// The process reads the task from its standard input, and writes lines to its standard output: `p` and how far it is,
-/// at the end `r` and the result, or `f` and why there is none. What else ends it is a failure. SIGPIPE must be ignored.
+/// at the end `r` and the result, or `f` and why there is none. What else ends it is a failure. SIGPIPE must be
+/// ignored.
 class ChildExecutor final : public TaskExecutor {
  public:
   /// @param command  the program, as a path, and its arguments

@@ -70,7 +70,9 @@ std::vector<std::string> Coordinator::take_notes() {
 
 bool Coordinator::lost_any() const {
   const std::lock_guard lock(mutex_);
-  return std::ranges::any_of(workers_, [](const Worker& worker) { return !worker.live && !worker.left; });
+  return std::ranges::any_of(workers_, [](const Worker& worker) {
+    return !worker.live && !worker.left && worker.heard != Clock::time_point{};  // or it has not started yet
+  });
 }
 
 void Coordinator::run() {
@@ -85,7 +87,8 @@ void Coordinator::run() {
       std::this_thread::sleep_for(timing_.poll);
     }
     own_.stop();
-    for (int worker = 1; worker < transport_.size(); ++worker) transport_.send(worker, {MessageKind::quit});
+    const MessageKind end = lost_any() ? MessageKind::abandon : MessageKind::quit;
+    for (int worker = 1; worker < transport_.size(); ++worker) transport_.send(worker, {end});
   } catch (...) {
     const std::lock_guard lock(mutex_);
     failure_ = std::current_exception();

@@ -26,7 +26,7 @@ class Coordinator {
  public:
   /// @param own  does tasks of this process. All must outlive the object.
   Coordinator(Transport& transport, TaskExecutor& own, const Timing& timing = {});
-  /// Ends all that runs; the workers quit.
+  /// Ends all that runs; the workers quit, or abandon the job where one of them is lost.
   ~Coordinator();
   Coordinator(const Coordinator&) = delete;
   Coordinator& operator=(const Coordinator&) = delete;

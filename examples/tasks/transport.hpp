@@ -14,6 +14,7 @@ enum class MessageKind : std::int32_t {
   task,      ///< to a worker: do this
   stop,      ///< to a worker: end what you do, its result is not needed
   quit,      ///< to a worker: the job is done
+  abandon,   ///< to a worker: likewise, but not all will end in order
   progress,  ///< from a worker: how far its task is
   result,    ///< from a worker: its task is done
   failure,   ///< from a worker: its task is not done, and why

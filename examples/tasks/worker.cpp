@@ -1,5 +1,6 @@
 #include "tasks/worker.hpp"
 
+#include <optional>
 #include <thread>
 #include <utility>
 
@@ -14,8 +15,8 @@ class Worker {
   Worker(Transport& transport, TaskExecutor& executor, const Timing& timing)
       : transport_(transport), executor_(executor), timing_(timing) {}
 
-  /// @returns whether the job is done.
-  [[nodiscard]] bool take_messages() {
+  /// @returns how the worker ends, if it does.
+  [[nodiscard]] std::optional<WorkerEnd> take_messages() {
     while (const auto received = transport_.receive()) {
       heard_ = Clock::now();
       switch (received->message.kind) {
@@ -26,12 +27,15 @@ class Worker {
           end_task();
           break;
         case MessageKind::quit:
-          return true;
+          return WorkerEnd::quit;
+        case MessageKind::abandon:
+          return WorkerEnd::abandoned;
         default:
           break;
       }
     }
-    return false;
+    if (Clock::now() - heard_ > timing_.job_lost) return WorkerEnd::job_lost;
+    return std::nullopt;
   }
 
   void pass_events() {
@@ -58,8 +62,6 @@ class Worker {
     executor_.stop();
     task_ = -1;
   }
-
-  [[nodiscard]] bool job_is_lost() const { return Clock::now() - heard_ > timing_.job_lost; }
 
  private:
   void start(const Message& message) {
@@ -88,10 +90,9 @@ WorkerEnd serve(Transport& transport, TaskExecutor& executor, const std::functio
                 const Timing& timing) {
   Worker worker(transport, executor, timing);
   for (;;) {
-    const bool done = worker.take_messages();
-    if (done || worker.job_is_lost()) {
+    if (const auto end = worker.take_messages()) {
       worker.end_task();
-      return done ? WorkerEnd::quit : WorkerEnd::job_lost;
+      return *end;
     }
     if (leaves()) worker.leave();
     worker.pass_events();

@@ -17,7 +17,11 @@ struct Timing {
 };
 
 /// How a worker ended.
-enum class WorkerEnd { quit, job_lost };
+enum class WorkerEnd {
+  quit,       ///< the job is done
+  abandoned,  ///< the job is done, and another worker was lost: nothing may wait for all
+  job_lost    ///< process 0 was lost
+};
 
 /// Does the tasks that come from process 0, until that says that the job is done.
 /// @param leaves  asked often: whether the worker is to take no more tasks, and to end the one that it has.

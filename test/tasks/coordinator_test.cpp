@@ -181,7 +181,9 @@ TEST_SUITE("tasks/coordinator") {
 
   THREADS_TEST_CASE("tasks/coordinator", "processes that are killed cost their tasks, which others do again") {
     Work work;
-    Job job(4, work, 1, 60);
+    Timing timing = quick_timing;
+    timing.job_lost = milliseconds(2000);
+    Job job(4, work, 1, 60, timing);
     const auto tasks = numbered(24);
     job.coordinator->begin(tasks);
     static_cast<void>(job.coordinator->await(0, {}));
@@ -193,8 +195,8 @@ TEST_SUITE("tasks/coordinator") {
     CHECK(notes.size() == 2);
     for (const std::string& note : notes) CHECK(note.find("does not answer") != std::string::npos);
     CHECK(job.coordinator->lost_any());
-    job.mail.cut(1, false);  // or their threads would wait for the job's end in vain
-    job.mail.cut(3, false);
+    job.join();
+    CHECK(job.ends == std::vector{WorkerEnd::quit, WorkerEnd::job_lost, WorkerEnd::abandoned, WorkerEnd::job_lost});
   }
 
   THREADS_TEST_CASE("tasks/coordinator", "a process that was silent for a while is used again") {
