@@ -60,8 +60,14 @@ class Pipe {
   ::posix_spawn_file_actions_init(&files);
   ::posix_spawn_file_actions_adddup2(&files, input, STDIN_FILENO);
   ::posix_spawn_file_actions_adddup2(&files, output, STDOUT_FILENO);
+  // A signal to this process and all that it has started would come twice, with the one of `stop`.
+  posix_spawnattr_t attributes;
+  ::posix_spawnattr_init(&attributes);
+  ::posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  ::posix_spawnattr_setpgroup(&attributes, 0);
   ::pid_t process = -1;
-  const int error = ::posix_spawn(&process, argv[0], &files, nullptr, argv.data(), environ);
+  const int error = ::posix_spawn(&process, argv[0], &files, &attributes, argv.data(), environ);
+  ::posix_spawnattr_destroy(&attributes);
   ::posix_spawn_file_actions_destroy(&files);
   if (error != 0) throw std::system_error(error, std::generic_category(), "starting " + command.front());
   return process;

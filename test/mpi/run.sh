@@ -13,7 +13,7 @@ scratch="$(mktemp -d)"
 trap 'rm -rf "$scratch"' EXIT
 cd "$scratch"
 if [ "$(id -u)" -eq 0 ]; then export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1; fi
-export OMPI_MCA_odls_base_sigkill_timeout=60  # Ctrl-C: time to save the map
+export OMPI_MCA_odls_base_sigkill_timeout=3  # seconds from Ctrl-C to SIGTERM, and from there to SIGKILL
 
 say() { printf '%-12s %s\n' "$1" "$2"; }
 fail() {
