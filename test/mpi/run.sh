@@ -22,7 +22,7 @@ fail() {
   exit 1
 }
 
-scans=(--max-scans "${CHAINSLAM_MPI_SCANS:-40}" --threads 1)
+scans=(--max-scans "${CHAINSLAM_MPI_SCANS:-150}" --threads 1)
 drives=(simulate:town-sessions/small/{1,2,3})
 "$programs/chainslam" map "${drives[@]}" "${scans[@]}" --out plain >plain.log 2>&1 || fail "the plain program" plain.log
 bytes="$(stat -c %s plain/map.cslam)"

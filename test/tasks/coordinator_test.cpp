@@ -154,7 +154,7 @@ class Job {
   std::vector<WorkerEnd> ends;
 };
 
-std::vector<Bytes> numbered(int count) {
+std::vector<Bytes> job_of(int count) {
   std::vector<Bytes> tasks;
   for (int i = 0; i < count; ++i) tasks.push_back("task " + std::to_string(i));
   return tasks;
@@ -166,7 +166,7 @@ TEST_SUITE("tasks/coordinator") {
   THREADS_TEST_CASE("tasks/coordinator", "results are the same for any number of processes, times and failures") {
     test::for_all(24, [](Rng& rng, int) {
       Work work;
-      const auto tasks = numbered(1 + rng.uniform_index(12));
+      const auto tasks = job_of(1 + rng.uniform_index(12));
       for (const Bytes& task : tasks) work.failures[task] = rng.uniform_index(3);  // of three attempts
       Job job(1 + rng.uniform_index(4), work, rng.bits(), 4);
       job.coordinator->begin(tasks);
@@ -184,7 +184,7 @@ TEST_SUITE("tasks/coordinator") {
     Timing timing = quick_timing;
     timing.job_lost = milliseconds(2000);
     Job job(4, work, 1, 60, timing);
-    const auto tasks = numbered(24);
+    const auto tasks = job_of(24);
     job.coordinator->begin(tasks);
     static_cast<void>(job.coordinator->await(0, {}));
     job.mail.cut(1);
@@ -205,7 +205,7 @@ TEST_SUITE("tasks/coordinator") {
     job.mail.cut(1);
     std::this_thread::sleep_for(milliseconds(500));
     job.mail.cut(1, false);
-    const auto tasks = numbered(40);
+    const auto tasks = job_of(40);
     job.coordinator->begin(tasks);
     for (std::size_t i = 0; i < tasks.size(); ++i)
       CHECK(job.coordinator->await(static_cast<Index>(i), {})->bytes == result_of(tasks[i]));
@@ -219,7 +219,7 @@ TEST_SUITE("tasks/coordinator") {
                     "a task that fails each time is tried by three processes, and says why at last") {
     Work work{.failures = {{"task 1", 100}}};
     Job job(4, work, 3, 10);
-    job.coordinator->begin(numbered(3));
+    job.coordinator->begin(job_of(3));
     const auto outcome = job.coordinator->await(1, {});
     REQUIRE(outcome);
     CHECK(outcome->failed);
@@ -236,7 +236,7 @@ TEST_SUITE("tasks/coordinator") {
                     "a process that is asked to end gives its task back, and stays to the job's end") {
     Work work;
     Job job(2, work, 4, 100);
-    job.coordinator->begin(numbered(6));
+    job.coordinator->begin(job_of(6));
     std::this_thread::sleep_for(milliseconds(60));
     job.leaving = 1;
     for (Index i = 0; i < 6; ++i) CHECK(!job.coordinator->await(i, {})->failed);
@@ -248,7 +248,7 @@ TEST_SUITE("tasks/coordinator") {
   THREADS_TEST_CASE("tasks/coordinator", "a requested stop ends waiting, and what is not needed any more ends") {
     Work work;
     Job job(3, work, 5, 60'000);
-    job.coordinator->begin(numbered(9));
+    job.coordinator->begin(job_of(9));
     std::stop_source stop;
     int waited = 0;
     const auto outcome = job.coordinator->await(0, stop.get_token(), [&] {
@@ -270,7 +270,7 @@ TEST_SUITE("tasks/coordinator") {
     Timing timing = quick_timing;
     timing.job_lost = milliseconds(300);
     Job job(2, work, 6, 60'000, timing);
-    job.coordinator->begin(numbered(2));
+    job.coordinator->begin(job_of(2));
     std::this_thread::sleep_for(milliseconds(100));
     job.mail.cut(0);
     job.join();
