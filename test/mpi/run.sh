@@ -65,13 +65,8 @@ worker() {
 }
 child_of() { pgrep -P "$(worker "$1")" chainslam-mpi; }
 
-# The report's figures beside the map: what odometry found out of the IMU, and how many scans there were.
-figures() {
-  python3 -c "
-import json, sys
-for session in json.load(open(sys.argv[1] + '/summary.json'))['sessions']:
-    print({key: session.get(key) for key in ('name', 'scans', 'frames', 'imu', 'health')})" "$1"
-}
+# What the program prints of scans, IMU, keyframes, sessions, closures and errors.
+figures() { grep -E '^(scans|IMU|keyframes|sessions|closures|error|goal|  ) ' "$1.log"; }
 
 numbers="2"
 [ "$mode" != --full ] || numbers="1 2 4"
