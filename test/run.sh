@@ -181,11 +181,24 @@ if [ "$selected" = all ]; then
              mapfile -t checked < <(parts_of "${modules[@]}") ;;
   esac
 fi
+# chainslam-mpi is compared with the program: where all that is assembled is built, and with the module of its tasks by name.
+with_mpi=no mpi_targets="" mpi_options=()
+if [ "$mode" != quick ] && { [ "$selected" = all ] || [[ " ${modules[*]} " == *" tasks "* ]]; }; then
+  # shellcheck disable=SC2086
+  install_packages $packages_mpi
+  with_mpi=yes mpi_targets=" chainslam_program chainslam_mpi" mpi_options=(-DCHAINSLAM_MPI=ON)
+fi
 # As users build it. Eigen's assertions would take a fifth of g++'s time: they are on under the sanitizers.
-configure_and_build gcc "g++, -O2" "${fast[*]/#/test_}" "${common[@]}" "-DCMAKE_CXX_FLAGS_RELEASE=-O2 -DNDEBUG" \
-  -DCMAKE_CXX_COMPILER=g++ -DCHAINSLAM_COMPILED=ON
+configure_and_build gcc "g++, -O2" "${fast[*]/#/test_}$mpi_targets" "${common[@]}" \
+  "-DCMAKE_CXX_FLAGS_RELEASE=-O2 -DNDEBUG" -DCMAKE_CXX_COMPILER=g++ -DCHAINSLAM_COMPILED=ON \
+  ${mpi_options[@]+"${mpi_options[@]}"}
 slowest gcc
 run_programs gcc "g++" "${fast[@]}"
+if [ "$with_mpi" = yes ]; then
+  full=()
+  [ "$mode" = default ] && [ "$selected" = all ] || full=(--full)
+  run_step "maps of several processes are the program's" "$root/test/mpi/run.sh" "$build/gcc/examples" ${full[@]+"${full[@]}"}
+fi
 
 if [ "$mode" != quick ]; then
   # Assertions stay on under the sanitizers. Line numbers in stacks would take a fifth of the compile time: -O1 -g1 where

@@ -17,6 +17,7 @@ packages_program="libtomlplusplus-dev libcli11-dev nlohmann-json3-dev libgeograp
 packages_test="doctest-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip time"
 packages_sanitizers="clang-14 libclang-rt-14-dev"
 packages_docs="doxygen"
+packages_mpi="openmpi-bin libopenmpi-dev openssh-client procps"  # mpirun asks for ssh; the test for pgrep
 packages_report="chromium chromium-driver python3-selenium python3-numpy python3-pil"
 packages_bench="libbenchmark-dev libboost-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
 packages_peers="libpcl-dev libopen3d-dev libceres-dev libfmt-dev liblz4-dev"

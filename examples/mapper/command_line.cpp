@@ -34,7 +34,7 @@ CLI::Validator one_of(const std::vector<std::string>& words) {
           ""};
 }
 
-void add_map(CLI::App& program, int& exit_code) {
+void add_map(CLI::App& program, SessionWorkers* workers, int& exit_code) {
   const auto arguments = std::make_shared<MapArguments>();
   CLI::App* verb = program.add_subcommand("map", "map data sets as sessions, optionally on top of saved maps");
   verb->footer(
@@ -72,7 +72,7 @@ void add_map(CLI::App& program, int& exit_code) {
           "the machine's memory. Larger maps are refused by --load")
       ->transform(CLI::AsSizeValue(true).description(""))
       ->option_text("SIZE");
-  verb->callback([arguments, &exit_code] { exit_code = run(*arguments); });
+  verb->callback([arguments, workers, &exit_code] { exit_code = run(*arguments, workers); });
 }
 
 void add_odometry(CLI::App& program, int& exit_code) {
@@ -611,7 +611,7 @@ std::string unknown_verb(const CLI::App& program, const std::vector<std::string>
 
 }  // namespace
 
-int run_command_line(int argc, const char* const* argv) {
+int run_command_line(int argc, const char* const* argv, SessionWorkers* workers) {
   CLI::App program{"chainslam: multi-session LiDAR(-inertial) mapping with loop closure", "chainslam"};
   program.set_version_flag("--version", build_description());
   program.require_subcommand(1);
@@ -620,7 +620,7 @@ int run_command_line(int argc, const char* const* argv) {
       "Exit codes: 0 success, 2 usage or configuration, 3 unusable input, 4 output or disk,\n"
       "5 finished, but a goal was missed, 70 internal error, 130 interrupted (map saved).");
   int exit_code = exit_good;
-  add_map(program, exit_code);
+  add_map(program, workers, exit_code);
   add_odometry(program, exit_code);
   add_localize(program, exit_code);
   add_simulate(program, exit_code);

@@ -46,8 +46,8 @@ void delete_begun(const fs::path& result) {
 
 }  // namespace
 
-EndOnInterrupt::EndOnInterrupt(fs::path result)
-    : interrupt_("\ninterrupted\n"), end_(interrupt_.token(), End{std::move(result)}) {}
+EndOnInterrupt::EndOnInterrupt(fs::path result, const char* message)
+    : interrupt_(message), end_(interrupt_.token(), End{std::move(result)}) {}
 
 /// On the thread that watches for signals, while the verb's own goes on: nothing of it is touched, and none of its
 /// destructors run.

@@ -12,8 +12,9 @@ namespace chainslam::mapper {
 /// name stay.
 class EndOnInterrupt {
  public:
-  /// @param result  what the verb writes, if anything.
-  explicit EndOnInterrupt(std::filesystem::path result = {});
+  /// @param result   what the verb writes, if anything.
+  /// @param message  shown at the signal; must outlive all signals.
+  explicit EndOnInterrupt(std::filesystem::path result = {}, const char* message = "\ninterrupted\n");
 
  private:
   struct End {

@@ -21,6 +21,7 @@
 #include "options.hpp"
 #include "output.hpp"
 #include "results.hpp"
+#include "session_workers.hpp"
 #include "simulated_dataset.hpp"
 #include "support/interrupt.hpp"
 #include "support/progress.hpp"
@@ -183,10 +184,10 @@ int exit_code_of(const support::RunSummary& summary, bool data_failed, bool memo
 
 }  // namespace
 
-int run(const MapArguments& arguments) {
+int run(const MapArguments& arguments, SessionWorkers* workers) {
   MapperOptions options;
   configure(options, arguments.config, arguments.overrides);
-  const Datasets datasets = open_datasets(arguments, options);
+  Datasets datasets = open_datasets(arguments, options);
   std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
   const std::uint64_t max_memory = memory_bound(arguments.max_memory);
   const auto scans = std::make_shared<ScanCache>(options.scan_memory);
@@ -214,11 +215,13 @@ int run(const MapArguments& arguments) {
                                      input.commit();
                                    },
                                .journal = [&](const SlamMap& map) { journal.update(map); }};
+  if (workers != nullptr) workers->begin(datasets, arguments.data, mapping_run, folder.target());
   MappingResult mapping = map_or_say_what_is_left(datasets, std::move(saved.maps), mapping_run, folder, input);
   support::return_free_memory();  // the back end's
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     SessionRun& session = mapping.sessions[i];
     session.truth = std::move(truths[i]);
+    if (workers != nullptr) workers->complete(i, session);
     print_notes("warning:", datasets[i]->info().warnings);
     print_notes("note:", session.notes);
     for (const std::string& warning : datasets[i]->info().warnings) session.notes.push_back(warning);
@@ -248,6 +251,7 @@ int run(const MapArguments& arguments) {
     input.remove();
     kept = folder.commit();
   }
+  if (workers != nullptr && !mapping.interrupted) workers->map_saved();
   const bool memory_full = mapping.memory_full;
   const bool data_failed = mapping.failure.has_value() || has_empty_session(mapping, arguments);
   RunOutcome outcome = conclude(std::move(mapping), title(datasets), options);

@@ -7,11 +7,8 @@
 #include <string>
 #include <utility>
 
-#include "chainslam/cloud/quantize.hpp"
-#include "chainslam/cloud/voxel_grid.hpp"
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/atomic_file.hpp"
-#include "chainslam/slam/slam_map.hpp"
 #include "console.hpp"
 #include "datasets/odometry_recording.hpp"
 #include "exit_code.hpp"
@@ -19,7 +16,7 @@
 #include "options.hpp"
 #include "output.hpp"
 #include "results.hpp"
-#include "session_front_end.hpp"
+#include "session_recorder.hpp"
 #include "simulated_dataset.hpp"
 #include "support/interrupt.hpp"
 #include "support/progress.hpp"
@@ -40,98 +37,6 @@ std::unique_ptr<datasets::Dataset> open_data(const OdometryArguments& arguments,
     throw_input_error(arguments.data.string(), "", "a keyframe set, which has odometry",
                       "map it: `chainslam map` takes the odometry that it has");
   return dataset;
-}
-
-/// The points that a map keeps of a scan (see `KeyframeSelector`), with their intensities, which a map does not keep.
-PointCloud<float> recorded_scan(const PointCloud<float>& scan, const KeyframeOptions& options) {
-  const PointCloud<float> kept = options.scan_voxel > 0 ? voxel_downsample(scan, options.scan_voxel) : scan;
-  return options.scan_step > 0 ? quantized_with_intensities(kept, options.scan_step) : kept;
-}
-
-/// Keyframes as the options pick them, with their whole scans.
-KeyframeSelector whole_keyframes(KeyframeOptions options) {
-  options.scan_voxel = options.scan_step = 0;
-  return KeyframeSelector(options);
-}
-
-/// Runs odometry on a data set; frames and what is kept of them go to the recording, all but scans to a map.
-class Recorder {
- public:
-  Recorder(datasets::Dataset& dataset, const MappingRun& run, datasets::OdometryRecording& recording)
-      : dataset_(dataset), run_(run), recording_(recording), select_(whole_keyframes(run.options.keyframes)) {
-    state_.stage = "odometry of " + dataset.info().name;
-    state_.total = expected_scans(dataset.info(), run.max_scans);
-  }
-
-  [[nodiscard]] MappingResult record() {
-    const ThreadPool threads(run_.threads);
-    MappingResult result;
-    result.sessions.push_back(SessionFrontEnd(dataset_, run_, threads,
-                                              {.fix = [&](const GnssFix& fix) { recording_.add(fix); },
-                                               .frame = [&](const Frame& frame) { add(frame); },
-                                               .scan = [&](const SessionRun& so_far) { show(so_far); }})
-                                  .run());
-    run_.progress.finish();
-    result.sessions[0].id = session;
-    map_.sessions.push_back({.id = session,
-                             .name = result.sessions[0].name,
-                             .first_keyframe = 0,
-                             .keyframes = to_index(map_.keyframes.size()),
-                             .frame = session,
-                             .prior = {}});
-    result.map = std::make_shared<const SlamMap>(std::move(map_));
-    result.memory_full = result.sessions[0].memory_full;
-    result.interrupted = run_.stop.stop_requested() || result.memory_full;
-    return result;
-  }
-
- private:
-  static constexpr SessionId session{0};
-
-  void show(const SessionRun& so_far) {
-    state_.done = so_far.scans;
-    state_.keyframes = to_index(map_.keyframes.size());
-    run_.progress.update(state_);
-  }
-
-  void add(const Frame& frame) {
-    FrameRecord record = record_of(frame);
-    record.session = session;
-    std::optional<Keyframe> keyframe = select_(frame);
-    if (keyframe)
-      keyframe->cloud =
-          std::make_shared<const PointCloud<float>>(recorded_scan(*keyframe->cloud.load(), run_.options.keyframes));
-    {
-      const auto measurement = run_.times.measure("write");
-      recording_.add(record, keyframe);
-    }
-    map_.frames.push_back(record);
-    state_.data_seconds = to_seconds(frame.time - map_.frames.front().time);
-    if (!keyframe) return;
-    keyframe->id = KeyframeId{to_index(map_.keyframes.size())};
-    keyframe->session = session;
-    keyframe->T_map_body = keyframe->T_odom_body;
-    keyframe->cloud.reset();  // it is in the recording
-    map_.keyframes.push_back(std::move(*keyframe));
-  }
-
-  datasets::Dataset& dataset_;
-  const MappingRun& run_;
-  datasets::OdometryRecording& recording_;
-  KeyframeSelector select_;
-  SlamMap map_;
-  support::ProgressState state_;
-};
-
-datasets::RecordingInfo description(const datasets::DatasetInfo& dataset, const SessionRun& session,
-                                    const MapperOptions& options) {
-  return {.session = session.name,
-          .odometry = name_of(options.odometry_source),
-          .source = dataset.source,
-          .truth_frame = dataset.truth_frame,
-          .scans = session.scans,
-          .keyframes = options.keyframes,
-          .notes = session.notes};
 }
 
 /// What helps a run that needed more memory than it may have.
@@ -188,7 +93,7 @@ int run(const OdometryArguments& arguments) {
                                .progress = progress,
                                .times = times};
   datasets::OdometryRecording recording(folder.path());
-  MappingResult result = Recorder(*dataset, mapping_run, recording).record();
+  MappingResult result = record_odometry(*dataset, mapping_run, recording);
   SessionRun& session = result.sessions[0];
   print_notes("warning:", dataset->info().warnings);
   print_notes("note:", session.notes);
@@ -202,7 +107,7 @@ int run(const OdometryArguments& arguments) {
     throw_input_error(arguments.data.string(), "",
                       std::to_string(session.scans) + " scans, none of which could be used",
                       "run `chainslam inspect` on it; compare odometry.min_range and max_range with the scans' ranges");
-  recording.finish(description(dataset->info(), session, options), truth);
+  recording.finish(recording_info(dataset->info(), session, options), truth);
   AtomicFile configuration(folder.path() / "config.toml");
   configuration.write(configuration_text(options));
   configuration.commit();

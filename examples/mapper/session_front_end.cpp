@@ -69,11 +69,19 @@ void SessionFrontEnd::warn_of_lost_scans() const {
 }
 
 void SessionFrontEnd::take_recorded() {
+  const auto take_fixes = [&] {
+    for (const GnssFix& fix : dataset_.take_fixes()) sink_.fix(fix);
+  };
   RecordedOdometry odometry([&] {
     const auto measurement = run_.times.measure("read");
-    std::optional<Frame> frame = dataset_.next_frame();
-    for (const GnssFix& fix : dataset_.take_fixes()) sink_.fix(fix);
-    return frame;
+    try {
+      std::optional<Frame> frame = dataset_.next_frame();
+      take_fixes();
+      return frame;
+    } catch (const IoError&) {  // what came before it counts
+      take_fixes();
+      throw;
+    }
   });
   while (wants_more()) {
     const std::optional<Frame> frame = odometry.next();

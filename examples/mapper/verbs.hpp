@@ -13,6 +13,7 @@
 #include "chainslam/trajectory/kitti_errors.hpp"
 #include "chainslam/trajectory/pose_errors.hpp"
 #include "map_export.hpp"
+#include "session_workers.hpp"
 #include "trajectory_file.hpp"
 
 namespace chainslam::simulator {
@@ -160,7 +161,7 @@ struct ConfigArguments {
 
 /// Each runs one verb. @returns what the program is to tell the shell (see exit_code.hpp), or throws.
 /// @{
-int run(const MapArguments& arguments);
+int run(const MapArguments& arguments, SessionWorkers* workers = nullptr);  ///< see `run_program`
 int run(const OdometryArguments& arguments);
 int run(const LocalizeArguments& arguments);
 int run(const SimulateArguments& arguments);

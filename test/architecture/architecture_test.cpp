@@ -249,7 +249,7 @@ TEST_SUITE("architecture") {
                                                      {"examples/datasets/ros1_bag.cpp", "bag"},
                                                      {"examples/mapper/drive_choice.cpp", "program_drive_choice"},
                                                      {"examples/mapper/inspect.cpp", ""},
-                                                     {"examples/mapper/main.cpp", ""},
+                                                     {"examples/mapper/program.cpp", ""},
                                                      {"examples/mapper/map_file.cpp", "cslam"},
                                                      {"examples/mapper/recorded_imu.cpp", "program_recorded_drive"},
                                                      {"examples/mapper/recorded_input.cpp", "program_recorded_drive"},

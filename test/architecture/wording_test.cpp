@@ -66,7 +66,8 @@ TEST_SUITE("architecture/wording") {
 
   TEST_CASE("help, settings, messages and reports use the field's terms") {
     std::size_t count = 0;
-    for (const char* folder : {"examples/datasets", "examples/mapper", "examples/simulator", "examples/support"})
+    for (const char* folder : {"examples/datasets", "examples/mapper", "examples/mpi", "examples/simulator",
+                               "examples/support", "examples/tasks"})
       for (const std::string& name : files_in(folder, {".cpp", ".hpp"})) {
         check(name, messages_of(content_of(fs::path(CHAINSLAM_SOURCE_DIR) / name)));
         ++count;
