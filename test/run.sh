@@ -10,8 +10,8 @@ usage: test/run.sh [--quick | --full] [MODULE...]
   (nothing)   the parts by clang with ASan and UBSan; what is put together of them by g++ -O2; TSan for what runs in
               threads; every header alone; consumers
   --quick     the parts by g++ -O2 only: a few minutes
-  --full      every module by g++ -O2, clang -O2 and under ASan; all else of the default; fuzzed readers, every benchmark once,
-              the example from end to end
+  --full      every module by g++ -O2, clang -O2 and under ASan, the algorithms for AArch64 by qemu; all else of the default;
+              fuzzed readers, every benchmark once, the example from end to end
   MODULE        only these modules (folders of test/), by g++ and under ASan, for instance: lie io
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA (a folder of real data), CHAINSLAM_JOBS,
              CHAINSLAM_TEST_SEED (repeat one seed of the property tests)
@@ -65,6 +65,7 @@ end_step() {
 run_step() { start_step "$@" && end_step "$1"; }
 
 suites='*'  # those that run
+run_by=()   # what runs them, if not this processor
 
 # run_side_by_side FOLDER MODULE...: as many modules at a time as there are cores. A module's output goes to its log; when it
 # has ended, its exit status and seconds stand in the file beside that.
@@ -75,7 +76,7 @@ run_side_by_side() {
     while [ "$(jobs -rp | wc -l)" -ge "$jobs" ]; do wait -n || true; done
     {
       local start=$SECONDS status=0 log="$build/logs/$folder-$module"
-      "$build/$folder/test/test_$module" "--test-suite=$suites" >"$log.log" 2>&1 || status=$?
+      "${run_by[@]}" "$build/$folder/test/test_$module" "--test-suite=$suites" >"$log.log" 2>&1 || status=$?
       echo "$status $((SECONDS - start))" >"$log.part" && mv "$log.part" "$log.end"
     } &
   done
@@ -132,6 +133,9 @@ all_modules() {
     [ "$1" != full ] && [[ " $of_experiments " == *" $module "* ]] || echo "$module"
   done
 }
+
+# Of the algorithms: what robots' own computers run.
+algorithms="cloud core evaluation factor_graph features filter graph io lie odometry registration search sensor slam sparse trajectory"
 
 # What is put together of parts that have modules of their own; test/README.md has the reason for each.
 assembled="architecture examples experiments factor_graph lamm lie odometry program registration simulator slam"
@@ -261,6 +265,25 @@ if [ "$mode" = full ]; then
       -DCMAKE_BUILD_TYPE=Sanitized -DCMAKE_CXX_COMPILER=clang++-14 -DCHAINSLAM_SANITIZE=address \
       -DCHAINSLAM_BUILD_FUZZERS=ON -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF -DCHAINSLAM_BUILD_EXAMPLES=OFF
     run_step "readers withstand what is made up" "$root/test/fuzz/run.sh" "$build/fuzz/test/fuzz" "$build/gcc/test" 10
+  fi
+  if [ "$selected" = all ] && [ "$(uname -m)" = x86_64 ]; then  # on AArch64 all of the above is of AArch64
+    # shellcheck disable=SC2086
+    {
+      install_packages $packages_aarch64
+      unpack_foreign_packages "$build/arm64" arm64 $packages_arm64
+    }
+    read -ra emulated <<<"$algorithms"
+    configure_and_build aarch64 "g++ for AArch64, -O2" "${emulated[*]/#/test_} chainslam_program" "${common[@]}" \
+      "-DCMAKE_CXX_FLAGS_RELEASE=-O2 -DNDEBUG" -DCHAINSLAM_COMPILED=ON "-DCHAINSLAM_SYSROOT=$build/arm64" \
+      "-DCMAKE_TOOLCHAIN_FILE=$root/third_party/aarch64.cmake"
+    # The long runs stay with the processor that there is.
+    export CHAINSLAM_QUICK=1
+    run_by=(qemu-aarch64 -L "$build/arm64")
+    run_programs aarch64 "AArch64" "${emulated[@]}"
+    run_by=()
+    unset CHAINSLAM_QUICK
+    run_step "AArch64 computes what x86-64 does" "$root/test/aarch64/run.sh" "$build/aarch64_results" "$build/gcc" \
+      "$build/aarch64" "$build/arm64"
   fi
   run_step "every benchmark runs" "$root/bench/run.sh" --smoke
   run_step "the table of odometries is written" "$root/bench/odometry_table.sh" --only nuscenes_scene

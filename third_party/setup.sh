@@ -14,7 +14,7 @@ fail() {
 
 packages_build="g++ cmake ninja-build pkg-config libeigen3-dev"
 packages_program="libtomlplusplus-dev libcli11-dev nlohmann-json3-dev libgeographiclib-dev libpng-dev libjs-three libzstd-dev libxxhash-dev liblz4-dev libbz2-dev libsqlite3-dev"
-packages_test="doctest-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip time"
+packages_test="dpkg-dev file doctest-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip time"
 packages_sanitizers="clang-14 libclang-rt-14-dev"
 packages_docs="doxygen"
 packages_mpi="openmpi-bin libopenmpi-dev openssh-client procps"  # mpirun asks for ssh; the test for pgrep
@@ -22,6 +22,8 @@ packages_report="chromium chromium-driver python3-selenium python3-numpy python3
 packages_bench="libbenchmark-dev libboost-dev libnanoflann-dev libsuitesparse-dev xz-utils unzip"
 packages_peers="libpcl-dev libopen3d-dev libceres-dev libfmt-dev liblz4-dev"
 packages_experiments="python3 python3-numpy python3-scipy python3-matplotlib"
+packages_aarch64="g++-12-aarch64-linux-gnu qemu-user"
+packages_arm64="libeigen3-dev libnanoflann-dev libsuitesparse-dev doctest-dev ${packages_program/libjs-three /}"  # of arm64
 packages_kiss_matcher="libflann-dev liblz4-dev libtbb-dev"  # which is built from sources
 
 # The Python that Debian's packages are for, whatever comes first in PATH.
@@ -46,6 +48,30 @@ install_packages() {
   { "${as_root[@]}" apt-get update &&
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"; } \
     >"$log" 2>&1 || { tail -n 15 "$log" >&2; fail "apt-get could not install them; the whole log is in $log"; }
+}
+
+# unpack_foreign_packages FOLDER ARCHITECTURE PACKAGE...: Debian's packages for another architecture and all that they need,
+# once, in a folder that compilers and emulators take for the root. With a list of packages of its own: the system's would
+# want each of its libraries in the same version for both.
+unpack_foreign_packages() {
+  local folder="$1" architecture="$2" state="$1.apt" file link
+  shift 2
+  if [ "$(cat "$folder/unpacked" 2>/dev/null)" = "$*" ]; then say "packages" "$architecture: present in $folder"; return 0; fi
+  say "packages" "$architecture: unpacking into $folder"
+  rm -rf "$folder" "$state"
+  mkdir -p "$folder" "$state/lists/partial" "$state/archives/partial" && : >"$state/status"
+  local apt=(apt-get -o "APT::Architecture=$architecture" -o "APT::Architectures=$architecture" -o "Dir::State=$state"
+             -o "Dir::State::status=$state/status" -o "Dir::Cache=$state" -o Debug::NoLocking=true)
+  { "${apt[@]}" update && "${apt[@]}" install --download-only --yes --no-install-recommends "$@"; } >"$state/log" 2>&1 ||
+    { tail -n 15 "$state/log" >&2; fail "apt-get could not download them; the whole log is in $state/log"; }
+  for file in "$state"/archives/*.deb; do dpkg-deb --extract "$file" "$folder" || fail "cannot unpack $file"; done
+  while IFS= read -r -d '' link; do ln -sfn "$folder$(readlink "$link")" "$link"; done < <(find "$folder" -lname '/*' -print0)
+  # Which of several BLAS there is a package's script would link.
+  for file in "$folder"/usr/lib/*/blas/libblas.so* "$folder"/usr/lib/*/lapack/liblapack.so*; do
+    [ ! -e "$file" ] || ln -sfn "$file" "$(dirname "$(dirname "$file")")/"
+  done
+  rm -rf "$state"
+  echo "$*" >"$folder/unpacked"
 }
 
 # show_progress LABEL LOG: until stopped, rewrites a line of the terminal with how far Ninja has come.

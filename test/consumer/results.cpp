@@ -1,10 +1,14 @@
 // Prints what the library computes, to the last bit: once header-only, once by chainslam::compiled.
+#include <chainslam/cloud/voxel_grid.hpp>
 #include <chainslam/factor_graph/batch_optimizer.hpp>
 #include <chainslam/factor_graph/incremental_smoother.hpp>
+#include <chainslam/features/fpfh.hpp>
+#include <chainslam/features/normals.hpp>
 #include <chainslam/odometry/lidar_inertial_odometry.hpp>
 #include <chainslam/odometry/lidar_odometry.hpp>
 #include <chainslam/registration/align.hpp>
 #include <chainslam/search/ikd_tree.hpp>
+#include <chainslam/search/kd_tree.hpp>
 #include <chainslam/slam/back_end.hpp>
 #include <cmath>
 #include <cstdio>
@@ -55,8 +59,22 @@ void graphs() {
   print("batch", graph.values()[29]);
   IncrementalSmoother<SE3d> smoother;
   fill(smoother);
-  std::printf("smoother %d %d\n", static_cast<int>(smoother.update().status), smoother.converge().ok());
+  std::printf("smoother %d\n",
+              static_cast<int>(smoother.update().status));  // before the next, which compilers may swap
+  std::printf("smoother %d\n", smoother.converge().ok());
   print("smoother", smoother[29]);
+}
+
+void clouds() {
+  PointCloud<float> cloud = voxel_downsample(scan(0.0), 0.5);
+  estimate_normals(cloud, {.neighbors = 10});
+  const FpfhFeatures features = estimate_fpfh(cloud, KdTree<float>(cloud), {.radius = 2.0});
+  for (std::size_t i = 0; i < cloud.size(); i += 100) {
+    for (const Eigen::Vector3f& v : {cloud.positions[i], cloud.normals[i]})
+      std::printf("cloud %a %a %a\n", double{v[0]}, double{v[1]}, double{v[2]});
+    for (Eigen::Index bin = 0; bin < 33; bin += 4)
+      std::printf("fpfh %a\n", double{features(bin, static_cast<Eigen::Index>(i))});
+  }
 }
 
 void registration() {
@@ -106,6 +124,7 @@ void back_end() {
 }  // namespace
 
 int main() {
+  clouds();
   registration();
   graphs();
   drive<LidarOdometry<>>("lidar");

@@ -71,7 +71,8 @@ namespace detail {
   const double length = up.norm();
   if (!(std::abs(length - standard) <= tolerance)) return std::nullopt;
   const double by_velocity = options.speed_deviation * std::sqrt(2.0) / (duration * standard);
-  return GravityMeasurement{divided(up, length), std::hypot(options.deviation, by_velocity)};
+  const double deviation = std::sqrt(options.deviation * options.deviation + by_velocity * by_velocity);
+  return GravityMeasurement{divided(up, length), deviation};
 }
 
 /// What a direction against gravity says of a keyframe's attitude: a prior that leaves its position and heading open.

@@ -14,6 +14,8 @@
 
 #if defined(__SSE2__)
 #include <emmintrin.h>
+#elif defined(__aarch64__) && defined(__ARM_NEON)
+#include <arm_neon.h>
 #endif
 
 namespace chainslam::detail {
@@ -37,6 +39,9 @@ inline void take_square_root(RegisterDoubles& v) {
     v[i] = _mm_cvtsd_f64(root);
     v[i + 1] = _mm_cvtsd_f64(_mm_unpackhi_pd(root, root));
   }
+#elif defined(__aarch64__) && defined(__ARM_NEON)
+  const float64x2_t root = vsqrtq_f64(float64x2_t{v[0], v[1]});
+  v = RegisterDoubles{root[0], root[1]};
 #else
   for (int i = 0; i < register_lanes; ++i) v[i] = std::sqrt(v[i]);
 #endif

@@ -215,7 +215,8 @@ class InertialMotion {
       reading.gyro_noise = options_.free_gyro;
     }
     if (!reading.force_measured) reading.accel_noise = options_.free_accel;
-    reading.accel_noise = std::hypot(reading.accel_noise, accel_noise_.beside(options_.process.noise.accel));
+    const double beside = accel_noise_.beside(options_.process.noise.accel);
+    reading.accel_noise = std::sqrt(reading.accel_noise * reading.accel_noise + beside * beside);
     if (use == ImuUse::all) return reading;
     if (use == ImuUse::rough_gyroscope) reading.gyro_noise = options_.free_gyro;
     reading.accel_noise = options_.free_accel;
@@ -331,7 +332,7 @@ inline void InertialMotion::forget_velocity() {
   const double on_the_way = options_.start_speed * options_.start_speed;
   const double since = options_.free_accel * options_.free_accel * dt;
   set_translation(R3d(velocity), std::sqrt(on_the_way + since),
-                  std::hypot(options_.lost_position, dt * options_.start_speed));
+                  std::sqrt(options_.lost_position * options_.lost_position + dt * dt * on_the_way));
   InertialState::Jacobian covariance = filter_.covariance();
   for (int i = 0; i < 3; ++i) {
     const int p = inertial_offset<Inertial::position> + i, v = inertial_offset<Inertial::velocity> + i;

@@ -77,6 +77,13 @@ template <class Scalar, std::size_t Count>
       mask |= static_cast<std::uint32_t>(_mm_movemask_ps(below)) << i;
     }
     return mask;
+#elif defined(__aarch64__) && defined(__ARM_NEON)
+    const uint32x4_t bits{1, 2, 4, 8};
+    for (std::size_t i = 0; i < Count; i += 4) {
+      const uint32x4_t below = vcltq_f32(vld1q_f32(&values[i]), vdupq_n_f32(bound));
+      mask |= vaddvq_u32(vandq_u32(below, bits)) << i;
+    }
+    return mask;
 #endif
   }
   for (std::size_t i = 0; i < Count; ++i) mask |= static_cast<std::uint32_t>(values[i] < bound) << i;

@@ -1,0 +1,18 @@
+# Toolchain file for 64-bit ARM by Debian's g++-12-aarch64-linux-gnu. CHAINSLAM_SYSROOT is the folder that
+# unpack_foreign_packages (setup.sh) has unpacked Debian's arm64 packages into; qemu-user runs what is built.
+list(APPEND CMAKE_TRY_COMPILE_PLATFORM_VARIABLES CHAINSLAM_SYSROOT)
+if(NOT CHAINSLAM_SYSROOT OR NOT IS_DIRECTORY "${CHAINSLAM_SYSROOT}/usr/lib/aarch64-linux-gnu")
+  message(FATAL_ERROR "CHAINSLAM_SYSROOT='${CHAINSLAM_SYSROOT}' has no usr/lib/aarch64-linux-gnu; test/README.md, AArch64, says how to make it")
+endif()
+set(CMAKE_SYSTEM_NAME Linux)
+set(CMAKE_SYSTEM_PROCESSOR aarch64)
+set(CMAKE_SYSROOT ${CHAINSLAM_SYSROOT})
+set(CMAKE_CXX_COMPILER aarch64-linux-gnu-g++-12)
+set(CMAKE_LIBRARY_ARCHITECTURE aarch64-linux-gnu)
+set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64 -L ${CHAINSLAM_SYSROOT})
+set(ENV{PKG_CONFIG_SYSROOT_DIR} ${CHAINSLAM_SYSROOT})
+set(ENV{PKG_CONFIG_LIBDIR} ${CHAINSLAM_SYSROOT}/usr/lib/aarch64-linux-gnu/pkgconfig:${CHAINSLAM_SYSROOT}/usr/share/pkgconfig)
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
