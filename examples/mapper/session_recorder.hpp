@@ -20,7 +20,7 @@ using ShowProgress = std::function<void(const support::ProgressState&)>;
 [[nodiscard]] MappingResult record_odometry(datasets::Dataset& dataset, const MappingRun& run,
                                             datasets::OdometryRecording& recording, const ShowProgress& show = {});
 
-/// What the recording of a session states beside its tables.
+/// The description of a session's recording, for its `odometry.json`.
 [[nodiscard]] datasets::RecordingInfo recording_info(const datasets::DatasetInfo& dataset, const SessionRun& session,
                                                      const MapperOptions& options);
 

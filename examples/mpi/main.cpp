@@ -23,7 +23,7 @@
 #include "tasks/worker.hpp"
 
 // The program `chainslam` for several machines: process 0 runs the command line, the others compute for it; see
-// README.md beside this file.
+// README.md in this folder.
 
 namespace {
 

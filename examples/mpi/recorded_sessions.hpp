@@ -16,7 +16,7 @@
 
 namespace chainslam::mpi {
 
-/// The odometry of a run's sessions as tasks of a job. Their recordings are in OUT.sessions, beside the run's folder:
+/// The odometry of a run's sessions as tasks of a job. Their recordings are in OUT.sessions, next to the run's folder:
 /// there they stay until the map is saved, and a run of the same sessions uses those that it finds.
 class RecordedSessions final : public mapper::SessionWorkers {
  public:

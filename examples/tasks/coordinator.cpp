@@ -131,12 +131,8 @@ void Coordinator::take(const ReceivedMessage& received) {
 
 void Coordinator::take_own_events() {
   Worker& own = workers_[0];
-  while (const auto event = own.task >= 0 ? own_.poll() : std::nullopt) {
-    const MessageKind kind = event->kind == TaskEvent::Kind::progress ? MessageKind::progress
-                             : event->kind == TaskEvent::Kind::result ? MessageKind::result
-                                                                      : MessageKind::failure;
-    take({0, {kind, own.task, event->bytes}});
-  }
+  while (const auto event = own.task >= 0 ? own_.poll() : std::nullopt)
+    take({0, {message_kind(event->kind), own.task, event->bytes}});
 }
 
 void Coordinator::end_task(int from, const Message& message) {

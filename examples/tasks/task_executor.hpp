@@ -12,7 +12,7 @@ struct TaskEvent {
   Bytes bytes{};
 };
 
-/// Does a task at a time, beside its caller. A result or a failure is the last event of each.
+/// Does one task at a time while its caller goes on. A result or a failure is the last event of each.
 class TaskExecutor {
  public:
   TaskExecutor() = default;

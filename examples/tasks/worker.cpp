@@ -41,10 +41,7 @@ class Worker {
   void pass_events() {
     while (const auto event = task_ >= 0 ? executor_.poll() : std::nullopt) {
       const bool last = event->kind != TaskEvent::Kind::progress;
-      const MessageKind kind = !last                                    ? MessageKind::progress
-                               : event->kind == TaskEvent::Kind::result ? MessageKind::result
-                                                                        : MessageKind::failure;
-      say({kind, last ? std::exchange(task_, -1) : task_, event->bytes});
+      say({message_kind(event->kind), last ? std::exchange(task_, -1) : task_, event->bytes});
     }
   }
 

@@ -16,6 +16,19 @@ struct Timing {
   std::chrono::milliseconds job_lost{60000};     ///< without one from the process that gives tasks: the worker ends
 };
 
+/// The message that tells process 0 of an event.
+[[nodiscard]] inline MessageKind message_kind(TaskEvent::Kind event) {
+  switch (event) {
+    case TaskEvent::Kind::progress:
+      return MessageKind::progress;
+    case TaskEvent::Kind::result:
+      return MessageKind::result;
+    case TaskEvent::Kind::failure:
+      break;
+  }
+  return MessageKind::failure;
+}
+
 /// How a worker ended.
 enum class WorkerEnd {
   quit,       ///< the job is done

@@ -91,7 +91,7 @@ static_assert(PlaceRecognition<PlaceCandidates>);
 struct LocalizerOptions {
   /// Which scans are registered to the map; poses between them are odometry's.
   KeyframeOptions scans{.distance = 1.0, .angle = 0.2, .scan_voxel = 0.4, .scan_step = 0};
-  double min_period = 0.3;         ///< seconds from one of them to the next, at least: a car's are metres apart
+  double min_period = 0.3;         ///< seconds between two of them, at least: a car moves a metre in each
   StartOptions start{};            ///< when a recognized place is accepted
   OdometryNoise odometry_noise{};  ///< of the poses between
   OdometryNoise unknown_odometry = unknown_odometry_noise();  ///< where frames state no covariance
