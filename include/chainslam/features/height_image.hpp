@@ -159,14 +159,19 @@ struct ComparisonPattern {
 
 /// The smaller eigenvalue of the structure tensor at each pixel (Shi and Tomasi 1994).
 [[nodiscard]] inline GrayImage corner_response(const GrayImage& smooth, double window) {
-  GrayImage xx = smooth, xy = smooth, yy = smooth;
-  for (Index y = 0; y < smooth.height; ++y)
-    for (Index x = 0; x < smooth.width; ++x) {
-      const float dx = 0.5F * (smooth.value(x + 1, y) - smooth.value(x - 1, y));
-      const float dy = 0.5F * (smooth.value(x, y + 1) - smooth.value(x, y - 1));
-      xx(x, y) = dx * dx, xy(x, y) = dx * dy, yy(x, y) = dy * dy;
-    }
-  xx = blurred(xx, window), xy = blurred(xy, window), yy = blurred(yy, window);
+  using Row = Eigen::Map<Eigen::ArrayXf>;
+  using ConstRow = Eigen::Map<const Eigen::ArrayXf>;
+  const GrayImage around = framed(smooth, 1);
+  GrayImage xx{smooth.width, smooth.height, std::vector<float>(smooth.values.size())}, xy = xx, yy = xx;
+  const auto row_of = [&](GrayImage& image, Index y) { return Row(image.values.data() + image.at(0, y), image.width); };
+  for (Index y = 0; y < smooth.height; ++y) {
+    const float* const center = around.values.data() + around.at(1, y + 1);
+    const auto shifted = [&](Index by) { return ConstRow(center + by, smooth.width); };
+    const Eigen::ArrayXf dx = 0.5F * (shifted(1) - shifted(-1));
+    const Eigen::ArrayXf dy = 0.5F * (shifted(around.width) - shifted(-around.width));
+    row_of(xx, y) = dx * dx, row_of(xy, y) = dx * dy, row_of(yy, y) = dy * dy;
+  }
+  for (GrayImage* image : {&xx, &xy, &yy}) blur(*image, window);
   for (std::size_t i = 0; i < xx.values.size(); ++i) {
     const float mean = 0.5F * (xx.values[i] + yy.values[i]), half = 0.5F * (xx.values[i] - yy.values[i]);
     xx.values[i] = mean - std::sqrt(half * half + xy.values[i] * xy.values[i]);
@@ -213,20 +218,22 @@ struct ComparisonPattern {
   return strongest;
 }
 
-/// Of the centroid of a disc (Rosin 1999, as in ORB: Rublee et al. 2011).
+/// Of the centroid of a disc (Rosin 1999, as in ORB: Rublee et al. 2011), which lies in the image.
 [[nodiscard]] inline float orientation(const GrayImage& image, const Eigen::Vector2i& center, double radius) {
   const auto reach = static_cast<Index>(radius);
   float x_moment = 0, y_moment = 0;
-  for (Index dy = -reach; dy <= reach; ++dy)
-    for (Index dx = -reach; dx <= reach; ++dx) {
-      if (static_cast<double>(dx) * dx + static_cast<double>(dy) * dy > radius * radius) continue;
-      const float value = image.value(center.x() + dx, center.y() + dy);
-      x_moment += static_cast<float>(dx) * value;
-      y_moment += static_cast<float>(dy) * value;
+  for (Index dy = -reach; dy <= reach; ++dy) {
+    const float* const row = image.values.data() + image.at(center.x(), center.y() + dy);
+    const auto half = static_cast<Index>(std::sqrt(radius * radius - static_cast<double>(dy) * dy));
+    for (Index dx = -half; dx <= half; ++dx) {
+      x_moment += static_cast<float>(dx) * row[dx];
+      y_moment += static_cast<float>(dy) * row[dx];
     }
+  }
   return std::atan2(y_moment, x_moment);
 }
 
+/// @param image  holds the disc and two pixels around it.
 [[nodiscard]] inline BinaryDescriptor described(const GrayImage& image, const Eigen::Vector2i& center, float angle,
                                                 double radius) {
   const Eigen::Vector2f along = static_cast<float>(radius) * Eigen::Vector2f(std::cos(angle), std::sin(angle));
@@ -251,15 +258,20 @@ struct ComparisonPattern {
   detail::check(options);
   std::vector<ImageKeypoint> keypoints;
   if (image.values.empty()) return keypoints;
-  const detail::GrayImage gray{image.width, image.height, image.values};
-  const detail::GrayImage smooth = detail::blurred(gray, options.smoothing);
-  const detail::GrayImage averaged = detail::blurred(gray, options.spread);
+  detail::GrayImage smooth{image.width, image.height, image.values};
+  detail::blur(smooth, options.smoothing);
   const detail::GrayImage response = detail::corner_response(smooth, options.window);
+  const auto margin = static_cast<Index>(options.radius) + 2;
+  const detail::GrayImage oriented = detail::framed(smooth, margin);
+  detail::GrayImage averaged{image.width, image.height, image.values};
+  detail::blur(averaged, options.spread);
+  averaged = detail::framed(averaged, margin);
   for (const Eigen::Vector2i& corner : detail::corners(response, options)) {
     ImageKeypoint keypoint;
     keypoint.position = image.position(detail::vertex(response, corner)).cast<float>();
-    keypoint.angle = detail::orientation(smooth, corner, options.radius);
-    keypoint.descriptor = detail::described(averaged, corner, keypoint.angle, options.radius);
+    const Eigen::Vector2i center = corner + Eigen::Vector2i::Constant(margin);
+    keypoint.angle = detail::orientation(oriented, center, options.radius);
+    keypoint.descriptor = detail::described(averaged, center, keypoint.angle, options.radius);
     keypoints.push_back(keypoint);
   }
   return keypoints;
