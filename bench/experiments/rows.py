@@ -94,6 +94,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
         "closures.max_places",
         "closures.heading_weight",
         "closures.min_interval",
+        "closures.min_keyframes",
         "closures.max_alignments",
         "closures.before_merge",
     ),

@@ -88,6 +88,18 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                      .min = 0,
                      .max = 1e6,
                      .help = "Minimum time between two keyframes of the same session that form a closure."});
+  configuration.add(
+      "closures.min_keyframes", candidates.min_keyframes,
+      {.min = 0,
+       .max = 1000000,
+       .help = "Minimum number of keyframes between two keyframes of the same session that form a closure, "
+               "so that the submap does not contain the aligned scan; see also min_path."});
+  configuration.add("closures.min_path", candidates.min_path,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1e6,
+                     .help = "Path length between two keyframes of the same session above which min_keyframes does not "
+                             "apply."});
   configuration.add("closures.max_candidates", candidates.max_count,
                     {.min = 1, .max = 1000, .help = "Maximum number of candidates tried for one scan."});
   configuration.add("closures.min_travel", parts.closures.min_travel,

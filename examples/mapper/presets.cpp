@@ -47,6 +47,7 @@ constexpr PresetValue preset_values[] = {
      {"30", "30"},
      {"30", "60"},
      "paper III-B, III-E: one minimum interval for both; code: 30 s, 60 s"},
+    alike("closures.min_keyframes", "0", "paper III-B: the interval alone"),
     alike("closures.max_candidates", "1", "paper III-B: the candidate pair; code: the nearest"),
     alike("closures.heading_weight", "0", "paper III-B: spatial proximity"),
     {"closures.min_travel", {"16", "25"}, {"0", "0"}, "paper III-E: v / f_lc > r_lc = 15 m; MARS 10 m/s at 0.4 Hz"},

@@ -68,6 +68,7 @@ keyframes.voxel_size                 0
 closures.radius                      15
 closures.start_distance              0
 closures.min_interval                30 30 30 60
+closures.min_keyframes               0
 closures.max_candidates              1
 closures.heading_weight              0
 closures.min_travel                  16 25 0 0

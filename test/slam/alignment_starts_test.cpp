@@ -112,7 +112,8 @@ TEST_SUITE("slam/alignment_starts") {
     told.index.set_covariance(along_error);
     LoopCloserOptions once = test::small_submaps;
     once.starts.max_distance = 0;
-    LoopCloser<> at_once(once), known(test::small_submaps), unknown(test::small_submaps);
+    const ProximityCandidates few{.min_keyframes = 0};
+    LoopCloser<> at_once(once, few), known(test::small_submaps, few), unknown(test::small_submaps, few);
     CHECK_FALSE(told.finds(at_once, 10));
     CHECK(told.finds(known));
     CHECK_FALSE(untold.finds(unknown));

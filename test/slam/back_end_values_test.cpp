@@ -107,6 +107,7 @@ TEST_SUITE("slam/back_end: values") {
     rounds.place(78, 78);
     ProximityCandidates candidates;
     candidates.min_interval = seconds(3.0);
+    candidates.min_keyframes = 0;
     BackEndOptions at_once, after_merge;
     at_once.recheck_travel = after_merge.recheck_travel = 1e9;
     after_merge.close_before_merge = false;

@@ -76,14 +76,28 @@ using Ids = std::vector<Index>;
 }  // namespace
 
 TEST_SUITE("slam: what is tried by default") {
-  TEST_CASE("candidates lie within 15 m, 30 s apart, and look the same way if they are 9 m farther") {
+  TEST_CASE(
+      "candidates lie within 15 m, 30 s and 30 keyframes or 200 m of path apart, and look the same way if they are 9 m "
+      "farther") {
     Places places;
     places.add(0, {14, 0, 0});
     places.add(1, {16, 0, 0});
     places.add(9, {1, 0, 0}, 0, 0);
     places.add(9, {0.5, 0, 0}, 0, 31);
+    for (int i = 0; i < 28; ++i) places.add(9, {50, 0, 0}, 0, 40);
+    Places sooner = places;
+    sooner.add(9, {0, 0, 0}, 0, 60);
+    CHECK(sooner.proposed() == Ids{0});  // 30 keyframes lie between, and 100 m of path: the submap may hold the scan
+    places.add(9, {50, 0, 0}, 0, 40);
     places.add(9, {0, 0, 0}, 0, 60);
     CHECK(places.proposed() == Ids{2, 0});
+    for (const double away : {99.0, 101.0}) {
+      Places drive;
+      drive.add(0, {0, 0, 0}, 0, 0);
+      drive.add(0, {away, 0, 0}, 0, 30);
+      drive.add(0, {0, 0, 0}, 0, 60);
+      CHECK(drive.proposed() == (away > 100 ? Ids{0} : Ids{}));
+    }
     Places turned;
     turned.add(0, {2, 0, 0}, std::numbers::pi);
     turned.add(1, {8, 0, 0});

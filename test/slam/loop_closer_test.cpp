@@ -93,7 +93,7 @@ struct CountingRegistration {
 TEST_SUITE("slam/loop_closer") {
   TEST_CASE("aligning scan i to the submap of j measures T_j_i, the pose of i seen from j") {
     const Corner corner;
-    LoopCloser<> closer(test::small_submaps);
+    LoopCloser<> closer(test::small_submaps, {.min_keyframes = 0});
     PositionIndex index;
     index.rebuild(corner.keyframes);
     const std::vector<LoopClosure> tried = closer.close(corner.keyframes, index);
@@ -118,7 +118,7 @@ TEST_SUITE("slam/loop_closer") {
     auto elsewhere = std::make_shared<PointCloud<float>>(*corner.keyframes.back().cloud.load());
     for (Eigen::Vector3f& p : elsewhere->positions) p.z() += 40;
     corner.keyframes.back().cloud = elsewhere;
-    LoopCloser<> closer(test::small_submaps, {.min_separation = 4, .max_count = 2});
+    LoopCloser<> closer(test::small_submaps, {.min_separation = 4, .max_count = 2, .min_keyframes = 0});
     PositionIndex index;
     index.rebuild(corner.keyframes);
     const std::vector<LoopClosure> tried = closer.close(corner.keyframes, index);

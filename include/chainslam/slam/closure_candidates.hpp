@@ -164,6 +164,8 @@ struct ProximityCandidates {
   double heading_weight = 3.0;          ///< metres that a radian of difference in attitude counts for
   Index min_separation = 10;            ///< keyframes between two proposals of one session
   Index max_count = 3;                  ///< proposals
+  Index min_keyframes = 30;             ///< from candidate to query in one session: the submap is not to hold the scan
+  double min_path = 200;                ///< metres along the path that serve as well
 
   /// Whether `candidate` may be closed with `query` at all, wherever they are.
   [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
@@ -171,14 +173,29 @@ struct ProximityCandidates {
            (candidate.session != query.session || query.time - candidate.time >= min_interval);
   }
 
+  /// The first keyframe of those right before the query around which a submap may hold the query's own scan, aligned
+  /// to which it would only repeat what the graph states already.
+  [[nodiscard]] [[gnu::cold]] KeyframeId first_own(std::span<const Keyframe> keyframes, KeyframeId query) const {
+    const auto at = [&](Index i) -> const Keyframe& { return keyframes[static_cast<std::size_t>(i)]; };
+    Index first = query.value;
+    double length = 0;
+    while (first > 0 && query.value - first < min_keyframes && at(first - 1).session == at(query.value).session) {
+      length += (at(first).T_odom_body.translation() - at(first - 1).T_odom_body.translation()).norm();
+      if (length > min_path) break;
+      --first;
+    }
+    return KeyframeId{first};
+  }
+
   /// Candidates near the query, the most promising first; see `ClosureCandidates`.
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes,
                                                            const PositionIndex& index, KeyframeId query) const {
     const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];
+    const KeyframeId own = first_own(keyframes, query);
     std::vector<PositionIndex::Found> near;
     for (const PositionIndex::Found& found : index.within(here.T_map_body.translation(), radius)) {
       const Keyframe& there = keyframes[static_cast<std::size_t>(found.id.value)];
-      if (!eligible(there, here)) continue;
+      if (!eligible(there, here) || (found.id >= own && found.id <= query)) continue;
       const SE3d between = there.T_map_body.inverse() * here.T_map_body;
       near.push_back({found.id, found.distance + heading_weight * between.rotation().log().norm()});
     }

@@ -55,9 +55,10 @@ class ProximityOrPlaces {
     if (left.id > query || left.session != here.session ||
         (left.T_odom_body.translation() - here.T_odom_body.translation()).norm() > places_.options().spacing)
       return {};
+    const KeyframeId own = near_.first_own(keyframes, query);
     std::vector<KeyframeId> found = places_.find_newest(keyframes, query, [&](const PlaceCandidates::Place& place) {
       const Keyframe &there = at(place.center), &last = at(KeyframeId{place.end - 1});  // any may be proposed
-      return index.contains(there.id) && near_.eligible(last, here) &&
+      return index.contains(there.id) && near_.eligible(last, here) && !(last.id >= own && last.id <= query) &&
              (there.T_map_body.translation() - here.T_map_body.translation()).norm() > near_.radius;
     });
     if (found.empty()) return found;
