@@ -38,7 +38,8 @@ struct GrayImage {
   GrayImage result{image.width + 2 * margin, image.height + 2 * margin, {}};
   result.values.resize(result.at(0, result.height), 0.0F);
   for (Index y = 0; y < image.height; ++y)
-    std::copy_n(image.values.data() + image.at(0, y), image.width, result.values.data() + result.at(margin, y + margin));
+    std::copy_n(image.values.data() + image.at(0, y), image.width,
+                result.values.data() + result.at(margin, y + margin));
   return result;
 }
 
