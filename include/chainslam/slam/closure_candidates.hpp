@@ -164,8 +164,8 @@ struct ProximityCandidates {
   double heading_weight = 3.0;          ///< metres that a radian of difference in attitude counts for
   Index min_separation = 10;            ///< keyframes between two proposals of one session
   Index max_count = 3;                  ///< proposals
-  Index min_keyframes = 30;             ///< from candidate to query in one session: the submap is not to hold the scan
-  double min_path = 200;                ///< metres along the path that serve as well
+  Index min_keyframes = 30;             ///< between both in one session, lest the submap hold the scan; 0: any number
+  double min_path = 200;                ///< metres of path between them that suffice instead
 
   /// Whether `candidate` may be closed with `query` at all, wherever they are.
   [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
@@ -174,7 +174,7 @@ struct ProximityCandidates {
   }
 
   /// The first keyframe of those right before the query around which a submap may hold the query's own scan, aligned
-  /// to which it would only repeat what the graph states already.
+  /// to which it would only repeat what the graph states already. The query itself if there is none.
   [[nodiscard]] [[gnu::cold]] KeyframeId first_own(std::span<const Keyframe> keyframes, KeyframeId query) const {
     const auto at = [&](Index i) -> const Keyframe& { return keyframes[static_cast<std::size_t>(i)]; };
     Index first = query.value;
