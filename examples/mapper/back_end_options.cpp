@@ -413,8 +413,11 @@ void add_gnss(Configuration& configuration, GnssFactorOptions& gnss) {
        .max = 1e4,
        .help = "Standard deviation of the constant bias of a session's fixes, beyond their stated error."});
   configuration.add(
-      "graph.gnss_correlated", gnss.correlated,
-      {.min = 1, .max = 1e6, .help = "Number of consecutive fixes whose errors are correlated and that count as one."});
+      "graph.gnss_correlation_time", gnss.correlation_time,
+      {.unit = "s",
+       .min = 0,
+       .max = 1e6,
+       .help = "Time constant of the errors of fixes: fixes of twice this time count as one independent fix."});
   configuration.add(
       "graph.gnss_outlier_threshold", gnss.threshold,
       {.min = 0.1, .max = 1e9, .help = "Squared Mahalanobis distance beyond which a fix is rejected as an outlier."});

@@ -188,14 +188,14 @@ TEST_SUITE("program/back_end_settings") {
   TEST_CASE(
       "fixes hold a map where they spread far enough, and are many and good enough; the antenna may stand aside") {
     const RoundMap map;
-    const std::string held = "graph.gnss_min_spread=10 graph.gnss_bias=0.1 graph.gnss_correlated=1";
+    const std::string held = "graph.gnss_min_spread=10 graph.gnss_bias=0.1 graph.gnss_correlation_time=0";
     const std::vector<SE3d> without = map.poses("graph.gnss=false"), with = map.poses(held);
     CHECK(apart(map.poses(""), without) == 0);  // 14 m across are too few to say where the map lies
     CHECK(apart(with, without) > 0.01);
     CHECK(apart(map.poses(held + " graph.gnss_max_sigma=0.1"), without) == 0);
     CHECK(apart(map.poses(held + " graph.gnss_min_fixes=37"), without) == 0);
     CHECK(apart(map.poses(held + " graph.gnss_bias=10"), with) > 0.001);
-    CHECK(apart(map.poses(held + " graph.gnss_correlated=100"), with) > 0.001);
+    CHECK(apart(map.poses(held + " graph.gnss_correlation_time=100"), with) > 0.001);
     CHECK(apart(map.poses(held + " graph.gnss_antenna_y=3"), with) > 0.01);
   }
 

@@ -50,8 +50,9 @@ TEST_SUITE("slam/georeference") {
     const SE3d T_map_body(SO3d::exp({0.1, -0.2, 2.0}), {7, 8, 9});
     GnssFix fix;
     fix.covariance_ecef = Eigen::Vector3d(1, 4, 9).asDiagonal();
-    const PriorFactor<SE3d> prior =
-        position_prior(0, T_map_body * options.antenna, fix, T_frame_ecef.rotation(), T_map_body.rotation(), options);
+    constexpr double correlated = 7;
+    const PriorFactor<SE3d> prior = position_prior(0, T_map_body * options.antenna, fix, T_frame_ecef.rotation(),
+                                                   T_map_body.rotation(), correlated, options);
     const auto squared = [&](const SE3d& pose) {
       Values<SE3d> values;
       values.add(pose);
@@ -62,9 +63,20 @@ TEST_SUITE("slam/georeference") {
     // Off by 3 m along an axis of the Earth: over the fix's variance there and the receiver's, which several share.
     for (int axis = 0; axis < 3; ++axis) {
       const Eigen::Vector3d off = T_frame_ecef.rotation() * (3 * Eigen::Vector3d::Unit(axis));
-      const double variance = options.correlated * (fix.covariance_ecef(axis, axis) + options.bias * options.bias);
+      const double variance = correlated * (fix.covariance_ecef(axis, axis) + options.bias * options.bias);
       CHECK(squared(SE3d(T_map_body.rotation(), T_map_body.translation() + off)) == doctest::Approx(9 / variance));
     }
+  }
+
+  TEST_CASE("the more often fixes come, the more of them count as one, as in a Gauss-Markov process") {
+    const GnssFactorOptions options;
+    CHECK(correlated_fixes(0.1, options) == doctest::Approx(2 * options.correlation_time / 0.1));
+    CHECK(correlated_fixes(10 * options.correlation_time, options) == 1);
+    // What n samples say of the mean of such a process: 1^T C^-1 1, which is 1 + (n - 1) (1 - k) / (1 + k).
+    constexpr double since = 2, samples = 2000;
+    const double kept = std::exp(-since / options.correlation_time);
+    const double exact = 1 + (samples - 1) * (1 - kept) / (1 + kept);
+    CHECK(samples / correlated_fixes(since, options) == doctest::Approx(exact).epsilon(0.1));
   }
 
   TEST_CASE("fixes of no use are told from others") {

@@ -178,6 +178,8 @@ class IncrementalGnc {
 
   /// A prior's `from` is none.
   [[nodiscard]] const Suspect& factor(Index number) const { return suspects_[number].factor; }
+  /// Squared whitened residual beyond which a suspect is an outlier.
+  [[nodiscard]] double threshold(Index number) const { return suspects_[number].threshold; }
   /// The factor's name in the smoother; none yet before the first update.
   [[nodiscard]] FactorId id(Index number) const { return suspects_[number].id; }
   /// Whether a suspect counts in full.

@@ -130,7 +130,7 @@ class GnssFactors {
         const SE3d& here = map.keyframes[static_cast<std::size_t>(i)].T_map_body;
         const auto squared = [&](const SE3d& pose) {
           const auto residual = whitened<6, 1>(fix.sqrt_information, (fix.measurement.inverse() * pose).log());
-          return std::min(residual.squaredNorm(), options_.threshold);
+          return std::min(residual.squaredNorm(), gnc.threshold(priors_[i]));
         };
         sum += squared(here) - squared(T_new_old * here);
       }
@@ -175,29 +175,45 @@ class GnssFactors {
     for (const Session& session : map.sessions) {
       if (session.frame != id) continue;
       std::array<detail::Table<Ranked>, 3> off;
+      double independent = 0;  // fixes
       for (std::size_t k = 0; k < of.size(); ++k) {
         if (of[k] < session.first_keyframe || of[k] >= session.end_keyframe()) continue;
+        independent += 1 / correlated(map, of[k]);
         const Eigen::Vector3d there = *on_earth_[id.value].T_frame_ecef * fixed[k].ecef;
         for (std::size_t axis = 0; axis < 3; ++axis)
           off[axis].push_back({there.data()[axis] - fixed[k].position.data()[axis], of[k]});
       }
       if (off[0].empty()) continue;
-      const double count = static_cast<double>(off[0].size());
       for (std::size_t axis = 0; axis < 3; ++axis) {
         sort_ranked(off[axis].all());
-        biases_[session.id.value].data()[axis] =
-            off[axis][off[axis].size() / 2].rank * count / (count + options_.correlated);
+        biases_[session.id.value].data()[axis] = off[axis][off[axis].size() / 2].rank * independent / (independent + 1);
       }
     }
+  }
+
+  /// How many fixes count as one at a keyframe. A session's first counts as if there were one each second.
+  [[nodiscard]] [[gnu::cold]] double correlated(const SlamMap& map, Index i) const {
+    const auto keyframe = [&](Index k) -> const Keyframe& { return map.keyframes[static_cast<std::size_t>(k)]; };
+    const Index first = map.sessions[static_cast<std::size_t>(keyframe(i).session.value)].first_keyframe;
+    double since = 1;
+    for (Index k = i - 1; k >= first; --k) {
+      const double ago = to_seconds(keyframe(i).time - keyframe(k).time);
+      if (ago < 2 * options_.correlation_time && !(keyframe(k).gnss && is_usable(*keyframe(k).gnss, options_)))
+        continue;
+      since = ago;
+      break;
+    }
+    return correlated_fixes(since, options_);
   }
 
   [[gnu::cold]] void put(const SlamMap& map, Index i, const SE3d& T_frame_ecef, Gnc& gnc) {
     const Keyframe& keyframe = map.keyframes[static_cast<std::size_t>(i)];
     const Eigen::Vector3d antenna = T_frame_ecef * keyframe.gnss->position_ecef - biases_[keyframe.session.value];
-    const PriorFactor<SE3d> prior =
-        position_prior(i, antenna, *keyframe.gnss, T_frame_ecef.rotation(), keyframe.T_map_body.rotation(), options_);
+    const double fixes = correlated(map, i);
+    const PriorFactor<SE3d> prior = position_prior(i, antenna, *keyframe.gnss, T_frame_ecef.rotation(),
+                                                   keyframe.T_map_body.rotation(), fixes, options_);
     if (priors_[i] < 0)
-      priors_[i] = gnc.add(prior, {.threshold = options_.threshold});
+      priors_[i] = gnc.add(prior, {.threshold = options_.threshold / fixes});
     else if (differs(gnc.factor(priors_[i]), prior))
       gnc.replace(priors_[i], prior.mean, prior.sqrt_information);
   }
