@@ -105,7 +105,9 @@ TEST_SUITE("slam/submap_cache") {
     CHECK(cache.get(keyframes, KeyframeId{10}).submap == first);
     keyframes[14].T_map_body = keyframes[14].T_map_body * SE3d(SO3d(), {1, 0, 0});  // outside of [7, 13]
     CHECK(cache.get(keyframes, KeyframeId{10}).submap == first);
-    keyframes[13].T_map_body = keyframes[13].T_map_body * SE3d(SO3d(), {0.05, 0, 0});
+    keyframes[13].T_map_body = keyframes[13].T_map_body * SE3d(SO3d(), {0.07, 0, 0});
+    CHECK(cache.get(keyframes, KeyframeId{10}).submap == first);
+    keyframes[13].T_map_body = keyframes[13].T_map_body * SE3d(SO3d(), {0.02, 0, 0});  // a fifth of a voxel in all
     CHECK(cache.get(keyframes, KeyframeId{10}).submap != first);
     CHECK(cache.built() == 2);
     CHECK(cache.size() == 1);

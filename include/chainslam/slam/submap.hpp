@@ -165,7 +165,7 @@ struct RigidRange {
 ///
 /// A session is cut into fragments of some consecutive keyframes. Their scans are put together and given normals once;
 /// a submap is made of the fragments around one, and serves all keyframes of that. Both stay good while the poses of
-/// their keyframes relative to the middle one stay where they were, to within a twentieth of a voxel; a correction of
+/// their keyframes relative to the middle one stay where they were, to within a fifth of a voxel; a correction of
 /// the graph that moves them all alike costs nothing, one that bends a session moves fragments.
 class SubmapCache {
  public:
@@ -205,7 +205,8 @@ class SubmapCache {
     PointCloud<float> points;  // body frame of `at.center`, with normals
   };
 
-  [[nodiscard]] double allowed_shift() const { return options_.voxel_size / 20; }
+  /// Metres. Each closure bends its session a little: were that too much, most submaps would be made again and again.
+  [[nodiscard]] double allowed_shift() const { return options_.voxel_size / 5; }
 
   /// The fragment that a keyframe belongs to: those of the same session whose numbers have the same quotient.
   [[nodiscard]] [[gnu::cold]] SubmapRange fragment_of(std::span<const Keyframe> keyframes, Index keyframe) const {
