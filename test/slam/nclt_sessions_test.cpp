@@ -260,10 +260,8 @@ TEST_SUITE("slam/nclt_sessions") {
       const Errors chains = errors("a tenth of the chains wrong", drives,
                                    *mapped(drives, std::move(long_chains), {.together = 0.1, .seed = seed}));
       CHECK(chains.wrong > 60);
-      // Of 0, one that odometry and fixes support behind the step that failed, against a right one: 1.102 times the
-      // error.
-      CHECK(chains.believed <= (seed == 0 ? 1 : 0));
-      CHECK(chains.ape < (seed == 0 ? 1.15 : 1.1) * clean.ape);
+      CHECK(chains.believed <= (seed == 0 ? 1 : 0));  // one that odometry and fixes support behind the step that failed
+      CHECK(chains.ape < 1.1 * clean.ape);
     }
   }
 }

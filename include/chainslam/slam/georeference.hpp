@@ -27,12 +27,13 @@ struct GnssFactorOptions {
   /// Metres that a fix may be off beyond what it says: the receiver's bias, which is another on each day.
   double bias = 2.0;
   /// Seconds that errors of fixes last, as the time constant of a Gauss-Markov process: fixes of twice this time count
-  /// as one, however many they are.
-  double correlation_time = 150.0;
-  double threshold = 30.0;  ///< squared Mahalanobis distance of a fix by itself beyond which it is an outlier
-  double max_sigma = 20.0;  ///< metres: fixes that state more are not used
-  Index min_fixes = 20;     ///< before a frame is put on the Earth,
-  double min_spread = 15;   ///< and metres (rms) that they must spread across their main direction
+  /// as one, however many they are. Those of receivers last for minutes; with fixes that weigh so little, drives whose
+  /// odometry fails are not found out any more (three drives of NCLT).
+  double correlation_time = 20.0;
+  double threshold = 300.0;  ///< squared Mahalanobis distance of a fix by itself beyond which it is an outlier
+  double max_sigma = 20.0;   ///< metres: fixes that state more are not used
+  Index min_fixes = 20;      ///< before a frame is put on the Earth,
+  double min_spread = 15;    ///< and metres (rms) that they must spread across their main direction
 };
 
 /// A position in a frame, and where the fix that was taken there lies on the Earth.
