@@ -75,6 +75,7 @@ TEST_SUITE("slam: fixes by default") {
   }
 
   TEST_CASE("good odometry is hardly bent by fixes that wander by 3 m, however many there are") {
+    // Odometry alone: 0.33 m. Were each fix to count by itself, one every 5 s: 2.8 m.
     for (const auto& [period, bound] : {std::pair(0.5, 0.45), std::pair(1.0, 0.7), std::pair(5.0, 1.6)}) {
       const double error = error_of_drive(0, period, {.wander = 3});
       MESSAGE("a fix every ", period, " s: rms ", error, " m");
@@ -85,7 +86,7 @@ TEST_SUITE("slam: fixes by default") {
   TEST_CASE("twenty fixes in a row that are 50 m off move nothing") {
     const double error = error_of_drive(0, 5, {.wander = 1, .jump = 50});
     MESSAGE("rms ", error, " m");
-    CHECK(error < 0.8);
+    CHECK(error < 0.6);
   }
 
   TEST_CASE("where 1200 fixes lie on the Earth is found out many times, and the graph hardly pays for it") {
