@@ -2,8 +2,10 @@
 // README.md beside this file.
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
@@ -36,20 +38,30 @@ struct Arguments {
   int growth = 0;  ///< sessions of one world, timed
 };
 
-/// The keyframes of a recording, and its truth at their times.
+/// A recording, wherever the truth is known.
 MeasuredDrive read_drive(const fs::path& set) {
   const auto dataset = datasets::open_dataset(set, {});
   const std::optional<Trajectory> truth = dataset->truth();
   if (!truth) throw_input_error(set.string(), "", "no truth", "give recordings of data with truth");
   MeasuredDrive drive;
+  Leg leg;
+  bool known = false;  // whether the frame before has a true pose: velocity is gained since that frame
+  const auto take_fixes = [&] { std::ranges::move(dataset->take_fixes(), std::back_inserter(leg.fixes)); };
   while (const auto frame = dataset->next_frame()) {
-    const auto pose = frame->cloud.empty() ? std::nullopt : pose_at(*truth, frame->time, seconds(2.0));
+    take_fixes();
+    const auto pose = pose_at(*truth, frame->time, seconds(2.0));
+    const bool follows = std::exchange(known, pose.has_value());
     if (!pose) continue;
+    leg.frames.push_back({frame->time, *pose, follows ? record_of(*frame).delta_velocity : std::nullopt});
+    if (frame->cloud.empty()) continue;
     drive.truth.times.push_back(frame->time);
     drive.truth.poses.push_back(*pose);
     drive.odometry.times.push_back(frame->time);
     drive.odometry.poses.push_back(frame->T_odom_body);
+    drive.legs.push_back(std::exchange(leg, {}));
   }
+  take_fixes();
+  drive.last_fixes = std::move(leg.fixes);
   if (drive.truth.size() < 3)
     throw_input_error(set.string(), "", std::to_string(drive.truth.size()) + " keyframes with truth",
                       "give longer ones");

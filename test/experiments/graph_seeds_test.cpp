@@ -1,10 +1,13 @@
 #include <doctest/doctest.h>
 
+#include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <vector>
 
 #include "graph/attempts.hpp"
+#include "graph/drawn_session.hpp"
 #include "graph/graph_errors.hpp"
 #include "graph/sampled_closer.hpp"
 #include "graph/sampled_drives.hpp"
@@ -18,15 +21,50 @@ Vector6d vector6(double x, double y, double yaw) {
   return v;
 }
 
-/// Rounds of 400 m in steps of 2 m, a second each.
+constexpr double turn_rate = 2 * 3.141592653589793 / 200, radius = 64;
+
+/// On a circle of 400 m, at 2 m/s.
+SE3d on_circle(double time) {
+  const double angle = turn_rate * time;
+  return {SO3d::exp({0, 0, angle}), Eigen::Vector3d(radius * std::sin(angle), -radius * std::cos(angle), 0)};
+}
+
+/// Rounds of it, a keyframe each second.
 Trajectory rounds(Index keyframes) {
   Trajectory truth;
   for (Index i = 0; i < keyframes; ++i) {
-    const double angle = 2 * 3.141592653589793 * i / 200;
     truth.times.push_back(Timestamp::from_seconds(i));
-    truth.poses.emplace_back(SO3d::exp({0, 0, angle}), Eigen::Vector3d(64 * std::sin(angle), -64 * std::cos(angle), 0));
+    truth.poses.push_back(on_circle(i));
   }
   return truth;
+}
+
+/// Two rounds at their keyframes.
+MeasuredDrive two_rounds() { return {.truth = rounds(400), .odometry = {}, .legs = std::vector<Leg>(400)}; }
+
+/// With ten frames a second, and what their accelerometer measures.
+MeasuredDrive with_frames(MeasuredDrive drive) {
+  const Eigen::Vector3d force(0, radius * turn_rate * turn_rate, 9.80665);
+  for (std::size_t i = 0; i < drive.legs.size(); ++i)
+    for (int k = i == 0 ? 0 : -9; k <= 0; ++k) {
+      const double time = static_cast<double>(i) + 0.1 * k;
+      drive.legs[i].frames.push_back(
+          {Timestamp::from_seconds(time), on_circle(time), Eigen::Vector3f((0.1 * force).cast<float>())});
+    }
+  return drive;
+}
+
+/// With two fixes a second, which are right.
+MeasuredDrive with_fixes(MeasuredDrive drive) {
+  for (std::size_t i = 0; i < drive.legs.size(); ++i)
+    for (const double before : {0.75, 0.25}) {
+      const double time = static_cast<double>(i) - before;
+      const Eigen::Vector3d position = on_circle(time).translation();
+      drive.legs[i].fixes.push_back({.time = Timestamp::from_seconds(time),
+                                     .position_ecef = {6378137 + position.z(), position.x(), position.y()},
+                                     .quality = GnssQuality::three_dimensional});
+    }
+  return drive;
 }
 
 Attempt attempt_at(double distance, bool converged, const Vector6d& error = Vector6d::Zero()) {
@@ -44,25 +82,31 @@ std::vector<Vector6d> step_errors() {
   return errors;
 }
 
+/// Errors of roll and pitch alone: 4 mrad.
+std::vector<Vector6d> leaning_errors() {
+  Rng rng(22);
+  std::vector<Vector6d> errors(100, Vector6d(Vector6d::Zero()));
+  for (Vector6d& error : errors) error[3] = 4e-3 * rng.normal(), error[4] = 4e-3 * rng.normal();
+  return errors;
+}
+
+/// What each of the two sessions is drawn from, and how they are mapped.
+struct Given {
+  MeasuredDrive drive = two_rounds();
+  std::vector<Vector6d> errors = step_errors();
+  BackEndOptions options{};
+};
+
 /// Two sessions of two rounds each, mapped with alignments drawn from `attempts`.
 struct DrawnWorld {
   std::shared_ptr<SampledScans> scans = std::make_shared<SampledScans>();
   BackEnd<SampledCloser, ChainedCloser, SampledMerger> back_end;
 
-  DrawnWorld(const Attempts& attempts, const MergeOptions& merge, std::uint64_t seed = 1)
-      : back_end({}, closer(attempts, seed), ChainedCloser(), SampledMerger(scans, merge, 10.0)) {
-    const Trajectory truth = rounds(400);
-    const std::vector<std::vector<Vector6d>> errors{step_errors()};
-    for (std::uint64_t session = 0; session < 2; ++session) {
-      const Trajectory odometry = drawn_odometry(truth, errors, Rng(seed).fork(session));
-      back_end.begin_session({});
-      for (std::size_t i = 0; i < odometry.size(); ++i) {
-        Keyframe keyframe;
-        keyframe.time = odometry.times[i];
-        keyframe.T_odom_body = odometry.poses[i];
-        back_end.add(std::move(keyframe));
-      }
-    }
+  DrawnWorld(const Attempts& attempts, const MergeOptions& merge, std::uint64_t seed = 1, const Given& given = {})
+      : back_end(given.options, closer(attempts, seed), ChainedCloser(), SampledMerger(scans, merge, 10.0)) {
+    for (std::uint64_t session = 0; session < 2; ++session)
+      map_session(back_end, given.drive, drawn_odometry(given.drive.truth, {given.errors}, Rng(seed).fork(session)),
+                  {});
     static_cast<void>(back_end.finish());
   }
 
@@ -74,6 +118,13 @@ struct DrawnWorld {
     return {scans, {}, {}};
   }
   [[nodiscard]] GraphErrors errors() const { return graph_errors(back_end.map(), scans->truth); }
+  /// How far the map's vertical is off where the keyframes are, radians in the mean.
+  [[nodiscard]] double lean() const {
+    double sum = 0;
+    for (const Keyframe& one : back_end.map().keyframes)
+      sum += std::acos(std::min(1.0, one.T_map_body.rotation().matrix()(2, 2)));
+    return sum / static_cast<double>(back_end.map().keyframes.size());
+  }
 };
 
 Attempts good_attempts() {
@@ -137,10 +188,10 @@ TEST_SUITE("experiments/graph_seeds") {
   TEST_CASE("drawn odometry errs in each step as was drawn, and starts at the identity") {
     const Trajectory truth = rounds(60);
     const std::vector<std::vector<Vector6d>> errors{std::vector<Vector6d>(10, vector6(0.1, -0.02, 0.003))};
-    const Trajectory odometry = drawn_odometry(truth, errors, Rng(1));
+    const Trajectory odometry = drawn_odometry(truth, errors, Rng(1)).odometry;
     REQUIRE(odometry.size() == truth.size());
     CHECK(odometry.poses[0].translation().norm() == 0);
-    for (const Vector6d& error : MeasuredDrive{truth, odometry}.step_errors())
+    for (const Vector6d& error : MeasuredDrive{.truth = truth, .odometry = odometry}.step_errors())
       CHECK((error - vector6(0.1, -0.02, 0.003)).norm() < 1e-9);
   }
 
@@ -221,6 +272,52 @@ TEST_SUITE("experiments/graph_seeds") {
     const double good = DrawnWorld(attempts, {}).errors().ape.rmse;
     for (std::size_t i = 0; i < attempts.closures.size(); i += 2) attempts.closures[i].error = vector6(4, 0, 0);
     CHECK(DrawnWorld(attempts, {}).errors().ape.rmse > 1.2 * good);
+  }
+
+  TEST_CASE("drawn frames lie on drawn odometry, with the step's error by their share of its time") {
+    const MeasuredDrive drive = with_frames(two_rounds());
+    const Vector6d error = vector6(0.1, -0.02, 0.003);
+    const DrawnOdometry drawn = drawn_odometry(drive.truth, {{error, error}}, Rng(1));
+    CHECK(drawn_frames(drive, drawn, 0).size() == 1);
+    const std::vector<FrameRecord> frames = drawn_frames(drive, drawn, 7);
+    REQUIRE(frames.size() == 10);
+    const auto off = [](const SE3d& a, const SE3d& b) { return (a.inverse() * b).log().norm(); };
+    CHECK(frames.back().time == drive.truth.times[7]);
+    CHECK(off(frames.back().T_odom_body, drawn.odometry.poses[7]) < 1e-9);
+    const SE3d halfway = drawn.odometry.poses[6] * on_circle(6).inverse() * on_circle(6.5) * SE3d::exp(0.5 * error);
+    CHECK(off(frames[4].T_odom_body, halfway) < 1e-9);
+    for (const FrameRecord& frame : frames) CHECK(frame.delta_velocity.has_value());
+  }
+
+  TEST_CASE("gravity, as the recorded accelerometer has it, holds a drawn map upright") {
+    const DrawnWorld without(good_attempts(), {}, 1, {.errors = leaning_errors()});
+    const DrawnWorld with(good_attempts(), {}, 1, {.drive = with_frames(two_rounds()), .errors = leaning_errors()});
+    CHECK(without.lean() > 0.02);
+    CHECK(with.lean() < 0.6 * without.lean());
+  }
+
+  TEST_CASE("recorded fixes hold a drawn map without closures") {
+    const DrawnWorld without({}, {}), with({}, {}, 1, {.drive = with_fixes(two_rounds())});
+    CHECK(with.back_end.map().keyframes[5].gnss.has_value());
+    CHECK(with.errors().ape.rmse < 0.75 * without.errors().ape.rmse);
+  }
+
+  TEST_CASE("what the settings leave out changes nothing") {
+    BackEndOptions options;
+    options.graph.gravity.enabled = options.graph.gnss.enabled = false;
+    Attempts attempts = good_attempts();
+    for (int i = 0; i < 3; ++i) attempts.merges.push_back(attempt_at(3, false));
+    const MergeOptions merge{.min_travel = 0, .confirmations = 3};
+    const DrawnWorld without(attempts, merge, 1, {.options = options});
+    const DrawnWorld with(
+        attempts, merge, 1,
+        {.drive = with_fixes(with_frames(two_rounds())), .errors = step_errors(), .options = options});
+    CHECK(with.back_end.counts().merges == 1);
+    CHECK(with.back_end.map().closures.size() == without.back_end.map().closures.size());
+    for (std::size_t i = 0; i < 800; ++i) {
+      const auto pose = [&](const DrawnWorld& world) { return world.back_end.map().keyframes[i].T_map_body; };
+      CHECK((pose(with).inverse() * pose(without)).log().norm() < 1e-6);
+    }
   }
 
   TEST_CASE("equal pairs of keyframes get equal alignments, and equal seeds equal worlds") {

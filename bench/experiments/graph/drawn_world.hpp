@@ -1,15 +1,14 @@
 #pragma once
 
-#include <chrono>
 #include <cstddef>
 #include <memory>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "chainslam/core/random.hpp"
 #include "chainslam/slam/back_end.hpp"
 #include "graph/attempts.hpp"
+#include "graph/drawn_session.hpp"
 #include "graph/sampled_closer.hpp"
 #include "graph/sampled_drives.hpp"
 #include "mapper/presets.hpp"
@@ -25,8 +24,8 @@ struct Measured {
   Attempts attempts;
 };
 
-/// A world that is drawn session by session: odometry errs as measured, the back end that the settings describe maps
-/// it.
+/// A world that is drawn session by session: odometry errs as measured, accelerometer and GNSS have measured what is
+/// recorded, the back end that the settings describe maps it.
 class DrawnWorld {
  public:
   /// @param sessions  as many, which drive the measured paths in turn.
@@ -39,20 +38,9 @@ class DrawnWorld {
 
   /// Maps the next session. @returns milliseconds of each keyframe.
   std::vector<double> drive() {
-    const Trajectory& truth = measured_.drives[session_ % measured_.drives.size()].truth;
-    const Trajectory odometry = drawn_odometry(truth, measured_.errors, rng_.fork(2).fork(session_));
-    back_end_.begin_session("session " + std::to_string(++session_));
-    std::vector<double> milliseconds;
-    for (std::size_t i = 0; i < odometry.size(); ++i) {
-      Keyframe keyframe;
-      keyframe.time = odometry.times[i];
-      keyframe.T_odom_body = odometry.poses[i];
-      const auto start = std::chrono::steady_clock::now();
-      back_end_.add(std::move(keyframe));
-      milliseconds.push_back(
-          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
-    }
-    return milliseconds;
+    const MeasuredDrive& drive = measured_.drives[session_ % measured_.drives.size()];
+    const DrawnOdometry drawn = drawn_odometry(drive.truth, measured_.errors, rng_.fork(2).fork(session_));
+    return map_session(back_end_, drive, drawn, "session " + std::to_string(++session_));
   }
 
   GraphBackEnd& back_end() { return back_end_; }

@@ -112,6 +112,7 @@ class SampledMerger {
                                                  const E& /*executor*/ = {}) {
     const Session& session = map.sessions.back();
     if (session_ != session.id) start(session.id);
+    if (path_end_ && query.value <= *path_end_) return {};  // brought again by its fix, which says nothing here
     const std::vector<Attempt>& attempts = scans_->attempts.merges;
     const std::optional<KeyframeId> near = nearest(map, session, query);
     const double travelled = path_to(map, session, query);

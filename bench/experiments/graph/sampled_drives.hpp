@@ -1,19 +1,38 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "chainslam/core/random.hpp"
+#include "chainslam/core/timestamp.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/sensor/packet.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam::experiments {
 
-/// One session at its keyframes.
+/// A frame of odometry, keyframe or not.
+struct MeasuredFrame {
+  Timestamp time;
+  SE3d T_truth_body;
+  std::optional<Eigen::Vector3f> delta_velocity{};  ///< see `Frame::delta_velocity`
+};
+
+/// What a recording has up to a keyframe, since the one before.
+struct Leg {
+  std::vector<MeasuredFrame> frames{};  ///< the keyframe's own is the last
+  std::vector<GnssFix> fixes{};         ///< that came before the keyframe
+};
+
+/// One session.
 struct MeasuredDrive {
-  Trajectory truth;     ///< T_truth_body
-  Trajectory odometry;  ///< T_odom_body at the same times
+  Trajectory truth;                   ///< T_truth_body of its keyframes
+  Trajectory odometry;                ///< T_odom_body at the same times
+  std::vector<Leg> legs{};            ///< of each keyframe
+  std::vector<GnssFix> last_fixes{};  ///< that came after the last keyframe
 
   /// log(T_true^-1 T_measured) of each step from keyframe to keyframe, tangent [translation; rotation].
   [[nodiscard]] std::vector<Vector6d> step_errors() const {
@@ -73,16 +92,23 @@ inline std::vector<Vector6d> drawn_errors(const std::vector<Vector6d>& measured,
   return errors;
 }
 
+/// Odometry at the keyframes of a drive.
+struct DrawnOdometry {
+  Trajectory odometry;           ///< T_odom_body
+  std::vector<Vector6d> errors;  ///< of its steps
+};
+
 /// The drive along the true path with odometry that errs as a session of `errors`, drawn at random, did.
 /// @param errors  of each session, as `step_errors` has them.
-inline Trajectory drawn_odometry(const Trajectory& truth, const std::vector<std::vector<Vector6d>>& errors, Rng rng) {
+inline DrawnOdometry drawn_odometry(const Trajectory& truth, const std::vector<std::vector<Vector6d>>& errors,
+                                    Rng rng) {
   const auto& measured = errors[static_cast<std::size_t>(rng.uniform_index(static_cast<Index>(errors.size())))];
-  const std::vector<Vector6d> drawn = drawn_errors(measured, truth.size() - 1, rng);
-  Trajectory odometry{.times = truth.times, .poses = {SE3d()}};
+  DrawnOdometry drawn{.odometry = {.times = truth.times, .poses = {SE3d()}},
+                      .errors = drawn_errors(measured, truth.size() - 1, rng)};
+  std::vector<SE3d>& poses = drawn.odometry.poses;
   for (std::size_t i = 1; i < truth.size(); ++i)
-    odometry.poses.push_back(odometry.poses.back() * (truth.poses[i - 1].inverse() * truth.poses[i]) *
-                             SE3d::exp(drawn[i - 1]));
-  return odometry;
+    poses.push_back(poses.back() * (truth.poses[i - 1].inverse() * truth.poses[i]) * SE3d::exp(drawn.errors[i - 1]));
+  return drawn;
 }
 
 }  // namespace chainslam::experiments
