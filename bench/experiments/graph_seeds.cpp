@@ -119,6 +119,7 @@ json figures_of(const GraphBackEnd& back_end, const SampledScans& scans) {
   Index direct = 0, chained = 0, merges = 0, wrong = 0;
   for (const LoopClosure& closure : map.closures) {
     (closure.kind == ClosureKind::chained ? chained : closure.kind == ClosureKind::merge ? merges : direct)++;
+    if (closure.verdict != ClosureVerdict::accepted) continue;  // rejected again as an outlier
     if (is_false((scans.T_true(closure.from, closure.to).inverse() * closure.T_from_to).log())) ++wrong;
   }
   return {{"ape_3d_m", or_null(errors.ape, 1)},
