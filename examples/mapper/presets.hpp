@@ -35,6 +35,14 @@ struct ClosureRegistration {
                                                    : point_to_point.align(source, target, guess, executor);
   }
 
+  /// For a good guess: `CoarseToFine::refine`.
+  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult refine(const Source& source, const Target& target, const SE3d& guess,
+                                   const Exec& executor = {}) const {
+    return method == ClosureMethod::point_to_plane ? point_to_plane.refine(source, target, guess, executor)
+                                                   : point_to_point.align(source, target, guess, executor);
+  }
+
   /// Cheap, to compare guesses: `CoarseToFine::rough`.
   template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult rough(const Source& source, const Target& target, const SE3d& guess,

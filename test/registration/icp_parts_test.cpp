@@ -343,6 +343,10 @@ TEST_SUITE("registration/icp parts") {
       both.coarse_points = 0;
       static_cast<void>(both.align(source, parts_target(), SE3d()));
       CHECK(coarse_points == count);
+      coarse_points = fine_points = 0;
+      static_cast<void>(both.refine(source, parts_target(), SE3d()));
+      CHECK(coarse_points == 0);
+      CHECK(fine_points == count);
     }
   }
 }

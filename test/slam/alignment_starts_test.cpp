@@ -56,6 +56,21 @@ struct Astray {
   }
 };
 
+/// Refuses whatever it is given, and notes how many points its first stage looked at.
+struct Refusing {
+  std::vector<std::size_t>* rough_points = nullptr;
+
+  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult align(const Source&, const Target&, const SE3d&, const Exec& = {}) const {
+    return {};
+  }
+  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult rough(const Source& source, const Target&, const SE3d&, const Exec& = {}) const {
+    rough_points->push_back(cloud_size(source));
+    return {};
+  }
+};
+
 }  // namespace starts
 }  // namespace
 
@@ -118,6 +133,26 @@ TEST_SUITE("slam/alignment_starts") {
     CHECK(told.finds(known));
     CHECK_FALSE(untold.finds(unknown));
     CHECK(untold.finds(unknown, 9));
+  }
+
+  TEST_CASE("starts are compared by 512 points of the scan or more, spread evenly") {
+    const Astray astray({0, 8, 0});
+    const std::size_t size = astray.keyframes.back().cloud.load()->size();
+    REQUIRE(size > 2 * 512);
+    std::vector<std::size_t> points;
+    LoopCloserOptions options = test::small_submaps;
+    options.starts.patience = 0;
+    const auto look = [&] {
+      points.clear();
+      LoopCloser<ProximityCandidates, Refusing> closer(options, {.min_keyframes = 0}, Refusing{&points});
+      static_cast<void>(closer.search(astray.keyframes, astray.index, astray.keyframes.back().id));
+      REQUIRE_FALSE(points.empty());
+      return points.front();
+    };
+    CHECK(look() >= 512);
+    CHECK(look() < 2 * 512);
+    options.starts.points = 0;
+    CHECK(look() == size);
   }
 }
 

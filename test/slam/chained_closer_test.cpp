@@ -76,6 +76,18 @@ struct Drives {
   }
 };
 
+/// Counts the alignments that look near the guess alone.
+struct RefiningCloser : TruthCloser {
+  int refined = 0;
+
+  template <Executor E = Serial>
+  [[nodiscard]] LoopClosure refine(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
+                                   const SE3d& guess, const E& executor = {}) {
+    ++refined;
+    return align(keyframes, from, to, guess, executor);
+  }
+};
+
 // ---- the same, written down naively ----
 
 void walk(const Edges& edges, Index node, Index loaded, bool through, std::set<Index>& seen) {
@@ -160,6 +172,20 @@ struct RandomMap {
 }  // namespace
 
 TEST_SUITE("slam/chained_closer") {
+  TEST_CASE(
+      "a scan is aligned near what comes through the chain, and from farther away if the graph alone says where") {
+    for (const bool through_chain : {true, false}) {
+      Drives drives({{2, 7}, {2, 14}});
+      RefiningCloser closer{drives.closer};
+      LoopClosure direct = drives.direct(2, 14);
+      ChainOptions options = paper;
+      options.guess_through_chain = through_chain;
+      const auto tried = ChainedCloser(options).close(drives.keyframes, drives.graph, direct, Drives::loaded, closer);
+      REQUIRE(tried.size() == 1);
+      CHECK(closer.refined == (through_chain ? 1 : 0));
+    }
+  }
+
   TEST_CASE("N(j) is every loaded keyframe that closures connect with j, by way of the current session too") {
     //  2 - 7 - 9,  7 - 12 - 4,  12 - 13 - 0;  apart: 3 - 8
     const Drives drives({{2, 7}, {7, 9}, {7, 12}, {12, 4}, {12, 13}, {13, 0}, {3, 8}});

@@ -77,6 +77,13 @@ struct CoarseToFine {
   template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
   [[nodiscard]] AlignResult rough(const Source& source, const Target& target, const SE3d& guess,
                                   const Exec& executor = {}, const Deadline& deadline = {}) const;
+
+  /// The second stage alone, for a guess that is off by less than its distance.
+  template <Cloud Source, AlignTarget Target, Executor Exec = Serial>
+  [[nodiscard]] AlignResult refine(const Source& source, const Target& target, const SE3d& guess,
+                                   const Exec& executor = {}, const Deadline& deadline = {}) const {
+    return fine.align(source, target, guess, executor, deadline);
+  }
 };
 
 namespace detail {

@@ -139,6 +139,15 @@ class ChainedCloser {
                                                                   const ClosureGraph& graph, const LoopClosure& direct,
                                                                   Index loaded, const Closer& closer);
 
+  /// What comes through the chain is off by decimetres at most, or wrong: no need to look farther around.
+  template <class Closer, class E>
+  [[nodiscard]] LoopClosure aligned(std::span<const Keyframe> keyframes, const Candidate& candidate, KeyframeId to,
+                                    Closer& closer, const E& executor) const {
+    if constexpr (requires { closer.refine(keyframes, candidate.id, to, candidate.guess, executor); })
+      if (options_.guess_through_chain) return closer.refine(keyframes, candidate.id, to, candidate.guess, executor);
+    return closer.align(keyframes, candidate.id, to, candidate.guess, executor);
+  }
+
   /// Puts the nearest first; equally near ones stay as they are.
   [[gnu::cold]] static void sort(detail::Table<Candidate>& candidates) {
     detail::Table<Ranked> order;  // by distance
@@ -198,7 +207,7 @@ std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframe
   if (!options_.enabled || direct.from.value >= loaded) return tried;
   for (const Candidate& candidate : candidates(keyframes, graph, direct, loaded, closer)) {
     if (options_.max_alignments > 0 && to_index(tried.size()) >= options_.max_alignments) break;
-    LoopClosure closure = closer.align(keyframes, candidate.id, direct.to, candidate.guess, executor);
+    LoopClosure closure = aligned(keyframes, candidate, direct.to, closer, executor);
     closure.kind = ClosureKind::chained;
     if (closure.verdict == ClosureVerdict::accepted && contradicts(closure, candidate.guess)) {
       closure.verdict = ClosureVerdict::inconsistent;

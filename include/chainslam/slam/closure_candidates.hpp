@@ -106,6 +106,7 @@ struct AlignmentStarts {
   double spacing = 3.0;        ///< metres between two starts: an alignment reaches about so far
   double max_distance = 15.0;  ///< metres from where the graph has the scan; 0: there alone
   Index patience = 2;          ///< searches in a row without an accepted closure
+  Index points = 512;          ///< of the scan, evenly, by which starts are compared, at least; 0: all
 
   /// Standard deviation in the direction that is known least, metres.
   /// @param covariance  of T_from_to, tangent [translation; rotation].

@@ -231,6 +231,17 @@ class Unrepeated {
     return closure;
   }
   template <Executor E = Serial>
+    requires requires(Closer& closer, std::span<const Keyframe> keyframes, KeyframeId id, const SE3d& guess,
+                      const E& executor) {
+      closer.refine(keyframes, id, id, guess, executor);
+    }
+  [[nodiscard]] LoopClosure refine(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
+                                   const SE3d& guess, const E& executor = {}) {
+    LoopClosure closure = closer_.refine(keyframes, from, to, guess, executor);
+    undone_.refuse_repeated(closure);
+    return closure;
+  }
+  template <Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                                 KeyframeId query, const E& executor = {}) {
     return refused(closer_.search(keyframes, index, query, executor));

@@ -218,7 +218,15 @@ class LoopCloser {
   /// @param guess  T_from_to to start from, from which the gate measures the correction.
   template <Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
-                                                const SE3d& guess, const E& executor = {});
+                                                const SE3d& guess, const E& executor = {}) {
+    return align(keyframes, from, to, guess, false, executor);
+  }
+  /// The same, faster, for a guess that is off by decimetres at most: by the registration's `refine`, if it has one.
+  template <Executor E = Serial>
+  [[nodiscard]] [[gnu::cold]] LoopClosure refine(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
+                                                 const SE3d& guess, const E& executor = {}) {
+    return align(keyframes, from, to, guess, true, executor);
+  }
 
   [[nodiscard]] const LoopCloserOptions& options() const { return options_; }  ///< its settings
   [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }        ///< the submaps that it has built
@@ -226,6 +234,17 @@ class LoopCloser {
   [[nodiscard]] const std::vector<double>& search_spacing() const { return spacing_; }
 
  private:
+  template <Executor E>
+  [[nodiscard]] [[gnu::cold]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
+                                                const SE3d& guess, bool is_good, const E& executor);
+  template <Executor E>
+  [[nodiscard]] AlignResult registered(const PointCloud<float>& scan, const Submap& submap, const SE3d& guess,
+                                       bool is_good, const E& executor) const {
+    if constexpr (requires { registration_.refine(scan, submap, guess, executor); })
+      if (is_good) return registration_.refine(scan, submap, guess, executor);
+    return registration_.align(scan, submap, guess, executor);
+  }
+
   /// Tries the first candidate once more, from the best of other places where the scan may be.
   template <Executor E>
   [[gnu::cold]] void search_wider(std::span<const Keyframe> keyframes, const PositionIndex& index,
@@ -242,6 +261,13 @@ class LoopCloser {
       scan_ = std::make_shared<const PointCloud<float>>(voxel_downsample(*scan_, options_.scan_voxel));
     scan_of_ = keyframe.cloud;
     return *scan_;
+  }
+
+  /// The points by which starts are compared.
+  [[nodiscard]] PointCloud<float> few_of(const PointCloud<float>& scan) const {
+    const std::size_t points =
+        options_.starts.points > 0 ? static_cast<std::size_t>(options_.starts.points) : scan.size();
+    return detail::every_nth(scan, std::max<std::size_t>(scan.size() / std::max<std::size_t>(points, 1), 1));
   }
 
   /// Whether the scan lies on the submap as well as the submap on itself.
@@ -317,11 +343,11 @@ void LoopCloser<Candidates, Registration, Covariance>::search_wider(std::span<co
     const PlacedSubmap target = submaps_.get(keyframes, from, executor);
     const SE3d guess = target.T_keyframe_submap.inverse() * at(from).T_map_body.inverse() * T_map_scan;
     const double noise = submaps_.surface_noise(*target.submap);
+    const PointCloud<float> some = few_of(scan_of(at(to)));
     double least = std::numeric_limits<double>::infinity();
     SE3d best = guess;
     for (const Eigen::Vector3d& offset : offsets) {
-      const AlignResult rough =
-          registration_.rough(scan_of(at(to)), *target.submap, guess * SE3d(SO3d(), offset), executor);
+      const AlignResult rough = registration_.rough(some, *target.submap, guess * SE3d(SO3d(), offset), executor);
       const double misfit = surface_fit(scan_of(at(to)), *target.submap, rough.T_target_source).worst_misfit(noise);
       if (!(misfit < least)) continue;
       least = misfit;
@@ -335,13 +361,13 @@ template <class Candidates, class Registration, class Covariance>
 template <Executor E>
 LoopClosure LoopCloser<Candidates, Registration, Covariance>::align(std::span<const Keyframe> keyframes,
                                                                     KeyframeId from, KeyframeId to, const SE3d& guess,
-                                                                    const E& executor) {
+                                                                    bool is_good, const E& executor) {
   const Keyframe& i = keyframes[static_cast<std::size_t>(to.value)];
   LoopClosure closure{.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::too_few_inliers};
   if (!i.cloud) return closure;
   const PlacedSubmap at = submaps_.get(keyframes, from, executor);
   const SE3d guess_in_submap = at.T_keyframe_submap.inverse() * guess;
-  const AlignResult result = registration_.align(scan_of(i), *at.submap, guess_in_submap, executor);
+  const AlignResult result = registered(scan_of(i), *at.submap, guess_in_submap, is_good, executor);
   closure.T_from_to = at.T_keyframe_submap * result.T_target_source;
   closure.verdict = options_.gate.judge(result, guess_in_submap);
   if (closure.verdict == ClosureVerdict::accepted && !fits(scan_of(i), *at.submap, result.T_target_source))
