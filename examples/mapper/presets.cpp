@@ -159,7 +159,8 @@ constexpr PresetValue preset_values[] = {
 constexpr struct {
   PresetText key;
   std::array<PresetText, 2> values;
-} best_by_platform[] = {{"keyframes.distance", {"3", "10"}}, {"closures.min_interval", {"30", "60"}}};
+} best_by_platform[] = {
+    {"keyframes.distance", {"3", "10"}}, {"closures.min_interval", {"30", "60"}}, {"closures.min_travel", {"4", "15"}}};
 
 }  // namespace
 

@@ -321,6 +321,7 @@ TEST_SUITE("program/presets") {
     defaults["platform"] = "mars";
     defaults["keyframes.distance"] = "10";
     defaults["closures.min_interval"] = "60";
+    defaults["closures.min_travel"] = "15";
     const Settings mars = printed("--set platform=mars");
     REQUIRE(mars.size() == defaults.size());
     for (const auto& setting : mars)
