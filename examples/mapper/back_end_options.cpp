@@ -72,6 +72,11 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                      .help = "Number of consecutive unsuccessful searches after which guesses in all horizontal "
                              "directions are tried."});
   configuration.add(
+      "closures.start_points", parts.closures.starts.points,
+      {.min = 0,
+       .max = 1000000,
+       .help = "Minimum number of the scan's points by which these guesses are compared. 0: all points."});
+  configuration.add(
       "closures.max_places", parts.closure_places,
       {.min = 0,
        .max = 1000,
