@@ -31,7 +31,7 @@ using ClosureGraph = AdjacencyGraph<Index>;
 }
 
 /// Aligns one keyframe's scan to another's submap, and knows which pairs may be closed: what chaining and merging take
-/// from the loop closer.
+/// from the loop closer. `refine`, with the arguments of `align`, is used for guesses through a chain if there is one.
 template <class C>
 concept ClosureAligner = requires(C& closer, std::span<const Keyframe> keyframes, const Keyframe& keyframe,
                                   const SE3d& guess) {

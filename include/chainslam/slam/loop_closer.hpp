@@ -265,9 +265,9 @@ class LoopCloser {
 
   /// The points by which starts are compared.
   [[nodiscard]] PointCloud<float> few_of(const PointCloud<float>& scan) const {
-    const std::size_t points =
-        options_.starts.points > 0 ? static_cast<std::size_t>(options_.starts.points) : scan.size();
-    return detail::every_nth(scan, std::max<std::size_t>(scan.size() / std::max<std::size_t>(points, 1), 1));
+    if (options_.starts.points <= 0) return scan;
+    return detail::every_nth(scan,
+                             std::max<std::size_t>(scan.size() / static_cast<std::size_t>(options_.starts.points), 1));
   }
 
   /// Whether the scan lies on the submap as well as the submap on itself.
