@@ -215,6 +215,55 @@ TEST_SUITE("slam/place_candidates") {
     CHECK(places[5].center.value == 59);
   }
 
+  TEST_CASE("where a keyframe near closes the loop, the place is not remembered again") {
+    TwoSessions sessions;
+    const auto drive = [&] {
+      sessions.add_session();
+      for (Index i = 0; i <= 50; ++i) {
+        Keyframe keyframe;
+        keyframe.T_odom_body = SE3d(SO3d(), {2.0 * i, 0, 0});
+        sessions.add(keyframe);
+      }
+    };
+    drive();
+    drive();
+    const PositionIndex index;
+    ProximityOrPlaces candidates;
+    const auto go = [&](Index begin, Index end, bool closes) {
+      for (KeyframeId query{begin}; query.value < end; ++query.value) {
+        const auto seen = std::span<const Keyframe>(sessions.map.keyframes).first(static_cast<std::size_t>(end));
+        static_cast<void>(candidates.find(seen, index, query));
+        if (!closes) static_cast<void>(candidates.recognize(seen, index, query));
+      }
+      return candidates.places().places().size();
+    };
+    CHECK(go(0, 51, false) == 5);
+    CHECK(go(51, 91, true) == 5);
+    CHECK(go(91, 102, false) == 7);  // the first is due at once
+    const auto places = candidates.places().places();
+    CHECK(places[5].end == 92);
+    CHECK(places[6].end == 100);
+  }
+
+  TEST_CASE("places of a loaded map are remembered bit by bit, whether or not what is near closes the loop") {
+    TwoSessions sessions;
+    for (const Index count : {200, 10}) {
+      sessions.add_session();
+      for (Index i = 0; i < count; ++i) {
+        Keyframe keyframe;
+        keyframe.T_odom_body = SE3d(SO3d(), {2.0 * i, 0, 0});
+        sessions.add(keyframe);
+      }
+    }
+    const PositionIndex index;
+    ProximityOrPlaces candidates;
+    const std::span<const Keyframe> keyframes = sessions.map.keyframes;
+    for (const std::size_t remembered : {8, 16, 24, 24}) {
+      static_cast<void>(candidates.find(keyframes, index, KeyframeId{to_index(keyframes.size()) - 1}));
+      CHECK(candidates.places().places().size() == remembered);
+    }
+  }
+
   TEST_CASE("the ground's height is that of the lower points around, seen from wherever, in a levelled frame") {
     std::vector<Keyframe> path(3);
     CHECK(!detail::ground_height(path, 1));

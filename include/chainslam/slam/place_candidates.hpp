@@ -96,6 +96,11 @@ class PlaceCandidates {
 
   /// Remembers the places of keyframes before `end`, those that the path is through with; `max_drawn` at most.
   [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
+  /// Leaves out the places of keyframes [begin, end), which are known to be remembered already; nothing as long as some
+  /// before `begin` are not.
+  [[gnu::cold]] void pass_over(std::span<const Keyframe> keyframes, Index begin, Index end) {
+    for (; next_ >= begin && next_ < end; ++next_) since_ = travelled(keyframes);
+  }
 
   /// As `find`, but remembers nothing: for a query that is no part of the map.
   template <class Wanted>
@@ -149,6 +154,12 @@ class PlaceCandidates {
   }
   [[nodiscard]] static SessionId frame(const SlamMap& map, SessionId session) {
     return map.sessions[static_cast<std::size_t>(session.value)].frame;
+  }
+  /// `since_` at the next keyframe; the first place of a session is half a submap's.
+  [[nodiscard]] double travelled(std::span<const Keyframe> keyframes) const {
+    const bool is_first =
+        next_ == 0 || session(keyframes, KeyframeId{next_ - 1}) != session(keyframes, KeyframeId{next_});
+    return is_first ? options_.spacing - 0.5 * options_.submap_length : since_ + step(keyframes, next_);
   }
   [[nodiscard]] static double step(std::span<const Keyframe> keyframes, Index to) {
     return (at(keyframes, to).T_odom_body.translation() - at(keyframes, to - 1).T_odom_body.translation()).norm();
@@ -240,11 +251,7 @@ inline Index PlaceCandidates::begin_of_submap(std::span<const Keyframe> keyframe
 inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end) {
   if (options_.max_count == 0) return;
   for (Index drawn = 0; next_ < end && (options_.max_drawn <= 0 || drawn < options_.max_drawn); ++next_) {
-    const bool is_first = next_ == 0 || at(keyframes, next_ - 1).session != at(keyframes, next_).session;
-    if (is_first)
-      since_ = options_.spacing - 0.5 * options_.submap_length;  // the first place is half a submap's
-    else
-      since_ += step(keyframes, next_);
+    since_ = travelled(keyframes);
     if (since_ < options_.spacing) continue;
     since_ = 0;
     const Index begin = begin_of_submap(keyframes, next_), after = next_ + 1;

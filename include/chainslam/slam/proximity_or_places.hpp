@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstddef>
 #include <optional>
 #include <span>
@@ -24,6 +25,9 @@ struct PlausibleDrift {
 
 /// Keyframes near the query; and where those do not close, keyframes that the graph puts elsewhere though their
 /// surroundings look like the query's: drift may have led beyond any radius.
+///
+/// Where a keyframe near does close, the place is known already, and is not remembered again: what is kept grows with
+/// the area that the sessions cover, not with their length.
 class ProximityOrPlaces {
  public:
   /// Starts without places.
@@ -35,19 +39,24 @@ class ProximityOrPlaces {
   [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
     return near_.eligible(candidate, query);
   }
-  /// As `ProximityCandidates`; remembers places up to the query.
+  /// As `ProximityCandidates`; remembers places of earlier sessions.
   [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                              KeyframeId query) {
-    places_.remember(keyframes, query.value + 1);
+    if (sought_.valid()) places_.pass_over(keyframes, first_of_session(keyframes, sought_), sought_.value + 1);
+    sought_ = query;
+    places_.remember(keyframes, first_of_session(keyframes, query));
     return near_.find(keyframes, index, query);
   }
 
   /// Keyframes of the query's frame that look like the query, are not near, and are not farther from it than the graph
-  /// may be off; asked once for each place of the path.
+  /// may be off; asked where those that `find` gave last did not close, once for each place of the path. Remembers
+  /// places up to the query.
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> recognize(std::span<const Keyframe> keyframes,
                                                                 const PositionIndex& index, KeyframeId query) {
     const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
     const Keyframe& here = at(query);
+    sought_ = {};
+    places_.remember(keyframes, query.value + 1);
     const auto count = to_index(places_.places().size());
     if (std::exchange(asked_, count) == count) return {};
     const PlaceCandidates::Place& newest = places_.places().back();
@@ -72,7 +81,15 @@ class ProximityOrPlaces {
   /// T_from_to of what the last call of `recognize` gave: see `PlaceCandidates::guess`.
   [[nodiscard]] std::optional<SE3d> guess(KeyframeId from, KeyframeId to) const { return places_.guess(from, to); }
 
+  [[nodiscard]] const PlaceCandidates& places() const { return places_; }  ///< what is remembered
+
  private:
+  [[nodiscard]] static Index first_of_session(std::span<const Keyframe> keyframes, KeyframeId query) {
+    const SessionId session = keyframes[static_cast<std::size_t>(query.value)].session;
+    const auto first = std::partition_point(keyframes.begin(), keyframes.end(),
+                                            [&](const Keyframe& one) { return one.session < session; });
+    return static_cast<Index>(first - keyframes.begin());
+  }
   /// Metres along the path from the session's start.
   [[nodiscard]] static double travelled_to(std::span<const Keyframe> keyframes, KeyframeId query) {
     double travelled = 0;
@@ -84,7 +101,8 @@ class ProximityOrPlaces {
   ProximityCandidates near_;
   PlaceCandidates places_;
   PlausibleDrift drift_;
-  Index asked_ = 0;  ///< places when it was last asked
+  Index asked_ = 0;      ///< places when it was last asked
+  KeyframeId sought_{};  ///< the last query, unless places were asked for it
 };
 static_assert(ClosureCandidates<ProximityOrPlaces>);
 

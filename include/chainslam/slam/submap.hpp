@@ -112,7 +112,7 @@ using Submap = IndexedCloud<>;
 
 /// What a submap is made of.
 struct SubmapOptions {
-  Index radius = 20;            ///< keyframes on each side of the centre, at least (n of the paper)
+  Index radius = 10;            ///< keyframes on each side of the centre, at least (n of the paper: 20)
   double max_length = 100;      ///< metres along the path on each side, in whole fragments; 0: any (the paper)
   Index fragment = 5;           ///< consecutive keyframes that share a submap and are moved as one; 1: each has its own
   double voxel_size = 0.4;      ///< metres
