@@ -222,20 +222,22 @@ TEST_SUITE("slam/submap_cache") {
     CHECK(far.fragments_built() == 25);
   }
 
-  TEST_CASE("by default five keyframes share a submap, which ends 100 m along the path") {
-    std::vector<SE3d> poses;
-    for (int i = 0; i < 60; ++i) poses.emplace_back(SO3d(), Eigen::Vector3d(10.0 * i, 0, 0));
-    std::vector<Keyframe> keyframes = keyframes_at(poses);
-    for (Keyframe& keyframe : keyframes) {
-      auto cloud = std::make_shared<PointCloud<float>>();
-      cloud->positions = {{0, 5, 0}, {1, 5, 0}, {0, 5, 1}};
-      keyframe.cloud = cloud;
+  TEST_CASE("by default five keyframes share a submap, which ends after ten keyframes or 100 m along the path") {
+    for (const auto& [apart, reached] : {std::pair(3.0, 25), std::pair(20.0, 15)}) {  // in whole fragments
+      std::vector<SE3d> poses;
+      for (int i = 0; i < 60; ++i) poses.emplace_back(SO3d(), Eigen::Vector3d(apart * i, 0, 0));
+      std::vector<Keyframe> keyframes = keyframes_at(poses);
+      for (Keyframe& keyframe : keyframes) {
+        auto cloud = std::make_shared<PointCloud<float>>();
+        cloud->positions = {{0, 5, 0}, {1, 5, 0}, {0, 5, 1}};
+        keyframe.cloud = cloud;
+      }
+      SubmapCache cache;
+      for (Index id = 0; id < 60; ++id) static_cast<void>(cache.get(keyframes, KeyframeId{id}));
+      CHECK(cache.built() == 12);
+      CHECK(cache.fragments_built() == 12);
+      CHECK(cache.get(keyframes, KeyframeId{32}).submap->size() == 3 * static_cast<std::size_t>(reached));
     }
-    SubmapCache cache;
-    for (Index id = 0; id < 60; ++id) static_cast<void>(cache.get(keyframes, KeyframeId{id}));
-    CHECK(cache.built() == 12);
-    CHECK(cache.fragments_built() == 12);
-    CHECK(cache.get(keyframes, KeyframeId{32}).submap->size() == 3 * 25);  // ten on each side of 32, in whole fragments
   }
 
   TEST_CASE("the most that is kept counts fragments, too") {
