@@ -2,6 +2,9 @@
 
 #include <doctest/doctest.h>
 
+#include <span>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "slam/street.hpp"
@@ -58,6 +61,24 @@ struct Lineage {
 };
 
 using Positions = std::vector<Index>;
+
+/// Accepts whatever it is asked for, and remembers how it was asked.
+struct RefiningCloser {
+  std::string asked;  ///< a: to align, r: to refine
+
+  [[nodiscard]] bool eligible(const Keyframe&, const Keyframe&) const { return true; }
+  [[nodiscard]] LoopClosure align(std::span<const Keyframe>, KeyframeId from, KeyframeId to, const SE3d& guess,
+                                  const Serial&) {
+    asked += 'a';
+    return {.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::accepted};
+  }
+  [[nodiscard]] LoopClosure refine(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
+                                   const SE3d& guess, const Serial& executor) {
+    LoopClosure closure = align(keyframes, from, to, guess, executor);
+    asked.back() = 'r';
+    return closure;
+  }
+};
 
 }  // namespace
 
@@ -175,6 +196,22 @@ TEST_SUITE("slam/closure_descent") {
     const Index after = twice.direct({0, 5}, {1, 5});
     CHECK(twice.gone(right) == Positions{right, after});
     CHECK(twice.gone(wrong) == Positions{wrong});
+  }
+
+  TEST_CASE("what was undone is refused whether it is aligned or refined, the other way round, too; the rest is not") {
+    SlamMap map;
+    map.keyframes.resize(3);
+    UndoneClosures undone;
+    undone.add(map, {.from = KeyframeId{0}, .to = KeyframeId{2}});
+    Unrepeated<RefiningCloser> closer({}, undone);
+    const auto verdicts = [&](Index from, Index to) {
+      return std::pair{closer.align(map.keyframes, KeyframeId{from}, KeyframeId{to}, SE3d()).verdict,
+                       closer.refine(map.keyframes, KeyframeId{from}, KeyframeId{to}, SE3d()).verdict};
+    };
+    CHECK(verdicts(0, 2) == std::pair(ClosureVerdict::reverted, ClosureVerdict::reverted));
+    CHECK(verdicts(2, 0) == std::pair(ClosureVerdict::reverted, ClosureVerdict::reverted));
+    CHECK(verdicts(1, 2) == std::pair(ClosureVerdict::accepted, ClosureVerdict::accepted));
+    CHECK(closer.closer().asked == "ararar");
   }
 }
 
