@@ -98,7 +98,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
         "closures.max_alignments",
         "closures.before_merge",
     ),
-    "search-spacing": ("closures.min_travel", "closures.max_travel", "closures.min_period"),
+    "search-spacing": ("closures.min_travel", "closures.min_period"),
     "chain-reach": ("chain.reach", "chain.through_current_session"),
     "chain-guess": ("chain.guess_through_chain",),
     "chain-bounds": ("chain.max_distance", "chain.min_separation", "chain.max_alignments"),

@@ -112,13 +112,6 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                      .min = 0,
                      .max = 1e6,
                      .help = "Minimum travel between loop searches. 0: every keyframe is searched."});
-  configuration.add(
-      "closures.max_travel", parts.closures.max_travel,
-      {.unit = "m",
-       .min = 0,
-       .max = 1e6,
-       .help = "Travel between loop searches while closures confirm the map: while the last one corrected "
-               "the scan's position by less than 0.3 m. Less than min_travel: not used."});
   configuration.add("closures.min_period", parts.closures.min_period,
                     {.unit = "s",
                      .min = 0,

@@ -51,7 +51,6 @@ constexpr PresetValue preset_values[] = {
     alike("closures.max_candidates", "1", "paper III-B: the candidate pair; code: the nearest"),
     alike("closures.heading_weight", "0", "paper III-B: spatial proximity"),
     {"closures.min_travel", {"16", "25"}, {"0", "0"}, "paper III-E: v / f_lc > r_lc = 15 m; MARS 10 m/s at 0.4 Hz"},
-    alike("closures.max_travel", "0", "paper III-E: searches at a fixed rate; code: each new keyframe"),
     {"closures.min_period",
      {"0", "0"},
      {"3.3333333333333335", "2.5"},

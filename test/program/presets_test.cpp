@@ -72,7 +72,6 @@ closures.min_keyframes               0
 closures.max_candidates              1
 closures.heading_weight              0
 closures.min_travel                  16 25 0 0
-closures.max_travel                  0
 closures.min_period                  0 0 3.3333333333333335 2.5
 closures.max_places                  0
 closures.max_alignments              0

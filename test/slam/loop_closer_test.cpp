@@ -6,7 +6,6 @@
 #include <limits>
 #include <memory>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "slam/street.hpp"
@@ -88,54 +87,6 @@ struct CountingRegistration {
     return {};
   }
 };
-
-/// Proposes the first keyframe, whatever is asked for.
-struct FirstCandidate {
-  [[nodiscard]] std::vector<KeyframeId> find(std::span<const Keyframe>, const PositionIndex&, KeyframeId) const {
-    return {KeyframeId{0}};
-  }
-  [[nodiscard]] bool eligible(const Keyframe&, const Keyframe&) const { return true; }
-};
-
-/// Moves each scan by so many metres from where the graph has it, and remembers how it was asked.
-struct MovingRegistration {
-  double metres = 0;
-  bool can_refine = true;
-  std::shared_ptr<std::string> asked = std::make_shared<std::string>();  ///< a: aligned, r: refined
-
-  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
-  [[nodiscard]] AlignResult align(const Source&, const Target&, const SE3d& guess, const Exec& = {}) const {
-    *asked += 'a';
-    AlignResult result;
-    result.status = AlignStatus::converged;
-    result.inlier_ratio = 1;
-    result.hessian = identity<Matrix6d>();
-    result.T_target_source = guess * test::shift(0, metres, 0);
-    return result;
-  }
-  template <Cloud Source, NearestNeighborSearch Target, Executor Exec = Serial>
-  [[nodiscard]] AlignResult refine(const Source& source, const Target& target, const SE3d& guess,
-                                   const Exec& executor = {}) const {
-    AlignResult result = align(source, target, guess, executor);
-    asked->back() = 'r';
-    if (!can_refine) result.status = AlignStatus::no_overlap;
-    return result;
-  }
-};
-
-/// From which of `keyframes`, added one by one, something was tried, with default settings but for these.
-std::vector<Index> tried_from(const std::vector<Keyframe>& keyframes, const MovingRegistration& registration,
-                              LoopCloserOptions options = {}) {
-  options.gate.max_misfit = 0;
-  LoopCloser<FirstCandidate, MovingRegistration> closer(options, {}, registration);
-  std::vector<Index> tried;
-  for (std::size_t i = 1; i <= keyframes.size(); ++i)
-    for (const LoopClosure& closure : closer.close(std::span(keyframes).first(i), PositionIndex{})) {
-      CHECK(closure.verdict == ClosureVerdict::accepted);
-      tried.push_back(closure.to.value);
-    }
-  return tried;
-}
 
 }  // namespace
 
@@ -253,29 +204,6 @@ TEST_SUITE("slam/loop_closer") {
     const std::vector<Keyframe> keyframes = test::keyframes_at(poses);
     CHECK(searches(keyframes, 4) == std::vector<Index>{0, 4, 8});
     CHECK(searches(keyframes, 0) == std::vector<Index>{0, 1, 2, 3, 4, 5, 6, 7, 8, 9});
-  }
-
-  TEST_CASE("while closures move their scans by less than 0.3 m, the next is sought after 8 m instead of 4, nearer") {
-    std::vector<SE3d> poses;
-    for (int i = 0; i < 20; ++i) poses.push_back(test::shift(i, 0, 0));
-    std::vector<Keyframe> keyframes = test::keyframes_at(poses);
-    const auto cloud = std::make_shared<PointCloud<float>>();
-    for (int i = 0; i < 30; ++i) cloud->positions.emplace_back(0.5F * static_cast<float>(i), 0.0F, 0.0F);
-    for (Keyframe& keyframe : keyframes) keyframe.cloud = cloud;
-    const MovingRegistration little{0.29}, more{0.31}, unrefined{0.29, false};
-    CHECK(tried_from(keyframes, little) == std::vector<Index>{0, 8, 16});
-    CHECK(*little.asked == "arr");
-    CHECK(tried_from(keyframes, more) == std::vector<Index>{0, 4, 8, 12, 16});
-    CHECK(*more.asked == "aaaaa");
-    CHECK(tried_from(keyframes, unrefined) == std::vector<Index>{0, 8, 16});
-    CHECK(*unrefined.asked == "arara");  // what is refused near the guess is sought farther around
-    const MovingRegistration asked_not_to{0.29};
-    CHECK(tried_from(keyframes, asked_not_to, {.max_travel = 0}) == std::vector<Index>{0, 4, 8, 12, 16});
-    CHECK(*asked_not_to.asked == "aaaaa");
-    const MovingRegistration in_two_sessions{0.29};
-    for (std::size_t i = 11; i < keyframes.size(); ++i) keyframes[i].session = SessionId{1};
-    CHECK(tried_from(keyframes, in_two_sessions) == std::vector<Index>{0, 8, 13});
-    CHECK(*in_two_sessions.asked == "ara");  // what was confirmed is the session before
   }
 
   TEST_CASE("the leap from one session to the next is no travel") {

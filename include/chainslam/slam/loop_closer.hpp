@@ -27,6 +27,44 @@
 
 namespace chainslam {
 
+/// Covariance of T_from_to by the graph, tangent [translation; rotation], metres and radians.
+///
+/// Keyframes at the end of a session that no optimization has taken in yet are as uncertain as odometry is on the way
+/// to them, beyond the last one that was. Linear in their number; else the cost of `IncrementalSmoother::covariance`.
+/// @param smoother  its variables are the map's keyframes.
+template <class Smoother>
+[[nodiscard]] [[gnu::cold]] Matrix6d relative_covariance(const Smoother& smoother, const SlamMap& map, KeyframeId from,
+                                                         KeyframeId to) {
+  const auto pose = [&](Index i) -> const SE3d& { return map.keyframes[static_cast<std::size_t>(i)].T_map_body; };
+  const SessionId session = map.keyframes[static_cast<std::size_t>(to.value)].session;
+  const Index first = map.sessions[static_cast<std::size_t>(session.value)].first_keyframe;
+  Index known = to.value;
+  while (known > first && known != from.value && !smoother.has_covariance(known)) --known;
+  Matrix6d sum = zeros<Matrix6d>();
+  if (smoother.has_covariance(known) && smoother.has_covariance(from.value))
+    sum = detail::carried(smoother.relative_covariance(from.value, known), pose(to.value).inverse() * pose(known));
+  auto step = std::partition_point(map.odometry.begin(), map.odometry.end(),
+                                   [&](const OdometryMeasurement& one) { return one.to.value <= known; });
+  for (; step != map.odometry.end() && step->to <= to; ++step) {
+    const Matrix6d whitening = step->sqrt_information;
+    const Matrix6d information = product(transposed(whitening), whitening);
+    const Matrix6d root = solved_right(identity<Matrix6d>(), cholesky(information));
+    sum = sum_of(sum, detail::carried(times_transposed(root, root), pose(to.value).inverse() * pose(step->to.value)));
+  }
+  return sum;
+}
+
+/// The same of a graph with `smoother()` and `map()`, such as `MapGraph`.
+template <class Graph>
+struct RelativeCovariance {
+  const Graph& graph;  ///< must outlive this
+
+  /// See `relative_covariance`.
+  [[nodiscard]] Matrix6d operator()(KeyframeId from, KeyframeId to) const {
+    return relative_covariance(graph.smoother(), graph.map(), from, to);
+  }
+};
+
 /// Says how far an accepted alignment may be off: the covariance of T_target_source, tangent [translation; rotation].
 template <class C>
 concept ClosureCovariance = requires(const C& covariance, const AlignResult& result) {
@@ -120,11 +158,7 @@ struct ClosureGate {
 
 /// When closures are sought, and when accepted.
 struct LoopCloserOptions {
-  double min_travel = 4.0;  ///< metres along the path between two searches (v / f_lc of the paper); 0: every keyframe
-  /// Metres between two searches while closures confirm the graph and the next one has little to add: while the last
-  /// one moved its scan by less than 0.3 m. Its guess is then good, see `refine`. Less than `min_travel`: not looked
-  /// at.
-  double max_travel = 8.0;
+  double min_travel = 4.0;   ///< metres along the path between two searches (v / f_lc of the paper); 0: every keyframe
   double min_period = 0;     ///< seconds of the data between two searches (1 / f_lc); 0: by the way alone
   double scan_voxel = 0;     ///< metres, of the scan that is aligned; 0: as the keyframe has it
   AlignmentStarts starts{};  ///< where a refused alignment starts again
@@ -200,8 +234,6 @@ class LoopCloser {
   [[nodiscard]] const std::vector<double>& search_spacing() const { return spacing_; }
 
  private:
-  static constexpr double confirming = 0.3;  // metres: corrections of half as much are the rule where nothing drifts
-
   template <Executor E>
   [[nodiscard]] [[gnu::cold]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
                                                 const SE3d& guess, bool is_good, const E& executor);
@@ -257,8 +289,7 @@ class LoopCloser {
   double travelled_ = std::numeric_limits<double>::infinity();
   std::optional<std::pair<SessionId, Timestamp>> searched_;  ///< the last time
   std::vector<double> spacing_;
-  Index refused_ = 0;          ///< searches in a row without an accepted closure
-  bool is_confirmed_ = false;  ///< whether the last one agreed with the graph
+  Index refused_ = 0;  ///< searches in a row without an accepted closure
 };
 
 template <class Candidates, class Registration, class Covariance>
@@ -278,14 +309,10 @@ std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::searc
   std::vector<LoopClosure> tried;
   const SE3d& here = keyframes[static_cast<std::size_t>(query.value)].T_map_body;
   const auto accepted = [&] { return !tried.empty() && tried.back().verdict == ClosureVerdict::accepted; };
-  double correction = std::numeric_limits<double>::infinity();
   for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
     const SE3d guess = keyframes[static_cast<std::size_t>(candidate.value)].T_map_body.inverse() * here;
-    tried.push_back(align(keyframes, candidate, query, guess, is_confirmed_, executor));
-    if (is_confirmed_ && !accepted()) tried.back() = align(keyframes, candidate, query, guess, executor);
-    if (!accepted()) continue;
-    correction = (guess.inverse() * tried.back().T_from_to).translation().norm();
-    break;
+    tried.push_back(align(keyframes, candidate, query, guess, executor));
+    if (accepted()) break;
   }
   if (!tried.empty() && !accepted()) search_wider(keyframes, index, tried, executor);
   if constexpr (requires { candidates_.recognize(keyframes, index, query); }) {
@@ -296,7 +323,6 @@ std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::searc
       }
   }
   if (accepted()) refused_ = 0;
-  is_confirmed_ = options_.max_travel > options_.min_travel && correction < confirming;
   return tried;
 }
 
@@ -361,8 +387,7 @@ bool LoopCloser<Candidates, Registration, Covariance>::due(std::span<const Keyfr
     travelled_ += (before.T_odom_body.inverse() * newest.T_odom_body).translation().norm();
   }
   const bool same_session = searched_ && searched_->first == newest.session;
-  is_confirmed_ = is_confirmed_ && same_session;
-  if (travelled_ < (is_confirmed_ ? options_.max_travel : options_.min_travel)) return false;
+  if (travelled_ < options_.min_travel) return false;
   if (same_session && to_seconds(newest.time - searched_->second) < options_.min_period) return false;
   if (same_session) spacing_.push_back(travelled_);
   searched_ = {newest.session, newest.time};
