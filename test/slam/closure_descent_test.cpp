@@ -63,7 +63,7 @@ struct Lineage {
 using Positions = std::vector<Index>;
 
 /// Accepts whatever it is asked for, and remembers how it was asked.
-struct RefiningCloser {
+struct CompliantCloser {
   std::string asked;  ///< a: to align, r: to refine
 
   [[nodiscard]] bool eligible(const Keyframe&, const Keyframe&) const { return true; }
@@ -203,7 +203,7 @@ TEST_SUITE("slam/closure_descent") {
     map.keyframes.resize(3);
     UndoneClosures undone;
     undone.add(map, {.from = KeyframeId{0}, .to = KeyframeId{2}});
-    Unrepeated<RefiningCloser> closer({}, undone);
+    Unrepeated<CompliantCloser> closer({}, undone);
     const auto verdicts = [&](Index from, Index to) {
       return std::pair{closer.align(map.keyframes, KeyframeId{from}, KeyframeId{to}, SE3d()).verdict,
                        closer.refine(map.keyframes, KeyframeId{from}, KeyframeId{to}, SE3d()).verdict};
