@@ -258,7 +258,7 @@ TEST_SUITE("slam/place_candidates") {
     const PositionIndex index;
     ProximityOrPlaces candidates;
     const std::span<const Keyframe> keyframes = sessions.map.keyframes;
-    for (const std::size_t remembered : {8, 16, 24, 24}) {
+    for (const std::size_t remembered : {8U, 16U, 24U, 24U}) {
       static_cast<void>(candidates.find(keyframes, index, KeyframeId{to_index(keyframes.size()) - 1}));
       CHECK(candidates.places().places().size() == remembered);
     }
