@@ -226,7 +226,7 @@ TEST_SUITE("program/back_end_settings") {
     CHECK(run_program(scratch.path(), "config --print --set keyframes.scan_memory=-1").exit_code == 2);
   }
 
-  TEST_CASE("a map does not depend on how many submaps are kept; their memory is stated in MiB") {
+  TEST_CASE("a map whose scans hardly move is the same however many submaps are kept; their memory is in MiB") {
     const RoundMap map;
     CHECK(apart(map.poses("closures.submap_memory=1"), map.poses("")) == 0);
     const ScratchFolder scratch("submap_memory");
