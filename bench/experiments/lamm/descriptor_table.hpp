@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <concepts>
 #include <cstddef>
 #include <functional>
@@ -88,6 +89,12 @@ class DescriptorTable {
     TriangleMatch match;
   };
 
+  /// Entries of the cells about a triangle's.
+  struct Nearby {
+    std::array<const std::vector<Entry>*, 27> buckets;
+    std::size_t count = 0;
+  };
+
   [[nodiscard]] std::optional<Cell> cell_at(const Eigen::Vector3f& sides) const {
     return cell_of(sides.cast<double>() / options_.side_resolution);
   }
@@ -112,10 +119,24 @@ class DescriptorTable {
   template <class Eligible>
   void add_matches(const PlaceDescriptor& query, Index number, const Eligible& eligible,
                    std::vector<Found>& found) const {
-    constexpr double reach = 1.5;  // cells
     const Triangle& triangle = query.triangles[static_cast<std::size_t>(number)];
+    const auto limit = static_cast<float>(options_.max_side_difference) * triangle.sides.norm();
+    const Nearby near = buckets_near(triangle);
+    // Each cell is somewhere else in memory: all are fetched before the first is read.
+    for (std::size_t k = 0; k < near.count; ++k) __builtin_prefetch(near.buckets[k]);
+    for (std::size_t k = 0; k < near.count; ++k) __builtin_prefetch(near.buckets[k]->data());
+    for (std::size_t k = 0; k < near.count; ++k)
+      for (const Entry& entry : *near.buckets[k])
+        if ((triangle.sides - entry.sides).squaredNorm() < limit * limit && eligible(entry.place) &&
+            look_the_same(query, triangle, entry))
+          found.push_back({entry.place, {number, entry.triangle}});
+  }
+
+  [[nodiscard]] Nearby buckets_near(const Triangle& triangle) const {
+    constexpr double reach = 1.5;  // cells
+    Nearby near;
     const auto home = cell_at(triangle.sides);
-    if (!home) return;
+    if (!home) return near;
     const Eigen::Vector3d at = triangle.sides.cast<double>() / options_.side_resolution;
     for (int dx = -1; dx <= 1; ++dx)
       for (int dy = -1; dy <= 1; ++dy)
@@ -124,16 +145,13 @@ class DescriptorTable {
           const Eigen::Vector3d middle = Eigen::Vector3d(cell.x, cell.y, cell.z).array() + 0.5;
           if ((middle - at).norm() >= reach) continue;
           const Index bucket = cells_.find(cell);
-          if (bucket < 0) continue;
-          for (const Entry& entry : buckets_[static_cast<std::size_t>(bucket)])
-            if (eligible(entry.place) && look_the_same(query, triangle, entry))
-              found.push_back({entry.place, {number, entry.triangle}});
+          if (bucket >= 0) near.buckets[near.count++] = &buckets_[static_cast<std::size_t>(bucket)];
         }
+    return near;
   }
 
+  /// By what surrounds the corners; the sides are alike.
   [[nodiscard]] bool look_the_same(const PlaceDescriptor& query, const Triangle& triangle, const Entry& entry) const {
-    const auto limit = static_cast<float>(options_.max_side_difference) * triangle.sides.norm();
-    if ((triangle.sides - entry.sides).squaredNorm() >= limit * limit) return false;
     const PlaceDescriptor& other = place(entry.place);
     const Triangle& match = other.triangles[static_cast<std::size_t>(entry.triangle)];
     double sum = 0;
