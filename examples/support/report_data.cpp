@@ -83,19 +83,45 @@ std::vector<ReportRefusal> refusals_of(const SlamMap& map) {
   return refusals;
 }
 
-/// Adds the keyframe's points that are the first in their cells.
-void add_points(const Keyframe& keyframe, const Eigen::Vector3d& offset, double voxel_size, CellSet& cells,
-                ReportData& data) {
-  const auto cloud = keyframe.cloud.load();
-  if (!cloud) return;
-  for (const Eigen::Vector3f& position : cloud->positions) {
-    const Eigen::Vector3d point = keyframe.T_map_body * Eigen::Vector3d(position.cast<double>());
-    const std::optional<Cell> cell = cell_of((point - data.points_origin) / voxel_size);
-    if (!cell || !cells.insert(*cell)) continue;
-    data.points.emplace_back((point + offset - data.points_origin).cast<float>());
-    data.point_sessions.push_back(static_cast<std::uint8_t>(std::min<Index>(keyframe.session.value, 255)));
+/// The map's points, the first of each session in each cell. Cells grow when there are too many: pages and pictures
+/// show fewer, and a map of a hundred million points is not to be held twice.
+class MapPoints {
+ public:
+  MapPoints(ReportData& data, double voxel_size) : data_(data), voxel_size_(voxel_size) {}
+
+  void add(const Keyframe& keyframe, const Eigen::Vector3d& offset) {
+    const auto cloud = keyframe.cloud.load();
+    if (!cloud) return;
+    const auto session = static_cast<std::uint8_t>(std::min<Index>(keyframe.session.value, 255));
+    for (const Eigen::Vector3f& position : cloud->positions) {
+      const Eigen::Vector3d point = keyframe.T_map_body * Eigen::Vector3d(position.cast<double>());
+      add((point + offset - data_.points_origin).cast<float>(), session);
+    }
+    while (data_.points.size() > largest) grow_cells();
   }
-}
+
+ private:
+  static constexpr std::size_t largest = 2'000'000;
+
+  void add(const Eigen::Vector3f& point, std::uint8_t session) {
+    if (data_.point_sessions.empty() || data_.point_sessions.back() != session) cells_ = {};
+    const std::optional<Cell> cell = cell_of(point.cast<double>() / voxel_size_);
+    if (!cell || !cells_.insert(*cell)) return;
+    data_.points.push_back(point);
+    data_.point_sessions.push_back(session);
+  }
+
+  void grow_cells() {
+    voxel_size_ *= 1.5;
+    const auto points = std::exchange(data_.points, {});
+    const auto sessions = std::exchange(data_.point_sessions, {});
+    for (std::size_t i = 0; i < points.size(); ++i) add(points[i], sessions[i]);
+  }
+
+  ReportData& data_;
+  double voxel_size_;
+  CellSet cells_;  ///< of the session at hand
+};
 
 ReportSeries error_series(const std::string& name, const ReportSession& session, Index color,
                           const std::vector<Eigen::Vector3d>& positions) {
@@ -165,11 +191,10 @@ ReportData report_data(const SlamMap& map, double voxel_size) {
   data.components = adjacency_components(map);
 
   if (!map.keyframes.empty()) data.points_origin = map.keyframes.front().T_map_body.translation();
-  for (const Session& session : map.sessions) {
-    CellSet cells;
+  MapPoints points(data, voxel_size);
+  for (const Session& session : map.sessions)
     for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i)
-      add_points(map.keyframes[at(i)], offset_of(session), voxel_size, cells, data);
-  }
+      points.add(map.keyframes[at(i)], offset_of(session));
 
   const bool has_times = std::ranges::any_of(data.sessions, [](const ReportSession& s) { return s.times.size() > 1; });
   if (has_times) data.plots.push_back(speed_plot(data.sessions));

@@ -44,11 +44,11 @@ Points first_in_cells(const ReportData& data, double size) {
   return kept;
 }
 
-/// How many they are.
-std::size_t occupied_cells(const ReportData& data, double size) {
+/// How many they are, counted no farther than `enough`.
+std::size_t occupied_cells(const ReportData& data, double size, std::size_t enough) {
   CellSet cells;
-  for (const Eigen::Vector3f& point : data.points)
-    if (const std::optional<Cell> cell = cell_of(point.cast<double>() / size)) cells.insert(*cell);
+  for (std::size_t i = 0; i < data.points.size() && static_cast<std::size_t>(cells.size()) < enough; ++i)
+    if (const std::optional<Cell> cell = cell_of(data.points[i].cast<double>() / size)) cells.insert(*cell);
   return static_cast<std::size_t>(cells.size());
 }
 
@@ -56,9 +56,9 @@ std::size_t occupied_cells(const ReportData& data, double size) {
 /// the inverse square of the cell.
 Points thinned(const ReportData& data, std::size_t largest) {
   double size = 0.05;
-  for (std::size_t count; (count = occupied_cells(data, size)) > largest;) {
+  for (std::size_t count; (count = occupied_cells(data, size, 4 * largest + 1)) > largest;) {
     const double excess = static_cast<double>(count) / static_cast<double>(largest);
-    size *= std::clamp(std::sqrt(excess), 1.1, 8.0);
+    size *= std::max(std::sqrt(excess), 1.1);
   }
   return first_in_cells(data, size);
 }

@@ -86,6 +86,28 @@ TEST_SUITE("support/extreme_maps") {
     check_drawings({});
   }
 
+  TEST_CASE("of a map with millions of points a report keeps two million at most, all over it") {
+    SlamMap map = corridor(3000, 3);
+    for (Index i = 0; i < 3; ++i) {
+      auto cloud = std::make_shared<PointCloud<float>>();
+      for (int x = 0; x < 1000; ++x)
+        for (int y = 0; y < 1000; ++y)
+          cloud->positions.emplace_back(0.3F * static_cast<float>(x), 0.3F * static_cast<float>(y), 1.0F);
+      map.keyframes[static_cast<std::size_t>(i)].cloud = cloud;
+    }
+    const ReportData data = report_data(map, 0.2);
+    CHECK(data.points.size() <= 2'000'000);
+    CHECK(data.points.size() > 500'000);
+    CHECK(data.points.size() == data.point_sessions.size());
+    for (Index i = 0; i < 3; ++i) {
+      Index of_keyframe = 0;
+      for (const Eigen::Vector3f& point : data.points)
+        of_keyframe += std::abs(point.x() - 1500.0F * static_cast<float>(i) - 150.0F) < 151.0F ? 1 : 0;
+      CHECK(of_keyframe > to_index(data.points.size()) / 4);
+    }
+    check_drawings(data);
+  }
+
   TEST_CASE("a map 1e8 m from the origin is drawn as the same map at the origin") {
     const Eigen::Vector3d start(1e8, -1e8, 1e8);
     const ReportData near = report_data(corridor(1000, 200), 0.04), far = report_data(corridor(1000, 200, start), 0.04);
