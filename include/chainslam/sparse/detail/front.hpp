@@ -85,6 +85,11 @@ class Front {
 
   /// Applies the factor's inverse to the own part of a right-hand side and subtracts it from the rest.
   void substitute_forward(double* right_side) const { own().substitute_forward(right_side); }
+  /// The same for N of them: see `Panel`.
+  template <int N>
+  void substitute_forward(double* right_sides, double* solved) const {
+    own().template substitute_forward<N>(right_sides, stride(), solved);
+  }
   void substitute_forward() const {
     own().substitute_forward(right());
     std::copy_n(right(), Offset{columns_} * B, own_right());

@@ -50,6 +50,23 @@ struct Panel {
     }
   }
 
+  /// The same for N of them, column-major.
+  /// @param solved  workspace for the own part of all, transposed.
+  template <int N>
+  void substitute_forward(double* X, Offset x_stride, double* solved) const {
+    for (Index j = 0; j < columns; ++j) {
+      const Offset first = Offset{j} * B;
+      subtract_product<N>(B, data + first, stride, solved, N, first, X + first, x_stride);
+      for (int column = 0; column < N; ++column) {
+        double* const x = X + column * x_stride + first;
+        substitute_block_forward<B>(diagonal(j), stride, reciprocals + first, x);
+        for (int k = 0; k < B; ++k) solved[(first + k) * N + column] = x[k];
+      }
+    }
+    const Offset own = Offset{columns} * B;
+    subtract_product<N>(Offset{height - columns} * B, data + own, stride, solved, N, own, X + own, x_stride);
+  }
+
   /// Turns the own part of `x` into the solution, given that of the first `known` block rows below.
   void substitute_backward(double* solution, Index known) const {
     for (Index j = columns - 1; j >= 0; --j) {

@@ -39,35 +39,51 @@ class PathSolver {
       double* const x = X.data() + column * height;
       for (const Index variable : variables)
         for (int k = 0; k < B; ++k) x[Offset{row_[variable]} * B + k] += *E++;
-      substitute(x);
-      for (Index other = 0; other <= column; ++other)
-        product[column * columns + other] = product[other * columns + column] =
-            dot(x, X.data() + other * height, height);
     }
+    Index solved = 0;
+    for (; solved + B <= columns; solved += B) substitute<B>(X.data() + solved * height);
+    for (; solved < columns; ++solved) substitute<1>(X.data() + solved * height);
+    std::fill_n(product, Offset{columns} * columns, 0.0);
+    for (Index column = 0; column < columns; ++column) multiply(X.data(), height, column, columns, product);
   }
 
  private:
   [[nodiscard]] bool seen(Index node) const { return row_[tree_.columns(node).front()] != -1; }
 
-  [[nodiscard]] static double dot(const double* a, const double* b, Offset size) {
-    double sum = 0;
-    for (Offset k = 0; k < size; ++k) sum += a[k] * b[k];
-    return sum;
+  /// A column of X^T X, down to the diagonal, and its mirror image.
+  static void multiply(const double* X, Offset height, Index column, Index columns, double* product) {
+    double* const dots = product + Offset{column} * columns;
+    const double* const x = X + column * height;
+    Index other = 0;
+    for (; other + B <= column + 1; other += B) subtract_dots<B>(height, X + other * height, height, x, dots + other);
+    for (; other <= column; ++other) subtract_dots<1>(height, X + other * height, height, x, dots + other);
+    for (other = 0; other <= column; ++other) {
+      dots[other] = -dots[other];
+      product[Offset{other} * columns + column] = dots[other];
+    }
   }
 
-  void substitute(double* x) const {
-    Table<double> gathered;
+  /// N right-hand sides, column-major, all the way up.
+  template <int N>
+  void substitute(double* X) const {
+    const Offset height = Offset{rows_} * B;
+    Table<double> gathered, solved;
     for (Offset k = nodes_.size(); k-- > 0;) {
       const std::span<const Index> variables = tree_.variables(nodes_[k]);
-      gathered.resize(tree_.front(nodes_[k]).stride());
+      const auto front = tree_.front(nodes_[k]);
+      gathered.resize(front.stride() * N);
+      solved.resize(Offset{front.columns()} * B * N);
       double* in_front = gathered.data();
-      for (const Index variable : variables) in_front = std::copy_n(x + Offset{row_[variable]} * B, B, in_front);
-      tree_.front(nodes_[k]).substitute_forward(gathered.data());
-      in_front = gathered.data();
-      for (const Index variable : variables) {
-        std::copy_n(in_front, B, x + Offset{row_[variable]} * B);
-        in_front += B;
-      }
+      for (int column = 0; column < N; ++column)
+        for (const Index variable : variables)
+          in_front = std::copy_n(X + column * height + Offset{row_[variable]} * B, B, in_front);
+      front.template substitute_forward<N>(gathered.data(), solved.data());
+      const double* from = gathered.data();
+      for (int column = 0; column < N; ++column)
+        for (const Index variable : variables) {
+          std::copy_n(from, B, X + column * height + Offset{row_[variable]} * B);
+          from += B;
+        }
     }
   }
 
