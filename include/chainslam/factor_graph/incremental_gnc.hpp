@@ -263,6 +263,13 @@ class IncrementalGnc {
   [[gnu::cold]] void try_others(IncrementalGncReport& report, Index rows);
   /// Takes a group out or in, if that lowers the truncated squares. @param rows  is lowered by the forecast's.
   [[nodiscard]] [[gnu::cold]] bool turn(Index leader, Index& rows);
+  /// Finds for each suspect how much of it the graph says anyway, at most: most forecasts are then not needed.
+  [[gnu::cold]] void bound_leverages();
+  /// That bound; infinite if it is not known.
+  [[nodiscard]] [[gnu::cold]] double leverage(Index number) const {
+    return leverages_at_ == steps_ && number < leverages_.size() ? leverages_[number]
+                                                                 : std::numeric_limits<double>::infinity();
+  }
   /// Whether an earlier forecast for the same members already says that these stay as they are.
   [[nodiscard]] [[gnu::cold]] bool stays(Index leader, bool in, Index members, double squares, double limit) const;
   /// Tries what follows from groups that were vouched for, and from unexpected ones of which enough agree with a new
@@ -379,8 +386,10 @@ class IncrementalGnc {
   Index news_ = 0;                    ///< how many of these are new
   detail::Table<Index> vouched_for_;  ///< leaders
   bool trusting_ = true;
-  std::uint64_t steps_ = 0;  ///< updates so far
-  Index settled_ = 0;        ///< suspects that have taken part in an update
+  std::uint64_t steps_ = 0;          ///< updates so far
+  detail::Table<double> leverages_;  ///< of suspects,
+  std::uint64_t leverages_at_ = 0;   ///< after so many updates
+  Index settled_ = 0;                ///< suspects that have taken part in an update
 };
 
 }  // namespace chainslam

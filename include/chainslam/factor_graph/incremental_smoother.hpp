@@ -180,6 +180,7 @@ class IncrementalSmoother {
   /// nothing else holds what they hold.
   template <Factor F>
   [[nodiscard]] [[gnu::cold]] JointForecast fall_without(std::span<const F> factors) const;
+  class Leverages;  ///< how much of what factors say the graph says anyway
   /// Grows whenever the graph may have come to know less: factors removed, weights lowered, variables moved.
   [[nodiscard]] std::uint64_t losses() const { return losses_; }
 
@@ -396,3 +397,4 @@ IncrementalSmoother<Group, Extra...>::~IncrementalSmoother() = default;
 #include "chainslam/factor_graph/detail/incremental_smoother_converge.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_queries.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_update.hpp"
+#include "chainslam/factor_graph/detail/smoother_leverages.hpp"

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 #include <span>
 #include <utility>
 
@@ -16,6 +17,7 @@ namespace chainslam {
 template <class Smoother>
 void IncrementalGnc<Smoother>::try_others(IncrementalGncReport& report, Index rows) {
   while (report.last.ok() && report.steps < options_.max_steps) {
+    if (rows == std::numeric_limits<Index>::max()) bound_leverages();
     // Trusted ones that are out come first: each costs much. Then the newest.
     sort_ranked(touched_.all());
     Index left = rows;
@@ -56,7 +58,7 @@ bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
   const bool in = is_in(leader);
   if (!in && !suspects_[leader].trusted && is_uncorroborated(factor(leader))) return false;
   detail::Table<Suspect> members;
-  double squares = 0.0;
+  double squares = 0.0, known = 0.0;
   const auto for_each_alike = [&](auto&& visit) {
     suspects_.for_each_member(leader, [&](Index number) {
       if (smoother_.contains(id(number)) && is_in(number) == in) visit(number);
@@ -65,9 +67,12 @@ bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
   for_each_alike([&](Index number) {
     members.push_back(suspects_[number].factor);
     squares += suspects_[number].ratio * suspects_[number].threshold;
+    known += leverage(number);
   });
   rows -= to_index(members.size()) * Group::dof;
   const double limit = price(leader, members.size());
+  // The largest eigenvalue of all together is at most the sum of those of each.
+  if (in ? squares <= limit * (1 - known) : squares >= limit * (1 + known)) return false;
   if (stays(leader, in, to_index(members.size()), squares, limit)) return false;
   const std::span<const Suspect> together = members.all();
   const JointForecast forecast = in ? smoother_.fall_without(together) : smoother_.rise_with(together);
@@ -78,6 +83,21 @@ bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
   suspects_[leader].turned = true;
   if (in && !suspects_[leader].trusted) unexpected_.push_back(leader);
   return true;
+}
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::bound_leverages() {
+  detail::Table<Suspect> factors;
+  detail::Table<Index> numbers;
+  for (Index number = 0; number < suspects_.size(); ++number) {
+    if (factor(number).from == none || !smoother_.contains(id(number))) continue;
+    factors.push_back(factor(number));
+    numbers.push_back(number);
+  }
+  const auto bounds = typename Smoother::Leverages(smoother_).bounds(std::span<const Suspect>(factors.all()));
+  leverages_.assign(suspects_.size(), std::numeric_limits<double>::infinity());
+  for (Offset k = 0; k < numbers.size(); ++k) leverages_[numbers[k]] = bounds[k];
+  leverages_at_ = steps_;
 }
 
 template <class Smoother>

@@ -34,6 +34,12 @@ class TreeInverse {
     });
   }
 
+  /// Calls visit(node, Z, stride) for each front, as `InverseFronts` does.
+  template <class Visit>
+  void run(Visit&& visit) {
+    InverseFronts<B>().run(*this, visit);
+  }
+
   [[nodiscard]] const Table<Index>& roots() const { return roots_; }
   [[nodiscard]] Index columns(Index node) const { return tree_[node].columns; }
   [[nodiscard]] Index rows(Index node) const { return tree_[node].rows; }
