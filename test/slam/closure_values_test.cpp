@@ -137,19 +137,22 @@ TEST_SUITE("slam: what is tried by default") {
   TEST_CASE("keyframes beside the partner, up to four, count as the partner") {
     Places places;
     places.add_street(0, 20, 1, 0);
-    places.add_street(1, 40, 1, 2);
+    places.add_street(1, 40, 0.5, 2);
     places.add(9, {10, 1, 0});
-    places.edges = {{14, 30}, {15, 37}, {6, 22}};
-    CHECK(partners(places.chained(10)) == Ids{30, 22});
+    places.edges = {{14, 30}, {15, 37}, {6, 52}};
+    CHECK(partners(places.chained(10)) == Ids{30, 52});
   }
 
-  TEST_CASE("chained keyframes lie within 20 m, five keyframes apart, and are no more than four") {
+  TEST_CASE("chained keyframes lie within 20 m, twenty keyframes apart, and are no more than four") {
     Places places;
     places.add_street(0, 20, 1, 0);
-    places.add_street(1, 60, 1, 0);
+    places.add_street(1, 60, 0.5, 0);
+    places.add(2, {31, 0, 0});
+    places.add(3, {29, 0, 0});
     places.add(9, {10, 1, 0});
-    places.edges = {{10, 48}, {48, 58}, {58, 30}, {30, 35}, {35, 34}};  // at 28, 38, 10, 15 and 14 m along the street
-    CHECK(partners(places.chained(10)) == Ids{30, 35, 48});
+    places.edges = {{10, 59}, {59, 80}, {80, 40},
+                    {40, 60}, {60, 20}, {20, 81}};  // 40 is at 10 m, 20 and 60 at 0 and 20
+    CHECK(partners(places.chained(10)) == Ids{40, 60, 20, 81});
     Places crowd;
     crowd.add(0, {0, 0, 0});
     for (Index session = 1; session < 15; ++session) {

@@ -61,7 +61,7 @@ struct ChainOptions {
   /// paper). The drift of the current session is gone from the first.
   bool guess_through_chain = true;
   double max_distance = 20.0;    ///< metres between i and k, as guessed: beyond, they share no view; 0: any (the paper)
-  Index min_separation = 5;      ///< keyframes between two partners of one session: nearer, they see much the same
+  Index min_separation = 20;     ///< keyframes between two partners of one session: nearer, their submaps share scans
   Index max_alignments = 4;      ///< for one direct closure; 0: all (the paper)
   double max_translation = 2.0;  ///< metres from the guess, beyond which a closure contradicts the chain; 0: any
   double max_rotation = 0.1;     ///< radians
