@@ -230,7 +230,7 @@ TEST_SUITE("program/back_end_settings") {
     const RoundMap map;
     CHECK(apart(map.poses("closures.submap_memory=1"), map.poses("")) == 0);
     const ScratchFolder scratch("submap_memory");
-    CHECK(contains(run_program(scratch.path(), "config --print").output, "submap_memory = 128\n"));
+    CHECK(contains(run_program(scratch.path(), "config --print").output, "submap_memory = 64\n"));
     const ProgramResult none = run_program(scratch.path(), "config --print --set closures.submap_memory=0");
     CHECK(none.exit_code == 2);
     CHECK(contains(none.errors, "'closures.submap_memory' is out of range"));

@@ -118,7 +118,7 @@ struct SubmapOptions {
   double voxel_size = 0.4;      ///< metres
   Index normal_neighbors = 12;  ///< points that a normal is fitted to
   double normal_radius = 2.0;   ///< metres, their largest distance
-  std::size_t max_bytes = std::size_t{128} << 20;  ///< of all that is kept; the least recently used go first
+  std::size_t max_bytes = std::size_t{64} << 20;  ///< of all that is kept; the least recently used go first
 };
 
 /// A submap and where it lies.
