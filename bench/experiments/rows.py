@@ -87,6 +87,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "gnss": ("graph.gnss",),
     "gravity": ("graph.gravity",),
     "search-again": ("closures.search_again",),
+    "optimization": ("closures.at_once",),
     "candidates": (
         "closures.radius",
         "closures.start_",

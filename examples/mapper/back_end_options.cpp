@@ -200,6 +200,16 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
        .min = 0,
        .max = 1e6,
        .help = "Repeat the loop search for keyframes that optimization moves by more than this. 0: never."});
+  configuration.add("closures.at_once", parts.back_end.closures_at_once,
+                    {.min = 1,
+                     .max = 1000,
+                     .help = "Optimize after this many direct closures, if none of them corrects its scan by more than "
+                             "small_correction."});
+  configuration.add("closures.small_correction", parts.back_end.small_correction,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 1e3,
+                     .help = "Optimize at once after a direct closure that corrects its scan by more than this."});
 }
 
 void add_chain(Configuration& configuration, BackEndParts& parts) {

@@ -84,6 +84,7 @@ constexpr PresetValue preset_values[] = {
     alike("closures.max_rotation", no_bound, "paper III-B: no such test"),
     alike("closures.outlier_threshold", "0", "paper III-A: squared errors, all of them"),
     alike("closures.search_again", "0", "paper III-B: each keyframe once"),
+    alike("closures.at_once", "1", "paper III-A, code: whenever factors are added"),
 
     // Chained closures.
     {"chain.enabled", {"true", "true"}, {"true", "false"}, "paper III-C; code: add_chained_closures, false for MARS"},

@@ -101,6 +101,7 @@ closures.max_translation             1e9
 closures.max_rotation                1e9
 closures.outlier_threshold           0
 closures.search_again                0
+closures.at_once                     1
 chain.enabled                        true true true false
 chain.through_current_session        true true false false
 chain.reach                          0

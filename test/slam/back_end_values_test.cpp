@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -77,6 +78,25 @@ struct TwoRounds {
   }
 };
 
+/// Closes each keyframe with the one `gap` before it, always as far off from where the graph has it.
+struct SteadyCloser {
+  static constexpr Index gap = 40;
+  SE3d correction{};
+
+  template <Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex&,
+                                               const E& = {}) const {
+    const Keyframe& here = keyframes.back();
+    if (here.id.value < gap) return {};
+    const Keyframe& there = keyframes[static_cast<std::size_t>(here.id.value - gap)];
+    LoopClosure closure{.from = there.id, .to = here.id};
+    closure.T_from_to = there.T_map_body.inverse() * here.T_map_body * correction.inverse();
+    closure.sqrt_information = 1e-3 * SqrtInformation<6>::Identity();  // it hardly moves anything
+    closure.verdict = ClosureVerdict::accepted;
+    return {closure};
+  }
+};
+
 }  // namespace
 
 TEST_SUITE("slam/back_end: values") {
@@ -119,6 +139,29 @@ TEST_SUITE("slam/back_end: values") {
     const auto found = closures(at_once), late = closures(after_merge);
     MESSAGE("closures of the second drive with itself: ", late, " -> ", found);
     CHECK(found > 3 * late);
+  }
+
+  TEST_CASE("closures that correct their scan by less than 0.1 m wait until there are ten; others do not") {
+    const auto optimizations = [](const SE3d& correction, const BackEndOptions& options = {}) {
+      BackEnd<SteadyCloser, NoChaining, NoMerging> back_end(options, SteadyCloser{correction});
+      for (Index i = 0; i < SteadyCloser::gap + 20; ++i)
+        back_end.add(test::keyframe_at(i, SE3d(SO3d(), {2.0 * i, 0, 0})));
+      CHECK(back_end.map().closures.size() == 20);
+      return back_end.counts().optimizations;
+    };
+    CHECK(optimizations(SE3d(SO3d(), {0, 0.09, 0})) == 2);
+    CHECK(optimizations(SE3d(SO3d(), {0, 0.11, 0})) == 20);
+    CHECK(optimizations(SE3d(SO3d::exp({0, 0, 0.009}), {0, 0, 0})) == 2);  // 10 m away
+    CHECK(optimizations(SE3d(SO3d::exp({0, 0, 0.011}), {0, 0, 0})) == 20);
+    CHECK(optimizations(SE3d(), {.closures_at_once = 1}) == 20);
+  }
+
+  TEST_CASE("closures that wait when a session ends are taken in before the next begins") {
+    BackEnd<SteadyCloser, NoChaining, NoMerging> back_end({}, SteadyCloser{SE3d(SO3d(), {0, 0.09, 0})});
+    for (Index i = 0; i < SteadyCloser::gap + 3; ++i) back_end.add(test::keyframe_at(i, SE3d(SO3d(), {2.0 * i, 0, 0})));
+    CHECK(back_end.counts().optimizations == 0);
+    back_end.begin_session("next");
+    CHECK(back_end.counts().optimizations == 1);
   }
 
   TEST_CASE("ten fixes are worth an optimization of their own") {

@@ -18,6 +18,7 @@
 #include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/detail/repeated_searches.hpp"
+#include "chainslam/slam/detail/waiting_closures.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/map_graph.hpp"
@@ -182,9 +183,8 @@ class BackEnd {
   /// Does all that was put off.
   [[gnu::cold]] void catch_up() {
     allow(0);
-    if (!in_session_) return;
-    recheck(Serial{});
-    search_moved(Serial{});
+    if (in_session_) recheck(Serial{}), search_moved(Serial{});
+    if (!waiting_.empty()) optimize();
   }
 
   /// Tries keyframes of the current session again that have been moved far since they were tried.
@@ -196,18 +196,18 @@ class BackEnd {
       while (!spent()) {
         const auto id = moved_.next(map().keyframes, session(), options_.search_again, options_.recheck_travel);
         if (!id) return;
-        if (take(closer_.search(map().keyframes, positions_, *id, executor), -1, true, executor)) optimize();
+        take(closer_.search(map().keyframes, positions_, *id, executor), -1, true, executor);
+        if (is_due()) optimize();
       }
     }
   }
 
-  [[gnu::cold]] void optimize() {
-    counts_.last = graph_.optimize();
-    count_optimization(counts_.last.ok());
-  }
+  [[nodiscard]] bool is_due() const { return waiting_.are_due(options_.closures_at_once); }
+  [[gnu::cold]] void optimize() { count_optimization((counts_.last = graph_.optimize()).ok()); }
   [[gnu::cold]] void count_optimization(bool succeeded) {
+    waiting_.clear();
     ++counts_.optimizations;
-    if (!succeeded) ++counts_.failed_optimizations;
+    counts_.failed_optimizations += succeeded ? 0 : 1;
     index_positions();
   }
   [[gnu::cold]] void publish_frame() {
@@ -239,6 +239,7 @@ class BackEnd {
   PositionIndex positions_;
   GnssInterpolator gnss_;
   detail::MovedKeyframes moved_;
+  detail::WaitingClosures waiting_;
   std::vector<detail::Recheck> rechecks_;  ///< of the current session, in their order
   bool in_session_ = false;
   Index held_after_ = 0;  ///< optimizations until it was last looked whether frames hold together
@@ -269,9 +270,9 @@ KeyframeId BackEnd<Closer, Chainer, Merger, Outliers>::add(Keyframe keyframe, co
   allow(options_.max_alignments);
   positions_.append(id, map().keyframes.back().T_map_body.translation());
   gnss_.add(id, map().keyframes.back().time);
-  const bool found = may_close() && take(closer_.close(map().keyframes, positions_, executor), -1, true, executor);
+  if (may_close()) take(closer_.close(map().keyframes, positions_, executor), -1, true, executor);
   // Where the last one failed, fixes do not make the next one better.
-  if (found || graph_.is_unfinished() || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok()))
+  if (is_due() || graph_.is_unfinished() || (graph_.waiting_fixes() >= options_.fixes_at_once && counts_.last.ok()))
     optimize();
   moved_.searched(map().keyframes.back());
   try_merge(id, executor);
@@ -319,6 +320,7 @@ Index BackEnd<Closer, Chainer, Merger, Outliers>::take(LoopClosure closure, bool
   if (chain)
     chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
   counts_.alignments += to_index(chained.size());
+  waiting_.add(map().keyframes, closure, options_.small_correction);
   const Index position = graph_.accept(closure);
   for (LoopClosure& one : chained) {
     one.cause = position;
@@ -381,7 +383,7 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const E& executor) {
       auto tried = closer_.search(map().keyframes, one.others(map().keyframes, positions_), *id, executor);
       if (!take(std::move(tried), one.cause(), options_.chain_in_recheck, executor)) continue;
       one.pause(options_.recheck_pause);
-      optimize();
+      if (is_due()) optimize();
     }
   }
 }
