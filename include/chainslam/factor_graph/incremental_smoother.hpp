@@ -395,6 +395,6 @@ IncrementalSmoother<Group, Extra...>::~IncrementalSmoother() = default;
 // Bodies of its members.
 #include "chainslam/factor_graph/detail/incremental_smoother_changes.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_converge.hpp"
+#include "chainslam/factor_graph/detail/incremental_smoother_leverages.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_queries.hpp"
 #include "chainslam/factor_graph/detail/incremental_smoother_update.hpp"
-#include "chainslam/factor_graph/detail/smoother_leverages.hpp"

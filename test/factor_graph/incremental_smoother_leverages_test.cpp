@@ -33,7 +33,7 @@ double bound_by_covariance(const Smoother& smoother, const BetweenFactor<SE3d>& 
 
 }  // namespace
 
-TEST_SUITE("factor_graph/smoother_leverages") {
+TEST_SUITE("factor_graph/incremental_smoother_leverages") {
   TEST_CASE("what the graph says of a factor anyway is what the covariance of its poses says") {
     for_all(20, [](Rng& rng, int size) {
       Twin twin;
