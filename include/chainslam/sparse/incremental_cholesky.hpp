@@ -204,12 +204,12 @@ class IncrementalCholesky {
                                      double* product) const {
     detail::PathSolver<BlockSize>(tree_, size(), variables).inverse_product(variables, E, columns, product);
   }
+  /// Calls visit(node, Z, stride) for each front of `tree`: Z is H^-1 among its variables, column-major.
+  void for_each_inverse(auto&& visit) const { detail::TreeInverse<BlockSize>(tree_, size()).run(visit); }
   /// The diagonal blocks of H^-1, column-major, at `BlockSize`^2 times their variable's number; zeros for what is not
-  /// eliminated. Costs about two factorizations of everything; allocates.
+  /// eliminated. Costs, as `for_each_inverse` does, about two factorizations of everything; allocates.
   [[nodiscard]] std::vector<double> inverse_diagonal() const {
-    std::vector<double> blocks(static_cast<std::size_t>(Offset{size()} * BlockSize * BlockSize), 0.0);
-    detail::TreeInverse<BlockSize>(tree_, size()).diagonal(blocks);
-    return blocks;
+    return detail::TreeInverse<BlockSize>(tree_, size()).diagonal();
   }
   /// Whether a variable was part of the last `factorize`, neither new nor fixed.
   [[nodiscard]] bool is_eliminated(Index variable) const { return tree_.node_of(variable) != -1; }

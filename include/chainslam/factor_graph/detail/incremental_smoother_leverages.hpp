@@ -12,7 +12,6 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
-#include "chainslam/sparse/detail/tree_inverse.hpp"
 
 namespace chainslam {
 
@@ -38,7 +37,7 @@ class IncrementalSmoother<Group, Extra...>::Leverages {
         list.push_back({i, first[node]});
         first[node] = to_index(list.size()) - 1;
       }
-    detail::TreeInverse<dof>(tree_, smoother_.size()).run([&](Index node, const double* Z, Offset stride) {
+    smoother_.solver_.for_each_inverse([&](Index node, const double* Z, Offset stride) {
       for (Index k = first[node]; k != -1; k = list[k].second)
         bounds[list[k].first] =
             std::min(bounds[list[k].first], bound(factors[static_cast<std::size_t>(list[k].first)], node, Z, stride));

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <algorithm>
-#include <span>
+#include <vector>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -23,8 +23,9 @@ class TreeInverse {
     }
   }
 
-  /// Writes the diagonal blocks of the inverse, column-major, at B^2 times their variable's number.
-  void diagonal(std::span<double> out) {
+  /// The diagonal blocks of the inverse, column-major, at B^2 times their variable's number.
+  [[nodiscard]] std::vector<double> diagonal() {
+    std::vector<double> out(static_cast<std::size_t>(place_.size()) * B * B, 0.0);
     InverseFronts<B>().run(*this, [&](Index node, const double* inverse, Offset stride) {
       for (const Index variable : tree_.columns(node)) {
         double* const to = out.data() + Offset{variable} * B * B;
@@ -32,6 +33,7 @@ class TreeInverse {
         inverse += B * (stride + 1);
       }
     });
+    return out;
   }
 
   /// Calls visit(node, Z, stride) for each front, as `InverseFronts` does.
