@@ -13,8 +13,8 @@ from .tasks import Task
 
 TITLE = "Cost of the tasks"
 INTRODUCTION = """\
-Processor time of this run's tasks, whenever they were run. What is timed for tables 4 and 5 runs alone, two threads
-where it can; all else runs by itself on one.
+Processor time of this run's tasks, whenever they were run. What is timed for tables 4 and 5, maps of LAMM among it,
+runs alone, two threads where it can; all else runs by itself on one.
 """
 KINDS = (
     (r"drive-\d+", "drives"),
@@ -22,7 +22,7 @@ KINDS = (
     (r"odometry-(.+)-\d+", r"odometry \1"),
     (r"(streets|viewpoints)-.+", r"\1"),
     (r"(graph|growth)-.+", "drawn graphs"),
-    (r".+-(session\d+|timed)", "timed maps"),
+    (r".+-session\d+", "timed maps"),
     (r"(.+)", r"map \1"),
 )
 

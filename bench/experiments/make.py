@@ -198,7 +198,7 @@ class Maker:
         for world, row in world_rows:
             fronts[world.name, row.odometry] = self.plan.timed_odometry(world, 1, row.odometry)
             if row.program == "lamm":
-                last.append(self.plan.whole(world, 1, row))
+                last.append(self.plan.map(world, 1, row))
             else:
                 growth = "5" in self.arguments.tables and row.name in GROWTH_ROWS
                 last.append(self.plan.sequence(world, 1, row, growth)[-1])

@@ -115,17 +115,19 @@ class Plan:
         return tuple(self.odometry(world, seed, i, row.odometry) for i in range(len(world.sessions)))
 
     def map(self, world: World, seed: int, row: Row) -> Run:
-        """All sessions in one run, and its errors."""
+        """All sessions in one run, and its errors. Systems that load no map run by themselves: table 4 has their times."""
         sets = self.sets(world, seed, row)
         folders = [f"{{{i}}}/set" for i in range(len(sets))]
         chainslam = "published" if row.is_published else "chainslam"
         program = chainslam if row.program == "chainslam" else row.program
+        timed = row.program == "lamm"
         task = Task(
             f"{world.name}/seed{seed}/{row.name}",
             (self._map_command(world, row, folders, ()), self._evaluate(folders)),
             after=sets,
             depends=(self.programs.identity(program), self.programs.identity(chainslam), _recipe()),
-            drop=UNUSED if row.name in GRAPH_SOURCES.values() else (*UNUSED, "map/map.cslam"),
+            alone=timed,
+            drop=UNUSED if timed or row.name in GRAPH_SOURCES.values() else (*UNUSED, "map/map.cslam"),
             names=(("chainslam", str(self.programs.path(chainslam))),),
         )
         return Run(world, seed, row, task)
@@ -189,20 +191,6 @@ class Plan:
             )
             runs.append(Run(world, seed, row, task))
         return runs
-
-    def whole(self, world: World, seed: int, row: Row) -> Run:
-        """As `map`, but by itself, for the times of systems that load no map."""
-        sets = self.sets(world, seed, row)
-        folders = [f"{{{i}}}/set" for i in range(len(sets))]
-        task = Task(
-            f"{world.name}/seed{seed}/{row.name}-timed",
-            (self._map_command(world, row, folders, ()),),
-            after=sets,
-            depends=(self.programs.identity(row.program),),
-            alone=True,
-            drop=UNUSED,
-        )
-        return Run(world, seed, row, task)
 
     def _map_command(self, world: World, row: Row, sets: list[str], load: tuple[str, ...]) -> tuple[str, ...]:
         if row.program == "lamm":

@@ -188,7 +188,7 @@ class WholeTable(Scratch):
         for name, seconds in (("w/small/seed1/odometry-fast_lio2-1", 60.0), ("w/small/seed2/odometry-fast_lio2-2", 180.0),
                               ("w/small/seed1/odometry-fast_lio2-timed-3", 1.0), ("w/small/seed1/best", 6.0),
                               ("w/small/seed1/best-session2", 7.0), ("w/small/graph-best", 8.0),
-                              ("w/small/seed1/streets-best", 9.0), ("v/small/seed1/lamm-as-released-timed", 10.0)):
+                              ("w/small/seed1/streets-best", 9.0), ("v/small/seed1/best-session5", 10.0)):
             folder = self.root / name.replace("/", "-")
             folder.mkdir()
             write(folder / "task.json", {"commands": [{"processor_seconds": seconds}, {"processor_seconds": 0.0}]})
@@ -349,6 +349,7 @@ class RowsAndWorlds(Scratch):
             self.assertEqual(task.names, (("chainslam", str(earlier if is_published else later)),))
             before = Plan(Programs(earlier, lamm=earlier)).map(world, 1, row).task
             self.assertEqual(task.digest == before.digest, is_published)
+            self.assertEqual(task.alone, name.startswith("lamm"))  # table 4 has its times
 
     def test_each_session_of_a_sequence_loads_the_map_before(self) -> None:
         program = self.root / "chainslam"
