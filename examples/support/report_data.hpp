@@ -112,7 +112,8 @@ struct ReportData {
 /// Sessions, closures, refusals, components and points of a map.
 ///
 /// Frames that no merge joined are moved apart, since nothing is known of how they lie to each other.
-/// @param voxel_size  edge of the cells in which one point of each session is kept, metres.
+/// @param voxel_size  edge of the cells in which one point of each session is kept, metres; larger where more than two
+/// million points would be left.
 [[nodiscard]] ReportData report_data(const SlamMap& map, double voxel_size);
 
 /// Where a session's odometry lies without the closures: at the partner of the merge that brought it into its frame, or

@@ -263,7 +263,7 @@ class IncrementalGnc {
   [[gnu::cold]] void try_others(IncrementalGncReport& report, Index rows);
   /// Takes a group out or in, if that lowers the truncated squares. @param rows  is lowered by the forecast's.
   [[nodiscard]] [[gnu::cold]] bool turn(Index leader, Index& rows);
-  /// Finds for each suspect how much of it the graph says anyway, at most: most forecasts are then not needed.
+  /// Bounds the leverage of each suspect: most forecasts are then not needed.
   [[gnu::cold]] void bound_leverages();
   /// That bound; infinite if it is not known.
   [[nodiscard]] [[gnu::cold]] double leverage(Index number) const {
@@ -387,7 +387,7 @@ class IncrementalGnc {
   detail::Table<Index> vouched_for_;  ///< leaders
   bool trusting_ = true;
   std::uint64_t steps_ = 0;          ///< updates so far
-  detail::Table<double> leverages_;  ///< of suspects,
+  detail::Table<double> leverages_;  ///< bounds, of each suspect,
   std::uint64_t leverages_at_ = 0;   ///< after so many updates
   Index settled_ = 0;                ///< suspects that have taken part in an update
 };

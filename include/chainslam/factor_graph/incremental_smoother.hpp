@@ -180,7 +180,7 @@ class IncrementalSmoother {
   /// nothing else holds what they hold.
   template <Factor F>
   [[nodiscard]] [[gnu::cold]] JointForecast fall_without(std::span<const F> factors) const;
-  class Leverages;  ///< how much of what factors say the graph says anyway
+  class Leverages;  ///< of factors: how much of each the rest of the graph and itself know, by the hat matrix
   /// Grows whenever the graph may have come to know less: factors removed, weights lowered, variables moved.
   [[nodiscard]] std::uint64_t losses() const { return losses_; }
 

@@ -74,7 +74,7 @@ class BackEnd {
   [[gnu::cold]] void begin_session(std::string name);
 
   /// Takes the next keyframe of the session, tries to close loops with it and to join its frame with others, and
-  /// optimizes if that succeeds.
+  /// optimizes if that succeeds, or later if it changes little.
   /// @returns its id.
   /// @throws std::invalid_argument if its time is not later than the session's last, or if T_odom_body is not finite;
   /// the map is then as it was.
@@ -183,7 +183,8 @@ class BackEnd {
   /// Does all that was put off.
   [[gnu::cold]] void catch_up() {
     allow(0);
-    if (in_session_) recheck(Serial{}), search_moved(Serial{});
+    if (in_session_) recheck(Serial{});
+    if (in_session_) search_moved(Serial{});
     if (!waiting_.empty()) optimize();
   }
 

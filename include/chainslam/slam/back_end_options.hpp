@@ -87,7 +87,7 @@ struct BackEndOptions {
   Index fixes_at_once = 10;  ///< GNSS fixes that wait before they make an optimization of their own
   /// Direct closures that wait before they make one, each with what is chained to it; 1: each does (the paper).
   Index closures_at_once = 10;
-  double small_correction = 0.1;  ///< metres; a closure that corrects its scan by more does not wait
+  double small_correction = 0.1;  ///< metres; one that moves its scan, or a point 10 m from it, by more does not wait
   /// Metres that a keyframe of the current session is moved by before it is tried again: its neighbours are others now.
   double search_again = 3.0;
   /// Scans that a keyframe aligns, until what is left to search again waits for the next one; 0: any number (the

@@ -15,16 +15,18 @@
 
 namespace chainslam {
 
-/// How much of what factors say the graph says anyway: J H^-1 J^T of each, for all of them by one pass over the fronts
-/// of the factor, about the work of two factorizations.
+/// Leverages of whitened factors (Hoaglin and Welsch 1978, "The hat matrix"): the share of each that the graph knows
+/// anyway, J H^-1 J^T, without unit; between 0 and 1 for factors of the graph that count in full.
+///
+/// One pass over the fronts of the Cholesky factor gives all, for about the work of two factorizations.
 template <class Group, class... Extra>
 class IncrementalSmoother<Group, Extra...>::Leverages {
  public:
   /// @param smoother  after an update.
   explicit Leverages(const IncrementalSmoother& smoother) : smoother_(smoother), tree_(smoother.solver_.tree()) {}
 
-  /// For each factor a bound of the largest eigenvalue; infinite where no front holds its variables, as those do of
-  /// factors in the graph.
+  /// For each factor an upper bound of the largest eigenvalue: the largest sum of a column's magnitudes. Infinite where
+  /// no front has all its variables; there is one for each factor of the graph.
   template <Factor F>
   [[nodiscard]] [[gnu::cold]] detail::Table<double> bounds(std::span<const F> factors) const {
     detail::Table<double> bounds(to_index(factors.size()), std::numeric_limits<double>::infinity());
