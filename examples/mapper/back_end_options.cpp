@@ -334,6 +334,12 @@ void add_merge(Configuration& configuration, BackEndParts& parts) {
                     {.unit = "m", .min = 0, .max = 1e6, .help = "Minimum travel between merge attempts."});
   configuration.add("merge.min_period", merge.min_period,
                     {.unit = "s", .min = 0, .max = 1e6, .help = "Minimum time (of the data) between merge attempts."});
+  configuration.add(
+      "merge.max_registrations", merge.max_registrations,
+      {.min = 0,
+       .max = 1000,
+       .help = "Maximum number of candidates tried at one keyframe; the others are tried at the next ones. "
+               "0: all at once."});
   configuration.add("merge.submap_radius", merge.submap_radius,
                     {.min = 0,
                      .max = 1000,

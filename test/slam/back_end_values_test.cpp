@@ -51,8 +51,10 @@ struct TwoRounds {
   using Merger = MapMerger<test::ScriptedPlaces, test::ScriptedRegistration>;
   using TwoRoundsBackEnd = BackEnd<test::TruthCloser, ChainedCloser, Merger>;
 
+  /// @param alignments  gets their number after each keyframe.
   [[nodiscard]] std::unique_ptr<TwoRoundsBackEnd> run(const BackEndOptions& options,
-                                                      const ProximityCandidates& candidates = {}) const {
+                                                      const ProximityCandidates& candidates = {},
+                                                      std::vector<Index>* alignments = nullptr) const {
     test::TruthCloser closer;
     std::vector<SE3d> seen = truth;
     for (Index i = 4; i < unseen; ++i) seen[static_cast<std::size_t>(i)] = SE3d(SO3d(), {1e4, 0, 0});
@@ -63,6 +65,7 @@ struct TwoRounds {
     for (Index i = 0; i < 2 * each; ++i) {
       if (i % each == 0) back_end->begin_session(std::to_string(i / each));
       back_end->add(test::keyframe_at(i % each, odometry[static_cast<std::size_t>(i)]));
+      if (alignments != nullptr) alignments->push_back(back_end->counts().alignments);
     }
     (void)back_end->finish();
     return back_end;
@@ -162,6 +165,29 @@ TEST_SUITE("slam/back_end: values") {
     CHECK(back_end.counts().optimizations == 0);
     back_end.begin_session("next");
     CHECK(back_end.counts().optimizations == 1);
+  }
+
+  TEST_CASE("a drive that has candidates left when it ends is joined by them, and searched again along its way") {
+    const TwoRounds rounds;
+    const Index last = rounds.each - 1;
+    for (const Index wrong : {30, 20}) {
+      rounds.place(last, wrong);
+      rounds.script->places.back().status = GlobalAlignStatus::no_consensus;
+    }
+    rounds.place(last, last);
+    const auto back_end = rounds.run({});
+    CHECK(back_end->counts().merges == 1);
+    CHECK(rounds.tied(back_end->map(), 0, 70) == 34);
+  }
+
+  TEST_CASE("a keyframe that joins two frames searches nothing again: the next ones do") {
+    const TwoRounds rounds;
+    rounds.place(60, 60);
+    std::vector<Index> alignments;
+    CHECK(rounds.run({}, {}, &alignments)->counts().merges == 1);
+    const auto after = alignments.begin() + rounds.each + 60;
+    CHECK(after[0] == after[-1]);
+    CHECK(after[1] >= after[0] + BackEndOptions{}.max_alignments);
   }
 
   TEST_CASE("ten fixes are worth an optimization of their own") {

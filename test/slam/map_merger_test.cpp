@@ -178,6 +178,43 @@ TEST_SUITE("slam/map_merger") {
     }
   }
 
+  TEST_CASE("an attempt tries one candidate, and the next keyframes' attempts the others, unless it may try all") {
+    for (const Index at_once : {MergeOptions{}.max_registrations, 2, 0}) {
+      CAPTURE(at_once);
+      Sessions sessions(2);
+      for (const Index candidate : {20, 30}) sessions.place(45, candidate).status = GlobalAlignStatus::no_consensus;
+      sessions.place(45, 6);
+      sessions.place(46, 7);  // not looked for while others wait
+      MergeOptions options = merge_as_in_paper;
+      options.max_registrations = at_once;
+      Merger merger = sessions.merger(options);
+      const auto attempts = sessions.attempts(merger);
+      const Outcome outcome(attempts);
+      CHECK(attempts[5].size() == static_cast<std::size_t>(at_once == 0 ? 3 : at_once));
+      CHECK(outcome.joined_at == (at_once == 0 ? 5 : at_once == 1 ? 7 : 6));
+      CHECK(outcome.verdicts ==
+            Verdicts{ClosureVerdict::not_converged, ClosureVerdict::not_converged, ClosureVerdict::accepted});
+      REQUIRE(outcome.accepted.size() == 1);
+      CHECK(outcome.accepted.front().to == KeyframeId{45});
+      CHECK(outcome.accepted.front().from == KeyframeId{6});
+    }
+  }
+
+  TEST_CASE("candidates that wait are dropped once their frame is joined, and when the session ends") {
+    Sessions sessions(2);
+    sessions.place(45, 6);
+    sessions.place(45, 20);
+    Merger merger = sessions.merger(merge_as_in_paper);
+    CHECK(Outcome({merger.attempt(sessions.map, KeyframeId{45}, sessions.closer)}).joined_at == 0);
+    CHECK_FALSE(merger.is_unfinished());
+    sessions.place(48, 9).status = GlobalAlignStatus::no_consensus;
+    sessions.place(48, 20);
+    CHECK(merger.attempt(sessions.map, KeyframeId{48}, sessions.closer).size() == 1);
+    CHECK(merger.is_unfinished());
+    CHECK(merger.withdraw().empty());
+    CHECK_FALSE(merger.is_unfinished());
+  }
+
   TEST_CASE("attempts can be a period of time apart") {
     Sessions sessions(2);
     for (const Index query : {45, 48, 50}) sessions.place(query, query - 39);

@@ -35,8 +35,7 @@ namespace chainslam {
 /// @tparam Closer   finds closures: `LoopCloser` with its policies.
 /// @tparam Chainer  finds more of them from each: `ChainedCloser`, or `NoChaining`.
 /// @tparam Merger   joins frames: `MapMerger` with its policies, or `NoMerging`.
-/// @tparam Outliers what becomes of measurements that the rest of the graph contradicts: `GroupGnc`, or a robust
-/// kernel.
+/// @tparam Outliers what becomes of measurements that the others contradict: `GroupGnc`, or a robust kernel.
 template <class Closer = LoopCloser<>, class Chainer = ChainedCloser, class Merger = MapMerger<>,
           class Outliers = GroupGnc>
 class BackEnd {
@@ -58,8 +57,8 @@ class BackEnd {
     positions_.set_covariance(covariance_);
   }
 
-  /// Adds a map that was saved before: its sessions count as earlier ones. If it is the first, its keyframes keep their
-  /// numbers; a later one's follow those that are here.
+  /// Adds a saved map: its sessions count as earlier ones. Keyframes of the first keep their numbers, others get new
+  /// ones.
   [[gnu::cold]] void load(const SlamMap& map) {
     catch_up();
     const Index known = to_index(graph_.map().closures.size());
@@ -111,17 +110,15 @@ class BackEnd {
 
   /// The map as it is; owned by the back end, to be read on the thread that adds.
   [[nodiscard]] const SlamMap& map() const { return graph_.map(); }
-  /// The map as it is between two steps of the back end, whole; it costs a copy where it has changed since the last
-  /// call, on the thread that asks.
+  /// The map as it is between two steps; a copy of what has changed since the last call, made on the calling thread.
   [[nodiscard]] std::shared_ptr<const SlamMap> snapshot() const { return graph_.snapshot(); }
   /// Where odometry's frame lies in the map, by the newest keyframe; null before the first.
   [[nodiscard]] std::shared_ptr<const SE3d> T_map_odom() const { return T_map_odom_.load(); }
 
-  [[nodiscard]] const auto& smoother() const { return graph_.smoother(); }  ///< the smoother behind the map
-  /// All accepted closures as a graph over the keyframes.
-  [[nodiscard]] const ClosureGraph& closure_graph() const { return closure_graph_; }
-  [[nodiscard]] const Closer& closer() const { return closer_; }         ///< what finds closures
-  [[nodiscard]] const BackEndCounts& counts() const { return counts_; }  ///< what was done so far
+  [[nodiscard]] const auto& smoother() const { return graph_.smoother(); }            ///< the smoother behind the map
+  [[nodiscard]] const ClosureGraph& closure_graph() const { return closure_graph_; }  ///< of accepted closures
+  [[nodiscard]] const Closer& closer() const { return closer_; }                      ///< what finds closures
+  [[nodiscard]] const BackEndCounts& counts() const { return counts_; }               ///< what was done so far
 
  private:
   [[nodiscard]] const Session& session() const { return map().sessions.back(); }
@@ -182,6 +179,8 @@ class BackEnd {
   void allow(Index more) { alignments_end_ = more > 0 ? counts_.alignments + more : std::numeric_limits<Index>::max(); }
   /// Does all that was put off.
   [[gnu::cold]] void catch_up() {
+    if constexpr (requires { merger_.is_unfinished(); })
+      while (in_session_ && merger_.is_unfinished()) try_merge(map().keyframes.back().id, Serial{});
     allow(0);
     if (in_session_) recheck(Serial{});
     if (in_session_) search_moved(Serial{});
@@ -368,6 +367,7 @@ void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClo
   optimize();
   rechecks_.emplace_back(session(), std::move(joined), position);
   moved_.moved_together(map().keyframes, session());
+  if (options_.max_alignments > 0) alignments_end_ = counts_.alignments;  // the keyframe has caused enough
 }
 
 template <class Closer, class Chainer, class Merger, class Outliers>

@@ -26,9 +26,10 @@ enum class MergeMeasurement {
 
 /// When sessions are merged.
 struct MergeOptions {
-  bool enabled = true;      ///< whether sessions are merged at all
-  double min_travel = 4.0;  ///< metres along the path between two attempts
-  double min_period = 0;    ///< seconds of the data between two attempts
+  bool enabled = true;          ///< whether sessions are merged at all
+  double min_travel = 4.0;      ///< metres along the path between two attempts
+  double min_period = 0;        ///< seconds of the data between two attempts
+  Index max_registrations = 1;  ///< candidates that one attempt tries, the others wait for the next; 0: all (the paper)
   /// Keyframes n: up to 2n+1 of the earlier session, n+1 of the current one, which has no future.
   Index submap_radius = 20;
   double submap_length = 60;  ///< metres along the path on each side, at most; 0: any (the paper)

@@ -25,7 +25,7 @@ namespace chainslam {
 /// without a guess, and a check (section 6 of the paper).
 ///
 /// A place that passes is a hypothesis, until as many others as asked for agree with it, or the fixes and scans around
-/// it do. Hypotheses of different frames stand side by side; those of a frame that was joined otherwise are given up.
+/// it do. Hypotheses of different frames stand side by side; those of a frame that was joined otherwise are discarded.
 /// Keyframes of the session's own frame are tried, too, where fixes say that it lies wrong there.
 /// @tparam Candidates    which keyframes to try. If they have `std::optional<SE3d> guess(from, to) const`, as
 ///                       PlaceCandidates do, a candidate with a guess is aligned from it.
@@ -52,12 +52,15 @@ class MapMerger {
   /// @param closer  refines, and so confirms, what registration found.
   /// @returns what was tried. Accepted closures, of kind merge, agree with each other and join two frames: the newest
   /// comes last. If it is one frame, they contradict `contradicted`. Those that wait for others to agree with them are
-  /// not among them: see `withdraw`.
+  /// not among them: see `withdraw`. While candidates of an earlier query wait, these are tried instead.
   template <ClosureAligner Closer, Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> attempt(const SlamMap& map, KeyframeId query, Closer& closer,
                                                                const E& executor = {});
 
-  /// Gives up what waits for confirmation: at the session's end. @returns it as refusals.
+  /// Whether candidates are left that the next attempt tries.
+  [[nodiscard]] bool is_unfinished() const { return !left_.candidates.empty(); }
+
+  /// Discards what waits for confirmation: at the session's end. @returns it as refusals.
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> withdraw();
 
   /// Positions of closures that hold sessions together where their fixes contradict it.
@@ -77,9 +80,20 @@ class MapMerger {
     double length = 0;
   };
 
+  /// What of an attempt waits for the next one.
+  struct Left {
+    KeyframeId query;
+    double travelled = 0;  ///< metres from the session's start to it
+    detail::Table<KeyframeId> candidates;
+  };
+
   [[nodiscard]] static const Keyframe& keyframe(const SlamMap& map, KeyframeId id) {
     return map.keyframes[static_cast<std::size_t>(id.value)];
   }
+
+  /// Looks for candidates, if the query lies far enough along the path from the last that had some, and late enough.
+  /// @returns whether it does.
+  [[nodiscard]] [[gnu::cold]] bool look_for_candidates(const SlamMap& map, KeyframeId query);
 
   /// Queries come in order.
   [[nodiscard]] [[gnu::cold]] double travelled_to(const SlamMap& map, KeyframeId query);
@@ -120,6 +134,7 @@ class MapMerger {
   detail::MergeHypotheses hypotheses_;
   UndoneClosures undone_;
   Path path_;
+  Left left_;
   double last_attempt_ = -std::numeric_limits<double>::infinity();  ///< metres from the session's start
   double last_asked_ = -std::numeric_limits<double>::infinity();    ///< whether one place is enough, the same
   std::optional<Timestamp> last_time_;
@@ -130,30 +145,45 @@ template <ClosureAligner Closer, Executor E>
 std::vector<LoopClosure> MapMerger<Candidates, Registration>::attempt(const SlamMap& map, KeyframeId query,
                                                                       Closer& closer, const E& executor) {
   std::vector<LoopClosure> tried;
-  if (!options_.enabled) return tried;
-  const double travelled = travelled_to(map, query);
-  const double since = travelled - last_attempt_;
-  if (since < options_.min_travel || since <= 0) return tried;  // asked again at the same place: nothing new to see
-  const Timestamp now = keyframe(map, query).time;
-  if (last_time_ && to_seconds(now - *last_time_) < options_.min_period) return tried;
-  for (const KeyframeId candidate : candidates(map, query)) {
-    last_attempt_ = travelled;
-    last_time_ = now;
-    LoopClosure closure = register_submaps(map, candidate, query, closer, executor);
+  if (!options_.enabled || (left_.candidates.empty() && !look_for_candidates(map, query))) return tried;
+  for (Index count = 0; !left_.candidates.empty(); ++count) {
+    if (options_.max_registrations > 0 && count >= options_.max_registrations) return tried;
+    const KeyframeId candidate = left_.candidates.back();
+    left_.candidates.pop_back();
+    LoopClosure closure = register_submaps(map, candidate, left_.query, closer, executor);
     undone_.refuse_repeated_merge(map, options_, closure);
     if (closure.verdict != ClosureVerdict::accepted) {
       tried.push_back(closure);
       continue;
     }
-    hypotheses_.add(closure, travelled);
-    if (hypotheses_.confirm(map, tried)) return tried;
+    hypotheses_.add(closure, left_.travelled);
+    if (hypotheses_.confirm(map, tried)) {
+      left_ = {};
+      return tried;
+    }
     last_asked_ = -std::numeric_limits<double>::infinity();
   }
-  if (travelled - last_asked_ >= options_.min_place_distance) {
-    last_asked_ = travelled;
+  if (left_.travelled - last_asked_ >= options_.min_place_distance) {
+    last_asked_ = left_.travelled;
     confirm_alone(map, tried, closer, executor);
   }
   return tried;
+}
+
+template <class Candidates, class Registration>
+bool MapMerger<Candidates, Registration>::look_for_candidates(const SlamMap& map, KeyframeId query) {
+  const double travelled = travelled_to(map, query);
+  const double since = travelled - last_attempt_;
+  if (since < options_.min_travel || since <= 0) return false;  // asked again at the same place: nothing new to see
+  const Timestamp now = keyframe(map, query).time;
+  if (last_time_ && to_seconds(now - *last_time_) < options_.min_period) return false;
+  left_ = {.query = query, .travelled = travelled, .candidates = {}};
+  const std::vector<KeyframeId> found = candidates(map, query);
+  for (std::size_t k = found.size(); k > 0; --k) left_.candidates.push_back(found[k - 1]);
+  if (found.empty()) return true;
+  last_attempt_ = travelled;
+  last_time_ = now;
+  return true;
 }
 
 template <class Candidates, class Registration>
@@ -174,6 +204,7 @@ std::vector<KeyframeId> MapMerger<Candidates, Registration>::candidates(const Sl
 template <class Candidates, class Registration>
 std::vector<LoopClosure> MapMerger<Candidates, Registration>::withdraw() {
   path_ = {};
+  left_ = {};
   last_attempt_ = last_asked_ = -std::numeric_limits<double>::infinity();
   last_time_.reset();
   return hypotheses_.withdraw();
