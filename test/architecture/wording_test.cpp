@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -33,23 +32,8 @@ std::vector<std::string> files_in(const std::string& folder, const std::vector<s
   return names;
 }
 
-/// Files that are not held to the list yet, and why.
-const std::map<std::string, std::string> exempt{
-    {"include/chainslam/factor_graph/constrained_factor.hpp",
-     "the method is described by springs; changes with its names"},
-    {"include/chainslam/factor_graph/incremental_gnc.hpp", "a suspect is a name of its interface"},
-    {"include/chainslam/slam/submap.hpp", "British spelling only"},
-    {"include/chainslam/slam/detail/graph_factors.hpp", "odometry that is doubted"},
-    {"include/chainslam/slam/map_merger.hpp", "submaps that lie on each other"},
-};
-
 void check(const std::string& name, const std::string& text) {
-  const auto found = avoided_in(name, text);
-  if (exempt.contains(name)) {
-    CHECK_MESSAGE(!found.empty(), name, " has no avoided words any more: it needs no exemption");
-    return;
-  }
-  for (const std::string& one : found) FAIL_CHECK(one);
+  for (const std::string& one : avoided_in(name, text)) FAIL_CHECK(one);
 }
 
 }  // namespace
@@ -83,13 +67,6 @@ TEST_SUITE("architecture/wording") {
       ++count;
     }
     CHECK(count > 100);
-  }
-
-  TEST_CASE("files that are exempt exist") {
-    for (const auto& entry : exempt) {
-      CHECK_MESSAGE(fs::exists(fs::path(CHAINSLAM_SOURCE_DIR) / entry.first), entry.first);
-      CHECK(!entry.second.empty());
-    }
   }
 
   TEST_CASE("descriptions of settings are sentences") {

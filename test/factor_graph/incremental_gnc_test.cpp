@@ -95,12 +95,12 @@ TEST_SUITE("factor_graph/incremental_gnc") {
       if (key > 0) smoother.add(BetweenFactor<SE3d>{key - 1, key, SE3d(SO3d(), {1, 0, 0}), noise(0.08, 0.001)});
     }
     smoother.add_prior(0, SE3d(), NoiseModel<6>::from_sigma(0.01));
-    const Suspicion suspicion{.threshold = 40, .outlier_weight = 1e-8, .forecast = true};
-    const Index wrong = gnc.add({0, last, SE3d(SO3d(), {1.0 * last, 2, 0}), noise(0.02, 0.002)}, suspicion);
+    const OutlierTest test{.threshold = 40, .outlier_weight = 1e-8, .forecast = true};
+    const Index wrong = gnc.add({0, last, SE3d(SO3d(), {1.0 * last, 2, 0}), noise(0.02, 0.002)}, test);
     REQUIRE(gnc.update().last.ok());
     std::vector<Index> right;
     for (Key from = 0; from < 10; ++from) {
-      right.push_back(gnc.add({from, last, SE3d(SO3d(), {1.0 * (last - from), 0, 0}), noise(0.5, 0.01)}, suspicion));
+      right.push_back(gnc.add({from, last, SE3d(SO3d(), {1.0 * (last - from), 0, 0}), noise(0.5, 0.01)}, test));
       REQUIRE(gnc.update().last.ok());
     }
     CHECK(gnc.is_in(wrong));

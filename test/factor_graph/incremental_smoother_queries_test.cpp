@@ -615,7 +615,7 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
       StreetWalk walk({.sessions = 2, .keyframes = 300, .blocks = 2, .outliers = 0.25, .seed = seed});
       Smoother robust, plain, honest;
       IncrementalGnc<Smoother> gnc(robust);
-      std::vector<std::pair<Index, bool>> suspects;
+      std::vector<std::pair<Index, bool>> candidates;
       Index steps = 0;
       for (Key key = 0; !walk.done(); ++key) {
         const StreetWalk::Step step = walk.next();
@@ -627,7 +627,7 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
             const BetweenFactor<SE3d> factor{closure.from, key, closure.T_from_to,
                                              StreetWalk::closure_noise().sqrt_information()};
             if (smoother == &robust)
-              suspects.emplace_back(gnc.add(factor), closure.lies);
+              candidates.emplace_back(gnc.add(factor), closure.lies);
             else if (smoother == &plain || !closure.lies)
               smoother->add(factor);
           }
@@ -638,10 +638,10 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
         steps += report.steps;
       }
       Index lies = 0, believed = 0, doubted = 0;
-      for (const auto& [suspect, lie] : suspects) {
+      for (const auto& [candidate, lie] : candidates) {
         lies += lie ? 1 : 0;
-        believed += lie && gnc.is_in(suspect) ? 1 : 0;
-        doubted += !lie && !gnc.is_in(suspect) ? 1 : 0;
+        believed += lie && gnc.is_in(candidate) ? 1 : 0;
+        doubted += !lie && !gnc.is_in(candidate) ? 1 : 0;
       }
       REQUIRE(honest.converge().ok());
       REQUIRE(robust.converge().ok());
@@ -656,21 +656,21 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
            worst(plain));
       CHECK(lies > 5);
       CHECK(believed == 0);
-      CHECK(doubted <= to_index(suspects.size()) / 20);
+      CHECK(doubted <= to_index(candidates.size()) / 20);
       CHECK(worst(robust) < 0.05);
       CHECK(worst(plain) > 1.0);
       CHECK(steps < 4 * robust.size());
     }
   }
 
-  TEST_CASE("an update that fails takes its suspects back, and the next decides as if they had never been") {
+  TEST_CASE("an update that fails takes its candidates back, and the next decides as if they had never been") {
     const auto step = SE3d(SO3d(), {1, 0, 0});
     const auto noise = Smoother::Noise::from_sigma(0.1).sqrt_information();
-    const Suspicion odometry{.threshold = 40, .outlier_weight = 1e-8, .trusted = true};
+    const OutlierTest odometry{.threshold = 40, .outlier_weight = 1e-8, .trusted = true};
     const auto grow = [&](Smoother& smoother, IncrementalGnc<Smoother>& gnc, Index count) {
       for (Index k = 0; k < count; ++k) {
         const Key key = smoother.add_value(SE3d(SO3d(), {1.0 * smoother.size(), 0, 0}));
-        Suspicion next = odometry;
+        OutlierTest next = odometry;
         next.previous = key - 2;  // of step `key - 1`, the one before; -1 of the first
         gnc.add({key - 1, key, step, noise}, next);
       }
@@ -696,10 +696,10 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     CHECK(failed.values() == whole.values());
   }
 
-  TEST_CASE("a suspect that is dropped is neither the next of its sequence nor a member of its group") {
-    detail::SuspectList<SE3d> list;
+  TEST_CASE("a candidate that is dropped is neither the next of its sequence nor a member of its group") {
+    detail::CandidateList<SE3d> list;
     const auto add = [&](Key from, Index leader, Index previous) {
-      detail::SuspectList<SE3d>::Entry entry;
+      detail::CandidateList<SE3d>::Entry entry;
       entry.factor.from = from;
       entry.factor.to = from + 1;
       entry.leader = leader;

@@ -26,14 +26,14 @@ struct LessConstant {
 /// A factor some of whose rows must be zero exactly, be it against all others: a variable on a plane, two poses that
 /// are one. (A variable that is known altogether is `set_fixed`.)
 ///
-/// By the method of multipliers (Hestenes 1969; Nocedal and Wright 2006, section 17.3): the rows count as stiff
-/// springs, whose rest is moved by what they give way, until they are at zero. `optimize` and
-/// `IncrementalSmoother::converge` do so; `IncrementalSmoother::update` leaves the springs where they rest, and their
-/// rows off by the force on them times the square of their softness. The softness changes how fast the rows come to
-/// zero, not where all ends: a hundredth of the smallest standard deviation around makes two or three rounds; below
-/// 1e-6 of the largest, rounding shows. Contradicting constraints end where their springs balance, and the reports'
-/// `violation` says so. Where a later round fails, values stay those of the last that did not, while the springs' rest
-/// has moved once more.
+/// By the method of multipliers (augmented Lagrangian; Hestenes 1969; Nocedal and Wright 2006, section 17.3): the rows
+/// have a quadratic penalty and multipliers, which are updated by what is left of them, until they are zero. `optimize`
+/// and `IncrementalSmoother::converge` do so; `IncrementalSmoother::update` leaves the multipliers as they are, and the
+/// rows off by the force on them times the square of the softness. The softness changes how fast the rows come to
+/// zero, not the solution: a hundredth of the smallest standard deviation around makes two or three rounds; below
+/// 1e-6 of the largest, rounding shows. Contradicting constraints end where their penalties balance, which the reports'
+/// `violation` shows. Where a later round fails, values stay those of the last that did not, while the multipliers have
+/// been updated once more.
 template <Factor F>
 struct Constrained {
   static_assert(F::rows != Eigen::Dynamic, "Constrained: the factor's rows are known when the program is compiled");
@@ -54,8 +54,9 @@ struct Constrained {
 
   F factor;                          ///< its hard rows divided by `softness`
   Residual hard = Residual::Zero();  ///< 1 where a row must be zero, else 0
-  double softness = 1e-4;            ///< what a spring gives way under unit force, its square root; in rows' units
-  Residual multipliers = Residual::Zero();  ///< where the springs' rest is, divided by `softness`
+  double softness =
+      1e-4;  ///< standard deviation that stands for zero: the penalty's weight is 1/softness^2; in rows' units
+  Residual multipliers = Residual::Zero();  ///< in units of the penalty: added to the residual
   LessConstant kernel{};                    ///< takes off what the multipliers alone cost
 
   [[nodiscard]] auto keys() const { return factor.keys(); }  ///< keys of the variables, in the order of the Jacobians
@@ -72,7 +73,7 @@ struct Constrained {
   [[nodiscard]] double violation(const Values<Value>& values) const {
     return softness * factor.residual(values).cwiseProduct(hard).cwiseAbs().maxCoeff();
   }
-  /// Moves the springs' rest by what they give way at these values.
+  /// Updates the multipliers by the rows' residuals at these values.
   void tighten(const Values<Value>& values) {
     set_multipliers(multipliers + factor.residual(values).cwiseProduct(hard));
   }
@@ -118,10 +119,10 @@ inline constexpr bool is_constraint = requires(F& factor, const Values<typename 
   factor.tighten(values);
 };
 
-/// When the springs of constraints have been moved often enough.
+/// When the multipliers of constraints have been updated often enough.
 class ConstraintRounds {
  public:
-  /// @returns whether to move the springs and optimize once more.
+  /// @returns whether to update the multipliers and optimize once more.
   [[nodiscard]] bool more(double violation) {
     since_best_ = violation < 0.9 * best_ ? 0 : since_best_ + 1;
     best_ = std::min(best_, violation);

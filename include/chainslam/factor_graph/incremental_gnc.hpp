@@ -10,7 +10,7 @@
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/factor_graph/detail/suspect_list.hpp"
+#include "chainslam/factor_graph/detail/candidate_list.hpp"
 #include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "chainslam/factor_graph/smoother_reports.hpp"
@@ -30,12 +30,12 @@ struct IncrementalGncOptions {
   Index memory = 50;               ///< unexpected groups that are remembered for that
   double consecutive_price = 0.1;  ///< fraction of its price that an outlier costs shortly after another
   Index consecutive_gap = 3;       ///< of the same sequence: so many places after it at most
-  /// Rows of residuals of suspects near a change, the newest first, that an update tries the other way round.
+  /// Rows of residuals of candidates near a change, the newest first, that an update tries the other way round.
   Index tried_rows = 600;
 };
 
 /// How a factor that may be wrong is judged.
-struct Suspicion {
+struct OutlierTest {
   /// Squared whitened residual beyond which it is an outlier. 0: what one good factor in a hundred exceeds.
   double threshold = 0.0;
   /// What an outlier costs the truncated squares. 0: its threshold.
@@ -46,9 +46,9 @@ struct Suspicion {
   /// Whether it begins as an outlier where the graph, by its own covariance, does not expect it: its error would be
   /// shared out over what is less certain, and never show.
   bool forecast = false;
-  /// Whether it is beyond suspicion until enough others agree that the graph is wrong.
+  /// Whether it is taken as right until enough others agree that the graph is wrong.
   bool trusted = false;
-  /// Number of the preceding suspect of a sequence that fails as a whole, such as steps of odometry: of consecutive
+  /// Number of the preceding candidate of a sequence that fails as a whole, such as steps of odometry: of consecutive
   /// outliers only the first costs its full price. -1: none.
   Index previous = -1;
 };
@@ -58,10 +58,10 @@ struct IncrementalGncReport {
   UpdateReport last;       ///< of the last update
   Index steps = 0;         ///< updates,
   FactorizationWork work;  ///< and what all of them took
-  bool decided = true;     ///< whether each suspect is in or out, as its residual says; else the steps did not suffice
+  bool decided = true;  ///< whether each candidate is in or out, as its residual says; else the steps did not suffice
 };
 
-/// Takes suspects into a growing graph, and decides again which of them are outliers whenever they contradict each
+/// Takes candidates into a growing graph, and decides again which of them are outliers whenever they contradict each
 /// other or the rest, so that the truncated squares become least: squared whitened residuals of what is in, prices of
 /// what is out. Three kinds of steps lower them:
 /// - graduated non-convexity (Yang et al. 2020) where a residual says something else than its weight, each step an
@@ -72,56 +72,56 @@ struct IncrementalGncReport {
 /// - several unexpected groups that agree with each other (Mangelson et al. 2018) in, whatever is found to contradict
 ///   them out; what does not lower the truncated squares is taken back.
 ///
-/// A suspect counts in full until it is contradicted. Outliers count again when the estimate comes to agree with them.
-/// Suspects that follow from one another form a group with one vote: it is in as long as half of it agrees with the
+/// A candidate counts in full until it is contradicted. Outliers count again when the estimate agrees with them.
+/// Candidates that follow from one another form a group with one vote: it is in as long as half of it agrees with the
 /// estimate, and then each member is judged by itself too. Without contradictions, an update costs what the smoother's
 /// does and some forecasts. The smoother's own factors, or the weights of outliers, must constrain the whole graph.
 template <class Smoother>
 class IncrementalGnc {
  public:
   using Group = typename Smoother::Value;  ///< type of the variables
-  using Suspect = BetweenFactor<Group>;    ///< the factor that is judged
-  static constexpr Index none = -1;        ///< no suspect, no key
+  using Candidate = BetweenFactor<Group>;  ///< the factor that is judged
+  static constexpr Index none = -1;        ///< no candidate, no key
 
   /// @param smoother  stays the caller's, and outlives this.
   explicit IncrementalGnc(Smoother& smoother, const IncrementalGncOptions& options = {})
       : smoother_(smoother), options_(options) {}
 
-  /// Adds a suspect to the smoother. @returns its number: 0, 1, ...
-  /// @param leader  number of the suspect whose group it joins, the first of that group; none: a group of its own.
-  [[gnu::cold]] Index add(const Suspect& suspect, const Suspicion& suspicion = {}, Index leader = none) {
+  /// Adds a candidate to the smoother. @returns its number: 0, 1, ...
+  /// @param leader  number of the candidate whose group it joins, the first of that group; none: a group of its own.
+  [[gnu::cold]] Index add(const Candidate& candidate, const OutlierTest& test = {}, Index leader = none) {
     Entry entry;
-    entry.factor = suspect;
-    entry.threshold = suspicion.threshold > 0.0 ? suspicion.threshold : chi_squared_99(Group::dof);
-    entry.price = suspicion.price > 0.0 ? suspicion.price : entry.threshold;
-    entry.outlier_weight = suspicion.outlier_weight;
-    entry.trusted = suspicion.trusted;
-    entry.forecast = suspicion.forecast;
+    entry.factor = candidate;
+    entry.threshold = test.threshold > 0.0 ? test.threshold : chi_squared_99(Group::dof);
+    entry.price = test.price > 0.0 ? test.price : entry.threshold;
+    entry.outlier_weight = test.outlier_weight;
+    entry.trusted = test.trusted;
+    entry.forecast = test.forecast;
     entry.leader = leader;
-    entry.previous = suspicion.previous;
-    const Index number = suspects_.add(entry);
-    if (suspicion.forecast && suspicion.begins_in)
+    entry.previous = test.previous;
+    const Index number = candidates_.add(entry);
+    if (test.forecast && test.begins_in)
       waiting_.push_back(number);
     else
-      put(number, suspicion.begins_in);
+      put(number, test.begins_in);
     return number;
   }
 
-  /// Adds a suspect on one variable.
-  Index add(const PriorFactor<Group>& prior, const Suspicion& suspicion = {}) {
-    return add(Suspect{none, prior.key, prior.mean, prior.sqrt_information}, suspicion);
+  /// Adds a candidate on one variable.
+  Index add(const PriorFactor<Group>& prior, const OutlierTest& test = {}) {
+    return add(Candidate{none, prior.key, prior.mean, prior.sqrt_information}, test);
   }
 
-  /// Takes a suspect out for good.
+  /// Takes a candidate out for good.
   [[gnu::cold]] void remove(Index number) {
-    Entry& of = suspects_[number];
+    Entry& of = candidates_[number];
     if (smoother_.contains(of.id)) smoother_.remove(of.id);
     of.ratio = 0.0;
   }
 
   /// Puts another measurement of the same variable in the place of a prior; it counts as that did.
   [[gnu::cold]] void replace(Index number, const Group& mean, const SqrtInformation<Group::dof>& sqrt_information) {
-    Entry& of = suspects_[number];
+    Entry& of = candidates_[number];
     const bool in = is_in(number);
     smoother_.remove(of.id);
     of.factor.measurement = mean;
@@ -129,7 +129,7 @@ class IncrementalGnc {
     put(number, in);
   }
 
-  /// Puts suspects that wait for a forecast into the smoother, in full: where nothing else holds what they hold.
+  /// Puts candidates that wait for a forecast into the smoother, in full: where nothing else holds what they hold.
   /// @returns whether there were any.
   [[gnu::cold]] bool admit() {
     const bool any = !waiting_.empty();
@@ -144,8 +144,8 @@ class IncrementalGnc {
   /// or not, be decided again by the next update.
   void vouch_for(Index leader) { vouched_for_.push_back(leader); }
 
-  /// Updates the smoother until each suspect is in or out. If the first update fails, the suspects added since the last
-  /// are gone, as all else; if a later one does, the decision waits for the next time.
+  /// Updates the smoother until each candidate is in or out. If the first update fails, the candidates added since the
+  /// last are gone, as all else; if a later one does, the decision waits for the next time.
   [[gnu::cold]] IncrementalGncReport update() {
     IncrementalGncReport report;
     changed_.clear();
@@ -153,8 +153,8 @@ class IncrementalGnc {
       drop_unsettled();
       return report;
     }
-    for (Index number = settled_; number < suspects_.size(); ++number) measure(number);
-    settled_ = suspects_.size();
+    for (Index number = settled_; number < candidates_.size(); ++number) measure(number);
+    settled_ = candidates_.size();
     decide(report);
     try_others(report, options_.tried_rows);
     try_unexpected(report);
@@ -162,7 +162,7 @@ class IncrementalGnc {
     return report;
   }
 
-  /// Measures all suspects again and decides: after the estimate was moved otherwise.
+  /// Measures all candidates again and decides: after the estimate was moved otherwise.
   [[gnu::cold]] IncrementalGncReport reconsider() {
     IncrementalGncReport report;
     changed_.clear();
@@ -177,16 +177,16 @@ class IncrementalGnc {
   [[nodiscard]] std::span<const Key> changed() const { return changed_.all(); }
 
   /// A prior's `from` is none.
-  [[nodiscard]] const Suspect& factor(Index number) const { return suspects_[number].factor; }
-  /// Squared whitened residual beyond which a suspect is an outlier.
-  [[nodiscard]] double threshold(Index number) const { return suspects_[number].threshold; }
+  [[nodiscard]] const Candidate& factor(Index number) const { return candidates_[number].factor; }
+  /// Squared whitened residual beyond which a candidate is an outlier.
+  [[nodiscard]] double threshold(Index number) const { return candidates_[number].threshold; }
   /// The factor's name in the smoother; none yet before the first update.
-  [[nodiscard]] FactorId id(Index number) const { return suspects_[number].id; }
-  /// Whether a suspect counts in full.
+  [[nodiscard]] FactorId id(Index number) const { return candidates_[number].id; }
+  /// Whether a candidate counts in full.
   [[nodiscard]] bool is_in(Index number) const { return smoother_.weight(id(number)) == 1.0; }
 
  private:
-  using Entry = typename detail::SuspectList<Group>::Entry;
+  using Entry = typename detail::CandidateList<Group>::Entry;
   static constexpr double decisive_mu = 1e6;
 
   [[gnu::cold]] void drop_unsettled() {
@@ -196,7 +196,7 @@ class IncrementalGnc {
     touched_.keep_if([&](const Ranked& one) { return settled(one.index); });
     news_ = 0;
     waiting_.clear();
-    while (suspects_.size() > settled_) suspects_.drop_last();
+    while (candidates_.size() > settled_) candidates_.drop_last();
   }
 
   [[gnu::cold]] void decide(IncrementalGncReport& report) {
@@ -215,8 +215,8 @@ class IncrementalGnc {
   }
 
   [[gnu::cold]] void put(Index number, bool in) {
-    Entry& of = suspects_[number];
-    const Suspect& f = of.factor;
+    Entry& of = candidates_[number];
+    const Candidate& f = of.factor;
     const double weight = in ? 1.0 : of.outlier_weight;
     of.id = f.from == none ? smoother_.add(PriorFactor<Group>{f.to, f.measurement, f.sqrt_information}, weight)
                            : smoother_.add(f, weight);
@@ -225,11 +225,11 @@ class IncrementalGnc {
   /// Puts what waits into the smoother: as outliers what the graph does not expect.
   [[gnu::cold]] void forecast() {
     for (const Index number : waiting_)
-      suspects_[number].ratio = smoother_.what_if(suspects_[number].factor).rise / suspects_[number].threshold;
+      candidates_[number].ratio = smoother_.what_if(candidates_[number].factor).rise / candidates_[number].threshold;
     for (const Index number : waiting_) {
-      const Index leader = suspects_[number].leader;
-      const bool in = weight_of(suspects_[number], suspects_.group_ratio(leader), decisive_mu) == 1.0 &&
-                      !is_uncorroborated(suspects_[number].factor);
+      const Index leader = candidates_[number].leader;
+      const bool in = weight_of(candidates_[number], candidates_.group_ratio(leader), decisive_mu) == 1.0 &&
+                      !is_uncorroborated(candidates_[number].factor);
       put(number, in);
       if (!in && leader == number) {
         unexpected_.push_back(leader);
@@ -239,13 +239,13 @@ class IncrementalGnc {
     waiting_.clear();
   }
 
-  /// Whether a suspect would be the only constraint on a segment of a sequence behind an outlier of it. Any measurement
-  /// is consistent there, so that it must wait for a second one that agrees.
-  [[nodiscard]] bool is_uncorroborated(const Suspect& factor) const {
+  /// Whether a candidate would be the only constraint on a segment of a sequence behind an outlier of it. Any
+  /// measurement is consistent there, so that it must wait for a second one that agrees.
+  [[nodiscard]] bool is_uncorroborated(const Candidate& factor) const {
     return factor.from != none && (is_on_loose_segment(factor.to) || is_on_loose_segment(factor.from));
   }
   [[nodiscard]] [[gnu::cold]] bool is_on_loose_segment(Key key) const;
-  /// What a variable has of the sequence before and after it, and whether another suspect between two holds it.
+  /// What a variable has of the sequence before and after it, and whether another candidate between two holds it.
   struct Surroundings {
     Index before = none, after = none;
     bool held = false;
@@ -254,7 +254,7 @@ class IncrementalGnc {
 
   /// Trusted factors are tried where they are out and next to those.
   [[nodiscard]] bool may_be_tried(Index leader) const {
-    const Entry& one = suspects_[leader];
+    const Entry& one = candidates_[leader];
     return one.factor.from != none && (one.forecast || is_out(leader) || follows_one(leader) || is_out(one.next));
   }
 
@@ -263,7 +263,7 @@ class IncrementalGnc {
   [[gnu::cold]] void try_others(IncrementalGncReport& report, Index rows);
   /// Takes a group out or in, if that lowers the truncated squares. @param rows  is lowered by the forecast's.
   [[nodiscard]] [[gnu::cold]] bool turn(Index leader, Index& rows);
-  /// Bounds the leverage of each suspect: most forecasts are then not needed.
+  /// Bounds the leverage of each candidate: most forecasts are then not needed.
   [[gnu::cold]] void bound_leverages();
   /// That bound; infinite if it is not known.
   [[nodiscard]] [[gnu::cold]] double leverage(Index number) const {
@@ -284,19 +284,21 @@ class IncrementalGnc {
   }
   /// Whether one shortly before it in its sequence is out.
   [[nodiscard]] bool follows_one(Index number) const {
-    Index before = suspects_[number].previous;
-    for (Index k = 0; k < options_.consecutive_gap && before != none; ++k, before = suspects_[before].previous)
+    Index before = candidates_[number].previous;
+    for (Index k = 0; k < options_.consecutive_gap && before != none; ++k, before = candidates_[before].previous)
       if (is_out(before)) return true;
     return false;
   }
   /// What it adds to the truncated squares that some members of a group are out.
   [[nodiscard]] [[gnu::cold]] double price(Index leader, Offset members) const {
-    const Entry& one = suspects_[leader];
+    const Entry& one = candidates_[leader];
     return (follows_one(leader) || is_out(one.next) ? options_.consecutive_price : 1.0) * one.price *
-           static_cast<double>(members) / suspects_.votes(leader);
+           static_cast<double>(members) / candidates_.votes(leader);
   }
 
-  void set_in(Index number, bool in) { smoother_.set_weight(id(number), in ? 1.0 : suspects_[number].outlier_weight); }
+  void set_in(Index number, bool in) {
+    smoother_.set_weight(id(number), in ? 1.0 : candidates_[number].outlier_weight);
+  }
 
   [[nodiscard]] [[gnu::cold]] bool step(IncrementalGncReport& report) {
     report.last = smoother_.update();
@@ -306,48 +308,48 @@ class IncrementalGnc {
     ++steps_;
     for (const Key key : smoother_.changed()) {
       changed_.push_back(key);
-      suspects_.for_each_at(key, [&](Index number) {
-        if (std::exchange(suspects_[number].measured, steps_) != steps_) measure(number);
+      candidates_.for_each_at(key, [&](Index number) {
+        if (std::exchange(candidates_[number].measured, steps_) != steps_) measure(number);
       });
     }
     return true;
   }
 
-  /// A suspect that was removed from the smoother is never contradicted.
+  /// A candidate that was removed from the smoother is never contradicted.
   [[gnu::cold]] void measure(Index number) {
-    Entry& of = suspects_[number];
-    of.ratio = smoother_.contains(of.id) ? suspects_.ratio_at(smoother_, number) : 0.0;
+    Entry& of = candidates_[number];
+    of.ratio = smoother_.contains(of.id) ? candidates_.ratio_at(smoother_, number) : 0.0;
     if (!smoother_.contains(of.id)) return;
-    Entry& leader = suspects_[of.leader];
+    Entry& leader = candidates_[of.leader];
     if (!std::exchange(leader.watched, true)) watched_.push_back(of.leader);
     if (may_be_tried(of.leader) && !std::exchange(leader.touched, true))
       touched_.push_back({leader.trusted ? -std::numeric_limits<double>::infinity() : -1.0 * of.leader, of.leader});
   }
 
   [[gnu::cold]] void forget_touched() {
-    for (const Ranked& one : touched_) suspects_[one.index].touched = suspects_[one.index].turned = false;
+    for (const Ranked& one : touched_) candidates_[one.index].touched = candidates_[one.index].turned = false;
     touched_.clear();
   }
 
-  /// Whether a suspect that was measured has not the weight that its residual asks for.
+  /// Whether a candidate that was measured has not the weight that its residual asks for.
   [[nodiscard]] [[gnu::cold]] bool contradicted() {
     for (const Index leader : watched_) {
-      const double of_group = suspects_.group_ratio(leader);
+      const double of_group = candidates_.group_ratio(leader);
       bool found = false;
-      suspects_.for_each_member(leader, [&](Index number) {
-        const Entry& one = suspects_[number];
+      candidates_.for_each_member(leader, [&](Index number) {
+        const Entry& one = candidates_[number];
         found |= is_judged(one) && smoother_.weight(one.id) != weight_of(one, of_group, decisive_mu);
       });
       if (found) return true;
     }
-    for (const Index leader : watched_) suspects_[leader].watched = false;
+    for (const Index leader : watched_) candidates_[leader].watched = false;
     watched_.clear();
     return false;
   }
 
   /// @param mu  the control parameter; `decisive_mu`: in or out
   [[nodiscard]] [[gnu::cold]] double weight_of(const Entry& one, double of_group, double mu) const {
-    const double ratio = std::max(suspects_.votes(one.leader) * one.ratio, of_group);
+    const double ratio = std::max(candidates_.votes(one.leader) * one.ratio, of_group);
     const double weight = mu < decisive_mu ? truncated_weight(ratio, 1.0, mu) : (ratio <= 1.0 ? 1.0 : 0.0);
     return std::max(weight, one.outlier_weight);
   }
@@ -355,19 +357,19 @@ class IncrementalGnc {
   [[nodiscard]] [[gnu::cold]] double first_mu() const {
     double largest = 1.0;
     for (const Index leader : watched_) {
-      suspects_.for_each_member(leader, [&](Index number) {
-        const Entry& one = suspects_[number];
+      candidates_.for_each_member(leader, [&](Index number) {
+        const Entry& one = candidates_[number];
         const bool is_weighed = is_judged(one) && smoother_.weight(one.id) > one.outlier_weight;
-        if (is_weighed) largest = std::max(largest, suspects_.votes(leader) * one.ratio);
+        if (is_weighed) largest = std::max(largest, candidates_.votes(leader) * one.ratio);
       });
     }
     return 1.0 / (2.0 * largest - 1.0);
   }
 
   [[gnu::cold]] void weigh(Index leader, double mu) {
-    const double of_group = suspects_.group_ratio(leader);
-    suspects_.for_each_member(leader, [&](Index number) {
-      const Entry& of = suspects_[number];
+    const double of_group = candidates_.group_ratio(leader);
+    candidates_.for_each_member(leader, [&](Index number) {
+      const Entry& of = candidates_[number];
       if (!is_judged(of)) return;
       const double next = weight_of(of, of_group, mu);
       if (std::abs(next - smoother_.weight(of.id)) > 1e-3 || next == of.outlier_weight || next == 1.0)
@@ -377,7 +379,7 @@ class IncrementalGnc {
 
   Smoother& smoother_;
   IncrementalGncOptions options_;
-  detail::SuspectList<Group> suspects_;
+  detail::CandidateList<Group> candidates_;
   detail::Table<Index> watched_;   ///< leaders of groups measured since there was last no contradiction
   detail::Table<Ranked> touched_;  ///< leaders of groups that may be tried, measured by this call
   detail::Table<Key> changed_;
@@ -387,9 +389,9 @@ class IncrementalGnc {
   detail::Table<Index> vouched_for_;  ///< leaders
   bool trusting_ = true;
   std::uint64_t steps_ = 0;          ///< updates so far
-  detail::Table<double> leverages_;  ///< bounds, of each suspect,
+  detail::Table<double> leverages_;  ///< bounds, of each candidate,
   std::uint64_t leverages_at_ = 0;   ///< after so many updates
-  Index settled_ = 0;                ///< suspects that have taken part in an update
+  Index settled_ = 0;                ///< candidates that have taken part in an update
 };
 
 }  // namespace chainslam

@@ -313,8 +313,8 @@ class IncrementalSmoother {
   void relinearize_all();
   static constexpr bool any_constraint = (detail::is_constraint<Extra> || ...);
   template <class Restart, Executor Exec>
-  [[nodiscard]] [[gnu::cold]] ConvergeReport converge_springs(const ConvergeOptions<Restart>& options,
-                                                              const Exec& executor);
+  [[nodiscard]] [[gnu::cold]] ConvergeReport converge_penalized(const ConvergeOptions<Restart>& options,
+                                                                const Exec& executor);
   [[nodiscard]] double violation() const;
   void tighten();
   void restore_multipliers(const Change& change);

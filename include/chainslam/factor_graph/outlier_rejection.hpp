@@ -78,7 +78,7 @@ struct GraduatedNonConvexity {
 struct GncReport {
   OptimizeReport last;          ///< of the last optimization: costs are of what was kept
   Index steps = 0;              ///< optimizations
-  std::vector<double> weights;  ///< of each between factor: 1 in, 0 out; 1 for those beyond suspicion
+  std::vector<double> weights;  ///< of each between factor: 1 in, 0 out; 1 for trusted ones
   bool decided = false;         ///< whether all weights are 0 or 1
 };
 
@@ -110,12 +110,12 @@ struct WeightedFactor {
 
 }  // namespace detail
 
-/// Optimizes with outliers among the between factors for which `suspect(factor)` holds, and says which they are.
+/// Optimizes with outliers among the between factors for which `candidate(factor)` holds, and says which they are.
 ///
-/// Those beyond suspicion (odometry) must hold the graph together. If an optimization fails, the graph keeps its
+/// Trusted ones (odometry) must hold the graph together. If an optimization fails, the graph keeps its
 /// values.
-template <class Group, std::predicate<const BetweenFactor<Group>&> Suspect>
-GncReport optimize(FactorGraph<Group>& graph, const GraduatedNonConvexity& method, Suspect&& suspect) {
+template <class Group, std::predicate<const BetweenFactor<Group>&> Candidate>
+GncReport optimize(FactorGraph<Group>& graph, const GraduatedNonConvexity& method, Candidate&& candidate) {
   using Weighted = detail::WeightedFactor<BetweenFactor<Group>>;
   const double threshold = method.threshold > 0.0 ? method.threshold : chi_squared_99(Group::dof);
   const auto betweens = graph.betweens();
@@ -127,9 +127,9 @@ GncReport optimize(FactorGraph<Group>& graph, const GraduatedNonConvexity& metho
     weighted.set_fixed(key, graph.is_fixed(key));
   }
   for (const auto& prior : graph.priors()) weighted.add(prior);
-  std::vector<std::size_t> suspects;
+  std::vector<std::size_t> candidates;
   for (std::size_t k = 0; k < betweens.size(); ++k) {
-    if (suspect(betweens[k])) suspects.push_back(k);
+    if (candidate(betweens[k])) candidates.push_back(k);
     weighted.add(Weighted{betweens[k], &report.weights[k]});
   }
 
@@ -140,13 +140,13 @@ GncReport optimize(FactorGraph<Group>& graph, const GraduatedNonConvexity& metho
     report.last = optimize(weighted, method.optimizer, solver);
     if (!report.last.ok()) return report;
     std::vector<double> squares;
-    for (const std::size_t k : suspects) squares.push_back(betweens[k].residual(weighted.values()).squaredNorm());
+    for (const std::size_t k : candidates) squares.push_back(betweens[k].residual(weighted.values()).squaredNorm());
     const double largest = squares.empty() ? 0.0 : *std::max_element(squares.begin(), squares.end());
     report.decided = true;
     if (!mu && largest <= threshold) break;  // all agree at once
     mu = mu ? method.growth * *mu : threshold / (2.0 * largest - threshold);
-    for (std::size_t i = 0; i < suspects.size(); ++i) {
-      double& weight = report.weights[suspects[i]];
+    for (std::size_t i = 0; i < candidates.size(); ++i) {
+      double& weight = report.weights[candidates[i]];
       const double next = truncated_weight(squares[i], threshold, *mu);
       report.decided = report.decided && next == weight && (next == 0.0 || next == 1.0);
       weight = next;

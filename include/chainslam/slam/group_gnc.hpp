@@ -66,7 +66,7 @@ class GroupGncFactors {
   /// Adds the closure at a position among the map's; they come in their order. What was an outlier begins as one.
   [[gnu::cold]] void add_closure(const SlamMap& map, Index position) {
     const LoopClosure& closure = map.closures[static_cast<std::size_t>(position)];
-    suspects_.push_back(Gnc::none);
+    candidates_.push_back(Gnc::none);
     if (!closure.is_factor()) return;
     const ClosureFactor factor{closure.from.value, closure.to.value, closure.T_from_to, closure.sqrt_information};
     if (!(options_.closures > 0)) {
@@ -74,11 +74,11 @@ class GroupGncFactors {
       return;
     }
     const bool follows = closure.kind == ClosureKind::chained && closure.cause >= 0;
-    const Suspicion suspicion{.threshold = options_.closures,
-                              .outlier_weight = options_.outlier_weight,
-                              .begins_in = closure.verdict == ClosureVerdict::accepted,
-                              .forecast = closure.kind != ClosureKind::merge};  // which several places have confirmed
-    suspects_[position] = gnc_.add(factor, suspicion, follows ? suspects_[closure.cause] : Gnc::none);
+    const OutlierTest test{.threshold = options_.closures,
+                           .outlier_weight = options_.outlier_weight,
+                           .begins_in = closure.verdict == ClosureVerdict::accepted,
+                           .forecast = closure.kind != ClosureKind::merge};  // which several places have confirmed
+    candidates_[position] = gnc_.add(factor, test, follows ? candidates_[closure.cause] : Gnc::none);
   }
 
   /// The keyframe's fix, if it has one, is taken in by the next update.
@@ -135,10 +135,10 @@ class GroupGncFactors {
 
   /// Writes what was decided into the closures' verdicts.
   [[gnu::cold]] void record(SlamMap& map) const {
-    for (Index i = 0; i < suspects_.size(); ++i)
-      if (suspects_[i] != Gnc::none)
+    for (Index i = 0; i < candidates_.size(); ++i)
+      if (candidates_[i] != Gnc::none)
         map.closures[static_cast<std::size_t>(i)].verdict =
-            gnc_.is_in(suspects_[i]) ? ClosureVerdict::accepted : ClosureVerdict::inconsistent;
+            gnc_.is_in(candidates_[i]) ? ClosureVerdict::accepted : ClosureVerdict::inconsistent;
   }
 
  private:
@@ -162,8 +162,8 @@ class GroupGncFactors {
   Gnc gnc_;
   detail::GnssFactors<Gnc> gnss_;
   detail::GravityFactors<Gnc> gravity_;
-  Index last_step_ = Gnc::none;    ///< of odometry, its number in `gnc_`
-  detail::Table<Index> suspects_;  ///< of each closure its number in `gnc_`, none if it is beyond suspicion
+  Index last_step_ = Gnc::none;      ///< of odometry, its number in `gnc_`
+  detail::Table<Index> candidates_;  ///< of each closure its number in `gnc_`, none if it is never judged
 };
 
 }  // namespace chainslam

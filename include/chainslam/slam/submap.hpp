@@ -61,7 +61,7 @@ struct SubmapRange {
   return range;
 }
 
-/// The scans of `range`, placed by their optimized poses and seen from `center`'s body, thinned to one point per voxel.
+/// The scans of `range`, placed by their optimized poses and seen from `center`'s body, one point per voxel.
 ///
 /// @param voxel_size  metres.
 /// @returns points in the body frame of `center`, metres.

@@ -13,7 +13,7 @@ namespace chainslam::detail {
 
 /// Factors that may be wrong, in groups of those that follow from one another, and by the keys that they are on.
 template <class Group>
-class SuspectList {
+class CandidateList {
  public:
   static constexpr Index none = -1;
 

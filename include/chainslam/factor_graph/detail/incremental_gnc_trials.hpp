@@ -31,8 +31,8 @@ void IncrementalGnc<Smoother>::try_others(IncrementalGncReport& report, Index ro
 template <class Smoother>
 typename IncrementalGnc<Smoother>::Surroundings IncrementalGnc<Smoother>::around(Key key) const {
   Surroundings found;
-  suspects_.for_each_at(key, [&](Index number) {
-    const Entry& one = suspects_[number];
+  candidates_.for_each_at(key, [&](Index number) {
+    const Entry& one = candidates_[number];
     if (one.trusted)
       (one.factor.to == key ? found.before : found.after) = number;
     else
@@ -54,19 +54,19 @@ bool IncrementalGnc<Smoother>::is_on_loose_segment(Key key) const {
 
 template <class Smoother>
 bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
-  if (suspects_[leader].turned || !may_be_tried(leader)) return false;
+  if (candidates_[leader].turned || !may_be_tried(leader)) return false;
   const bool in = is_in(leader);
-  if (!in && !suspects_[leader].trusted && is_uncorroborated(factor(leader))) return false;
-  detail::Table<Suspect> members;
+  if (!in && !candidates_[leader].trusted && is_uncorroborated(factor(leader))) return false;
+  detail::Table<Candidate> members;
   double squares = 0.0, known = 0.0;
   const auto for_each_alike = [&](auto&& visit) {
-    suspects_.for_each_member(leader, [&](Index number) {
+    candidates_.for_each_member(leader, [&](Index number) {
       if (smoother_.contains(id(number)) && is_in(number) == in) visit(number);
     });
   };
   for_each_alike([&](Index number) {
-    members.push_back(suspects_[number].factor);
-    squares += suspects_[number].ratio * suspects_[number].threshold;
+    members.push_back(candidates_[number].factor);
+    squares += candidates_[number].ratio * candidates_[number].threshold;
     known += leverage(number);
   });
   rows -= to_index(members.size()) * Group::dof;
@@ -74,28 +74,28 @@ bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
   // The largest eigenvalue of all together is at most the sum of those of each.
   if (in ? squares <= limit * (1 - known) : squares >= limit * (1 + known)) return false;
   if (stays(leader, in, to_index(members.size()), squares, limit)) return false;
-  const std::span<const Suspect> together = members.all();
+  const std::span<const Candidate> together = members.all();
   const JointForecast forecast = in ? smoother_.fall_without(together) : smoother_.rise_with(together);
-  suspects_[leader].forecasts = {forecast.per_residual, smoother_.losses(), to_index(members.size()), in};
+  candidates_[leader].forecasts = {forecast.per_residual, smoother_.losses(), to_index(members.size()), in};
   // Not a number where nothing else holds what they hold: neither.
   if (!(in ? forecast.change > limit : forecast.change < limit)) return false;
   for_each_alike([&](Index number) { set_in(number, !in); });
-  suspects_[leader].turned = true;
-  if (in && !suspects_[leader].trusted) unexpected_.push_back(leader);
+  candidates_[leader].turned = true;
+  if (in && !candidates_[leader].trusted) unexpected_.push_back(leader);
   return true;
 }
 
 template <class Smoother>
 void IncrementalGnc<Smoother>::bound_leverages() {
-  detail::Table<Suspect> factors;
+  detail::Table<Candidate> factors;
   detail::Table<Index> numbers;
-  for (Index number = 0; number < suspects_.size(); ++number) {
+  for (Index number = 0; number < candidates_.size(); ++number) {
     if (factor(number).from == none || !smoother_.contains(id(number))) continue;
     factors.push_back(factor(number));
     numbers.push_back(number);
   }
-  const auto bounds = typename Smoother::Leverages(smoother_).bounds(std::span<const Suspect>(factors.all()));
-  leverages_.assign(suspects_.size(), std::numeric_limits<double>::infinity());
+  const auto bounds = typename Smoother::Leverages(smoother_).bounds(std::span<const Candidate>(factors.all()));
+  leverages_.assign(candidates_.size(), std::numeric_limits<double>::infinity());
   for (Offset k = 0; k < numbers.size(); ++k) leverages_[numbers[k]] = bounds[k];
   leverages_at_ = steps_;
 }
@@ -103,7 +103,7 @@ void IncrementalGnc<Smoother>::bound_leverages() {
 template <class Smoother>
 bool IncrementalGnc<Smoother>::stays(Index leader, bool in, Index members, double squares, double limit) const {
   constexpr double margin = 1.25;  // for what relinearization has changed since
-  const auto& known = suspects_[leader].forecasts;
+  const auto& known = candidates_[leader].forecasts;
   if (known.members != members || known.in != in || known.losses != smoother_.losses()) return false;
   const double bound = known.per_residual * squares;
   return in ? margin * bound <= limit : bound >= margin * limit;
@@ -117,13 +117,13 @@ void IncrementalGnc<Smoother>::try_unexpected(IncrementalGncReport& report) {
   const detail::Table<Index> newest(
       unexpected_.range(std::max<Offset>(unexpected_.size() - std::exchange(news_, 0), 0), unexpected_.size()));
   for (const Index leader : std::exchange(vouched_for_, {}))  // alone: the rest must be explained as well as before
-    try_in(std::span(&leader, 1), price(leader, suspects_[leader].members), report);
+    try_in(std::span(&leader, 1), price(leader, candidates_[leader].members), report);
   detail::Table<Index> agreeing;
   for (const Index leader : newest) {
     agreeing.clear();
     for (const Index other : unexpected_)
       if (!is_in(other) && (other == leader || pairwise_consistent(smoother_, factor(other), factor(leader),
-                                                                   suspects_[leader].threshold, options_.max_blur)))
+                                                                   candidates_[leader].threshold, options_.max_blur)))
         agreeing.push_back(other);
     if (agreeing.size() >= options_.support) try_in(agreeing.all(), 0.0, report);
   }
@@ -134,11 +134,11 @@ void IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, double mar
   if (!report.last.ok()) return;
   const double before = truncated_squares();
   detail::Table<double> weights;
-  for (Index number = 0; number < suspects_.size(); ++number)
+  for (Index number = 0; number < candidates_.size(); ++number)
     weights.push_back(smoother_.contains(id(number)) ? smoother_.weight(id(number)) : 0.0);
   for (const bool trusting : {true, false}) {
     IncrementalGncReport trial;
-    for (const Index leader : leaders) suspects_.for_each_member(leader, [&](Index number) { set_in(number, true); });
+    for (const Index leader : leaders) candidates_.for_each_member(leader, [&](Index number) { set_in(number, true); });
     trusting_ = trusting;
     if (step(trial)) decide(trial);
     trusting_ = true;
@@ -147,7 +147,7 @@ void IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, double mar
     report.work += trial.work;
     report.last = trial.last;
     if (!trial.last.ok() || truncated_squares() < before - margin) return;
-    for (Index number = 0; number < suspects_.size(); ++number)
+    for (Index number = 0; number < candidates_.size(); ++number)
       if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
         smoother_.set_weight(id(number), weights[number]);
     if (!step(report)) return;
@@ -158,10 +158,10 @@ void IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, double mar
 template <class Smoother>
 double IncrementalGnc<Smoother>::truncated_squares() const {
   double sum = smoother_.cost();
-  for (Index number = 0; number < suspects_.size(); ++number) {
-    const Entry& one = suspects_[number];
+  for (Index number = 0; number < candidates_.size(); ++number) {
+    const Entry& one = candidates_[number];
     if (!is_out(number)) continue;
-    sum += (follows_one(number) ? options_.consecutive_price : 1.0) * one.price / suspects_.votes(one.leader);
+    sum += (follows_one(number) ? options_.consecutive_price : 1.0) * one.price / candidates_.votes(one.leader);
   }
   return sum;
 }

@@ -46,12 +46,12 @@ template <class Group, class... Extra>
 template <class Restart, Executor Exec>
 ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOptions<Restart>& options,
                                                               const Exec& executor) {
-  ConvergeReport report = converge_springs(options, executor);
+  ConvergeReport report = converge_penalized(options, executor);
   if constexpr (any_constraint) {
     report.violation = violation();
     for (detail::ConstraintRounds rounds; report.ok() && rounds.more(report.violation);) {
       tighten();
-      ConvergeReport next = converge_springs(options, executor);
+      ConvergeReport next = converge_penalized(options, executor);
       next.initial_cost = report.initial_cost;
       next.iterations += report.iterations;
       next.violation = violation();
@@ -104,8 +104,8 @@ void IncrementalSmoother<Group, Extra...>::restore_multipliers(const Change& cha
 
 template <class Group, class... Extra>
 template <class Restart, Executor Exec>
-ConvergeReport IncrementalSmoother<Group, Extra...>::converge_springs(const ConvergeOptions<Restart>& options,
-                                                                      const Exec& executor) {
+ConvergeReport IncrementalSmoother<Group, Extra...>::converge_penalized(const ConvergeOptions<Restart>& options,
+                                                                        const Exec& executor) {
   constexpr double rounding = 1e-12;  // of a sum of squares
   ConvergeReport report;
   report.initial_cost = report.final_cost = cost();

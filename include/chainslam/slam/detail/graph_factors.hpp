@@ -21,7 +21,7 @@
 
 namespace chainslam::detail {
 
-/// A map's factors where closures have a robust kernel, in standard deviations, and odometry is never doubted.
+/// A map's factors where closures have a robust kernel, in standard deviations, and odometry is never rejected.
 template <class Kernel>
 class KernelFactors {
  public:
