@@ -134,11 +134,17 @@ class GroupGncFactors {
   }
 
   /// Writes what was decided into the closures' verdicts.
-  [[gnu::cold]] void record(SlamMap& map) const {
-    for (Index i = 0; i < candidates_.size(); ++i)
-      if (candidates_[i] != Gnc::none)
-        map.closures[static_cast<std::size_t>(i)].verdict =
-            gnc_.is_in(candidates_[i]) ? ClosureVerdict::accepted : ClosureVerdict::inconsistent;
+  /// @returns whether an accepted closure is an outlier now.
+  [[nodiscard]] [[gnu::cold]] bool record(SlamMap& map) const {
+    bool lost = false;
+    for (Index i = 0; i < candidates_.size(); ++i) {
+      if (candidates_[i] == Gnc::none) continue;
+      ClosureVerdict& verdict = map.closures[static_cast<std::size_t>(i)].verdict;
+      const bool in = gnc_.is_in(candidates_[i]);
+      lost |= !in && verdict == ClosureVerdict::accepted;
+      verdict = in ? ClosureVerdict::accepted : ClosureVerdict::inconsistent;
+    }
+    return lost;
   }
 
  private:

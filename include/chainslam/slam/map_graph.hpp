@@ -115,8 +115,7 @@ class MapGraph {
   /// Whether the last one left something to the next (`MapGraphOptions::largest_work`).
   [[nodiscard]] bool is_unfinished() const { return unfinished_; }
 
-  /// The same, to the end.
-  [[gnu::cold]] ConvergeReport converge();
+  [[gnu::cold]] ConvergeReport converge();  ///< the same, to the end
 
  private:
   /// While it lives, the map changes, and nobody else reads it.
@@ -156,6 +155,7 @@ class MapGraph {
   std::optional<Factors> factors_;  ///< never empty; optional so that `rebuild` can replace them in place
   detail::Table<FactorId> priors_;  ///< of each session
   bool unfinished_ = false;
+  bool may_part_ = false;  ///< whether something that held frames together was lost since `part` looked
   mutable std::mutex changing_;
   mutable std::shared_ptr<const SlamMap> snapshot_;  ///< null where the map has changed since
 };
@@ -241,6 +241,7 @@ Index MapGraph<Outliers>::accept(const LoopClosure& closure) {
 template <class Outliers>
 void MapGraph<Outliers>::join(SessionId frame, SessionId joined, const SE3d& T_frame_joined) {
   const Change change(*this);
+  may_part_ = true;
   std::vector<Key> moved;
   for (Session& session : map_.sessions) {
     if (session.frame != joined) continue;
@@ -275,7 +276,7 @@ void MapGraph<Outliers>::join(const LoopClosure& closure) {
 
 template <class Outliers>
 bool MapGraph<Outliers>::part(std::span<const Index> withdrawn) {
-  if (withdrawn.empty() && is_held(map_)) return false;
+  if (withdrawn.empty() && (!std::exchange(may_part_, false) || is_held(map_))) return false;
   const Change change(*this);
   withdraw_closures(map_, withdrawn);
   part_frames(map_, NoiseModel<6>::from_sigma(options_.anchor).sqrt_information());
@@ -290,6 +291,7 @@ void MapGraph<Outliers>::load(const SlamMap& other) {
   const Index sessions = to_index(map_.sessions.size());
   const Index odometry = to_index(map_.odometry.size());
   const Index closures = to_index(map_.closures.size());
+  may_part_ = true;
   append_map(map_, other);
   priors_.resize(to_index(map_.sessions.size()));
   for (const Keyframe& one : std::span(map_.keyframes).subspan(static_cast<std::size_t>(keyframes)))
@@ -312,7 +314,7 @@ UpdateReport MapGraph<Outliers>::optimize() {
     const Change change(*this);
     if (report.ok()) {
       take(factors_->changed());
-      factors_->record(map_);
+      may_part_ |= factors_->record(map_);
     } else {
       rebuild();
     }
@@ -339,7 +341,7 @@ ConvergeReport MapGraph<Outliers>::converge() {
     return report;
   }
   for (Key key = 0; key < smoother().size(); ++key) keyframe(key).T_map_body = smoother()[key];
-  factors_->record(map_);
+  may_part_ |= factors_->record(map_);
   return report;
 }
 

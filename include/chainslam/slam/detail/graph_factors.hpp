@@ -68,7 +68,7 @@ class KernelFactors {
   [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& /*map*/) {
     return smoother_.converge(options);
   }
-  void record(SlamMap& /*map*/) const {}  ///< nothing: kernels keep no record of outliers
+  [[nodiscard]] bool record(SlamMap& /*map*/) const { return false; }  ///< nothing: kernels keep no record of outliers
 
  private:
   Smoother smoother_;
