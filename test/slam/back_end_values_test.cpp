@@ -180,6 +180,16 @@ TEST_SUITE("slam/back_end: values") {
     CHECK(rounds.tied(back_end->map(), 0, 70) == 34);
   }
 
+  TEST_CASE("closures of a loaded map are in the graph at once: none waits to be forecast by the first optimization") {
+    const TwoRounds rounds;
+    rounds.place(60, 60);
+    const auto back_end = rounds.run({});
+    REQUIRE(back_end->map().closures.size() > 30);
+    BackEnd<> loaded;
+    loaded.load(back_end->map());
+    CHECK(loaded.smoother().factor_count() == back_end->smoother().factor_count());
+  }
+
   TEST_CASE("a keyframe that joins two frames searches nothing again: the next ones do") {
     const TwoRounds rounds;
     rounds.place(60, 60);

@@ -147,7 +147,6 @@ class MapGraph {
   [[gnu::cold]] void rebuild();
   /// Adds all of the map from these positions on.
   [[gnu::cold]] void add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures);
-
   [[gnu::cold]] void add_prior(const Session& session);
   MapGraphOptions options_;
   [[no_unique_address]] Outliers outliers_;
@@ -300,6 +299,7 @@ void MapGraph<Outliers>::load(const SlamMap& other) {
     remeasure();
   else
     add_to_smoother(sessions, keyframes, odometry, closures);
+  (void)factors_->admit();  // they were judged when they were added
 }
 
 template <class Outliers>
