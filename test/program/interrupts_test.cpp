@@ -84,9 +84,9 @@ TEST_SUITE("program/interrupts") {
     write_text(root / "long.tum", winding(60'000));
     write_text(root / "drive.tum", winding(6'000));
     write_text(root / "grid.g2o", grid_graph(150));
-    write_keyframes(root / "data", 40, true);
+    write_keyframes(root / "data", 160, true);
     static_cast<void>(run_program(root, "map " + quoted(root / "data") + " --out " + quoted(root / "killed"),
-                                  with_fault("sync:input.cslam:-1:39")));
+                                  with_fault("sync:input.cslam:-1:159")));
     REQUIRE(fs::exists(root / "killed.partial"));
     const std::string out = result.string(), tum = (root / "long.tum").string();
     const std::vector<std::vector<std::string>> verbs = {
