@@ -106,7 +106,7 @@ class MapGraph {
   [[gnu::cold]] bool part(std::span<const Index> withdrawn = {});
 
   /// Adds another map: its sessions follow those that are here, in frames of their own, and everything in it keeps the
-  /// measurements it had. If the map is empty, all numbers stay the same.
+  /// measurements and verdicts it had. If the map is empty, all numbers stay the same.
   [[gnu::cold]] void load(const SlamMap& other);
 
   /// Takes in what was added, and moves the keyframes to the optimum, as near as the smoother's tolerances say. If that

@@ -58,7 +58,7 @@ class MapMerger {
                                                                const E& executor = {});
 
   /// Whether candidates are left that the next attempt tries.
-  [[nodiscard]] bool is_unfinished() const { return !left_.candidates.empty(); }
+  [[nodiscard]] bool is_unfinished() const { return !pending_.candidates.empty(); }
 
   /// Discards what waits for confirmation: at the session's end. @returns it as refusals.
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> withdraw();
@@ -81,7 +81,7 @@ class MapMerger {
   };
 
   /// What of an attempt waits for the next one.
-  struct Left {
+  struct Pending {
     KeyframeId query;
     double travelled = 0;  ///< metres from the session's start to it
     detail::Table<KeyframeId> candidates;
@@ -134,7 +134,7 @@ class MapMerger {
   detail::MergeHypotheses hypotheses_;
   UndoneClosures undone_;
   Path path_;
-  Left left_;
+  Pending pending_;
   double last_attempt_ = -std::numeric_limits<double>::infinity();  ///< metres from the session's start
   double last_asked_ = -std::numeric_limits<double>::infinity();    ///< whether one place is enough, the same
   std::optional<Timestamp> last_time_;
@@ -145,26 +145,26 @@ template <ClosureAligner Closer, Executor E>
 std::vector<LoopClosure> MapMerger<Candidates, Registration>::attempt(const SlamMap& map, KeyframeId query,
                                                                       Closer& closer, const E& executor) {
   std::vector<LoopClosure> tried;
-  if (!options_.enabled || (left_.candidates.empty() && !look_for_candidates(map, query))) return tried;
-  for (Index count = 0; !left_.candidates.empty(); ++count) {
+  if (!options_.enabled || (pending_.candidates.empty() && !look_for_candidates(map, query))) return tried;
+  for (Index count = 0; !pending_.candidates.empty(); ++count) {
     if (options_.max_registrations > 0 && count >= options_.max_registrations) return tried;
-    const KeyframeId candidate = left_.candidates.back();
-    left_.candidates.pop_back();
-    LoopClosure closure = register_submaps(map, candidate, left_.query, closer, executor);
+    const KeyframeId candidate = pending_.candidates.back();
+    pending_.candidates.pop_back();
+    LoopClosure closure = register_submaps(map, candidate, pending_.query, closer, executor);
     undone_.refuse_repeated_merge(map, options_, closure);
     if (closure.verdict != ClosureVerdict::accepted) {
       tried.push_back(closure);
       continue;
     }
-    hypotheses_.add(closure, left_.travelled);
+    hypotheses_.add(closure, pending_.travelled);
     if (hypotheses_.confirm(map, tried)) {
-      left_ = {};
+      pending_ = {};
       return tried;
     }
     last_asked_ = -std::numeric_limits<double>::infinity();
   }
-  if (left_.travelled - last_asked_ >= options_.min_place_distance) {
-    last_asked_ = left_.travelled;
+  if (pending_.travelled - last_asked_ >= options_.min_place_distance) {
+    last_asked_ = pending_.travelled;
     confirm_alone(map, tried, closer, executor);
   }
   return tried;
@@ -177,9 +177,9 @@ bool MapMerger<Candidates, Registration>::look_for_candidates(const SlamMap& map
   if (since < options_.min_travel || since <= 0) return false;  // asked again at the same place: nothing new to see
   const Timestamp now = keyframe(map, query).time;
   if (last_time_ && to_seconds(now - *last_time_) < options_.min_period) return false;
-  left_ = {.query = query, .travelled = travelled, .candidates = {}};
+  pending_ = {.query = query, .travelled = travelled, .candidates = {}};
   const std::vector<KeyframeId> found = candidates(map, query);
-  for (std::size_t k = found.size(); k > 0; --k) left_.candidates.push_back(found[k - 1]);
+  for (std::size_t k = found.size(); k > 0; --k) pending_.candidates.push_back(found[k - 1]);
   if (found.empty()) return true;
   last_attempt_ = travelled;
   last_time_ = now;
@@ -204,7 +204,7 @@ std::vector<KeyframeId> MapMerger<Candidates, Registration>::candidates(const Sl
 template <class Candidates, class Registration>
 std::vector<LoopClosure> MapMerger<Candidates, Registration>::withdraw() {
   path_ = {};
-  left_ = {};
+  pending_ = {};
   last_attempt_ = last_asked_ = -std::numeric_limits<double>::infinity();
   last_time_.reset();
   return hypotheses_.withdraw();
