@@ -11,9 +11,9 @@
 
 #ifdef CHAINSLAM_BENCH_BOOST
 #include <boost/graph/adjacency_list.hpp>
+#include <boost/graph/breadth_first_search.hpp>
 #include <boost/graph/compressed_sparse_row_graph.hpp>
 #include <boost/pending/disjoint_sets.hpp>
-#include <boost/slam/breadth_first_search.hpp>
 #endif
 
 namespace chainslam {
