@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nanoflann.hpp>
 #include <numbers>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -24,17 +25,19 @@
 namespace chainslam {
 namespace {
 
-/// The points of a sector of 200 degrees, thinned to 0.5 m, and their features:
-/// about 5000.
+/// The points of a sector of 200 degrees about the sensor, thinned to 0.5 m, and their features: about 5000.
 struct Described {
   PointCloud<float> cloud;
   FpfhFeatures features;
 };
 
-Described describe(const PointCloud<float>& scan) {
+Described describe(const PointCloud<float>& scan, const Eigen::Vector3d& sensor) {
   PointCloud<float> sector;
-  for (const Eigen::Vector3f& p : scan.positions)
-    if (std::abs(std::atan2(p.y(), p.x())) <= 100 * std::numbers::pi_v<float> / 180) sector.positions.push_back(p);
+  for (const Eigen::Vector3f& p : scan.positions) {
+    const double azimuth = std::atan2(p.y() - sensor.y(), p.x() - sensor.x());
+    if (std::abs(azimuth) <= 100 * std::numbers::pi / 180) sector.positions.push_back(p);
+  }
+  if (sector.empty()) throw std::runtime_error("there are no points in the sector");
   Described described{voxel_downsample(sector, 0.5), {}};
   const Neighborhoods near(described.cloud, KdTree<float>(described.cloud), 2.5, 0);
   estimate_normals(described.cloud, near, {.neighbors = 0, .radius = 1.5});
@@ -81,7 +84,10 @@ bench::KissMatcherFeatures for_kiss_matcher(const Described& described) {
 
 /// Mutual matches of the features of two scans' sectors.
 void matching(benchmark::State& state, const bench::ScanPair& pair) {
-  const Described source = describe(pair.second), target = describe(pair.first);
+  const auto sensor = [&](int scan) -> Eigen::Vector3d {
+    return pair.name == "city" ? bench::City::position(scan) : Eigen::Vector3d::Zero();
+  };
+  const Described source = describe(pair.second, sensor(1)), target = describe(pair.first, sensor(0));
   const auto ours = [&] { return static_cast<double>(match_features(source.features, target.features).size()); };
   const auto theirs = [&] { return static_cast<double>(match_by_trees(source.features, target.features).size()); };
   bench::require_same_answers(std::array{ours()}, std::array{theirs()},
