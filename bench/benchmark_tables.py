@@ -1,6 +1,8 @@
 """Markdown tables of Google Benchmark's JSON files: one table per module, with the speedup over each peer.
 
-usage: python3 -m benchmark_tables OUT COMMAND FILE...   (FILE: MODULE.json, or MODULE_plain.json of the build for plain x86-64)
+usage: python3 -m benchmark_tables OUT COMMAND PROGRAMS FILE...
+COMMAND: how they were made; PROGRAMS: the compiler and the peers, with versions; FILE: MODULE.json, or MODULE_plain.json of
+the build for plain x86-64.
 """
 
 from __future__ import annotations
@@ -34,6 +36,20 @@ def rows_of(document: dict[str, Any]) -> list[dict[str, Any]]:
     return [run for run in document.get("benchmarks", []) if run.get("run_type", "iteration") == "iteration"]
 
 
+def time_of_ours(row: dict[str, Any]) -> str:
+    """A benchmark that measures by itself (`manual_time`) or by the clock on the wall says so in its name."""
+    clock = "real_time" if re.search(r"/(manual|real)_time", row["name"]) else "cpu_time"
+    return f"{figure(row[clock])} {row['time_unit']}"
+
+
+def name_of(row: dict[str, Any]) -> str:
+    return re.sub(r"/((manual|real|process)_time|iterations:\d+)", "", row["name"])
+
+
+def speedup(value: float) -> str:
+    return f"**{figure(value)}**" if value < 1 else figure(value)
+
+
 def table(rows: list[dict[str, Any]]) -> str:
     """Time of ours, how many times longer each peer takes, and all other counters."""
     peers = list(dict.fromkeys(key for row in rows for key in row if key.startswith(SPEEDUP)))
@@ -45,13 +61,13 @@ def table(rows: list[dict[str, Any]]) -> str:
             for key, value in row.items()
             if key not in STANDARD and key not in peers and isinstance(value, (int, float)) and not isinstance(value, bool)
         ]
-        cells = [f"`{row['name']}`", f"{figure(row['cpu_time'])} {row['time_unit']}"]
-        cells += [figure(row[peer]) if peer in row else "" for peer in peers]
+        cells = [f"`{name_of(row)}`", time_of_ours(row)]
+        cells += [speedup(row[peer]) if peer in row else "" for peer in peers]
         lines.append("| " + " | ".join([*cells, ", ".join(others)]) + " |")
     return "\n".join(lines) + "\n"
 
 
-def document_of(command: str, files: list[Path]) -> str:
+def document_of(command: str, programs: str, files: list[Path]) -> str:
     text = ""
     date = ""
     for file in sorted(files):
@@ -67,18 +83,19 @@ def document_of(command: str, files: list[Path]) -> str:
         text += f"\n## {module}{', plain x86-64' if plain else ''}\n\n" + table(rows)
     machine = f"{processor()}, {os.cpu_count()} cores"
     return (
-        f"# Benchmarks of {date}\n\n`{command}` on {machine}.\n"
-        "Times of ours are processor time; a number in a peer's column is its time divided by ours.\n" + text
+        f"# Benchmarks of {date}\n\n`{command}`\n\n{machine}; {programs}.\n\n"
+        "Times are processor time of the thread; of files and of several threads, wall time. A number in a peer's column is the "
+        "peer's time divided by ours: below 1, in bold, the peer is faster.\n" + text
     )
 
 
 def main(arguments: list[str]) -> int:
-    if len(arguments) < 3:
+    if len(arguments) < 4:
         print(__doc__, file=sys.stderr)
         return 2
     out = Path(arguments[0])
     part = out.with_name(out.name + ".part")
-    part.write_text(document_of(arguments[1], [Path(name) for name in arguments[2:]]))
+    part.write_text(document_of(arguments[1], arguments[2], [Path(name) for name in arguments[3:]]))
     part.replace(out)
     return 0
 

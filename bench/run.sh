@@ -5,7 +5,8 @@ root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 
 usage() {
   cat <<TEXT
-usage: bench/run.sh [--json FILE] [--table FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [--smoke] [FILTER]
+usage: bench/run.sh [--json FILE] [--table FILE] [--peers] [--peer NAME=PATH]... [--no-plain] [--seconds S]
+                    [--smoke] [FILTER]
   --json FILE   write Google Benchmark's JSON to FILE (all modules in one)
   --table FILE  write the figures to FILE as Markdown, a table for each module
   --peers       install PCL, Open3D and Ceres from Debian and build the comparisons with them
@@ -15,6 +16,7 @@ usage: bench/run.sh [--json FILE] [--table FILE] [--peers] [--peer NAME=PATH]...
                 kiss_matcher (needs robin, xenium and pmc, too), teaser (needs pmc, too);
                 gtsam: where it is installed, compiled with -O3 -march=native, without TBB
   --no-plain    leave out the second column, compiled for plain x86-64
+  --seconds S   measure each bench for so long at least (default: 0.5); peers' time comes on top
   --smoke       each bench once, briefly: do they run?
   FILTER        a regular expression on names, for instance 'search/kd_tree'
 environment: CHAINSLAM_BUILD_DIR (default: build/), CHAINSLAM_DATA, CHAINSLAM_JOBS
@@ -22,10 +24,13 @@ TEXT
 }
 
 . "$root/third_party/setup.sh"
-command="bench/run.sh $*"
+command="bench/run.sh"
+for argument in "$@"; do
+  case "$argument" in *[!A-Za-z0-9_=./:,-]*) command="$command '$argument'" ;; *) command="$command $argument" ;; esac
+done
 json="" table="" peers=OFF plain=yes minimum_time=0.5 filter=""
 peer_names="ikd_tree i_octree nanoflann small_gicp kiss_matcher robin xenium pmc teaser gtsam"
-peer_paths=() packages_by_path=""
+peer_paths=() sources=() packages_by_path=""
 for name in $peer_names; do peer_paths+=("-DCHAINSLAM_PEER_${name^^}="); done
 while [ $# -gt 0 ]; do
   case "$1" in
@@ -36,10 +41,14 @@ while [ $# -gt 0 ]; do
       [ $# -ge 2 ] || { usage >&2; exit 2; }
       [[ "$2" =~ ^(${peer_names// /|})=(.+)$ ]] || { usage >&2; echo "bench/run.sh: --peer $2: unknown peer, or no path" >&2; exit 2; }
       [ -d "${BASH_REMATCH[2]}" ] || { echo "bench/run.sh: --peer $2: no such folder" >&2; exit 2; }
-      peer_paths+=("-DCHAINSLAM_PEER_${BASH_REMATCH[1]^^}=$(cd "${BASH_REMATCH[2]}" && pwd)")
+      sources+=("${BASH_REMATCH[1]}=$(cd "${BASH_REMATCH[2]}" && pwd)")
+      peer_paths+=("-DCHAINSLAM_PEER_${BASH_REMATCH[1]^^}=${sources[-1]#*=}")
       [ "${BASH_REMATCH[1]}" != kiss_matcher ] || packages_by_path="$packages_kiss_matcher"
       shift ;;
     --no-plain) plain=no ;;
+    --seconds)
+      [[ "${2:-}" =~ ^[0-9]*\.?[0-9]+$ ]] || { usage >&2; echo "bench/run.sh: --seconds takes a number" >&2; exit 2; }
+      minimum_time="$2"; shift ;;
     --smoke) minimum_time=0.001 plain=no; export CHAINSLAM_BENCH_BRIEF=1 ;;
     -h | --help) usage; exit 0 ;;
     -*) usage >&2; echo "bench/run.sh: unknown option $1" >&2; exit 2 ;;
@@ -110,8 +119,27 @@ if [ -n "$json" ]; then
   } >"$json.part" && mv "$json.part" "$json" || fail "cannot write $json"
   say "json" "$json"
 fi
+# The compiler and the peers with their versions: of a package, of a GTSAM that is installed, or the commit of a checkout.
+programs() {
+  local text name path version
+  text="g++ $(g++ -dumpfullversion)"
+  for name in Eigen=libeigen3-dev nanoflann=libnanoflann-dev SuiteSparse=libsuitesparse-dev Boost=libboost-dev \
+    PCL=libpcl-dev Open3D=libopen3d-dev Ceres=libceres-dev; do
+    case "$name" in PCL=* | Open3D=* | Ceres=*) [ "$peers" = ON ] || continue ;; esac
+    version="$(dpkg-query -W -f='${source:Upstream-Version}' "${name#*=}" 2>/dev/null | sed 's/^[0-9]*://; s/+.*//')" || true
+    text="$text, ${name%%=*}${version:+ $version}"
+  done
+  for name in ${sources[@]+"${sources[@]}"}; do
+    path="${name#*=}"
+    version="$(sed -n 's/^set(PACKAGE_VERSION "\(.*\)")/\1/p' "$path"/lib*/cmake/GTSAM/GTSAMConfigVersion.cmake 2>/dev/null)" || true
+    if [ -e "$path/.git" ]; then version="$(git -C "$path" rev-parse --short HEAD 2>/dev/null)" || true; fi
+    text="$text, ${name%%=*}${version:+ $version}"
+  done
+  echo "$text"
+}
 if [ -n "$table" ]; then
-  PYTHONPATH="$root/bench" PYTHONDONTWRITEBYTECODE=1 "$(debian_python)" -m benchmark_tables "$table" "$command" "$results"/*.json ||
+  PYTHONPATH="$root/bench" PYTHONDONTWRITEBYTECODE=1 "$(debian_python)" -m benchmark_tables "$table" "$command" "$(programs)" \
+    "$results"/*.json ||
     fail "cannot write $table"
   say "table" "$table"
 fi
