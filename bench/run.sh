@@ -135,6 +135,9 @@ programs() {
     if [ -e "$path/.git" ]; then version="$(git -C "$path" rev-parse --short HEAD 2>/dev/null)" || true; fi
     text="$text, ${name%%=*}${version:+ $version}"
   done
+  for path in /usr/lib/*/libblas.so.3; do  # CHOLMOD and Ceres depend on it
+    [ ! -e "$path" ] || text="$text, BLAS $(basename "$(dirname "$(readlink -f "$path")")")"
+  done
   echo "$text"
 }
 if [ -n "$table" ]; then
