@@ -56,6 +56,11 @@ while [ $# -gt 0 ]; do
   esac
   shift
 done
+given=" ${sources[*]%%=*} "
+for needed in kiss_matcher=robin kiss_matcher=xenium kiss_matcher=pmc teaser=pmc; do
+  [[ "$given" != *" ${needed%=*} "* || "$given" == *" ${needed#*=} "* ]] ||
+    { echo "bench/run.sh: --peer ${needed%=*} needs --peer ${needed#*=}=PATH, too" >&2; exit 2; }
+done
 case "$json" in "" | /*) ;; *) json="$PWD/$json" ;; esac
 case "$table" in "" | /*) ;; *) table="$PWD/$table" ;; esac
 [ -z "$table" ] || packages_bench="$packages_bench python3"
