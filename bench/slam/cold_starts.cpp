@@ -272,6 +272,7 @@ int main(int argc, char** argv) {
   app.add_option("--recognitions", options.localizer.start.min_recognitions, "see StartOptions")->capture_default_str();
   app.add_option("--scans", options.localizer.start.min_scans, "see StartOptions")->capture_default_str();
   app.add_option("--travel", options.localizer.start.min_travel, "see StartOptions")->capture_default_str();
+  app.add_option("--shift", options.localizer.start.shift, "see StartOptions")->capture_default_str();
   app.add_option("--distance", options.localizer.scans.distance, "metres between scans")->capture_default_str();
   app.add_option("--period", options.localizer.min_period, "seconds between scans")->capture_default_str();
   app.add_option("--submap-length", options.closures.submap.max_length, "metres")->capture_default_str();

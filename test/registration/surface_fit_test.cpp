@@ -47,6 +47,20 @@ TEST_SUITE("registration/surface_fit") {
     }
   }
 
+  TEST_CASE("what only one cloud has does not count among the nearest points; a floor that lies elsewhere does") {
+    const IndexedCloud<> floor = level(floor_of(0.2, 0, 1));
+    PointCloud<float> scan = floor_of(0.37, 0, 2);
+    for (std::size_t i = 0; i < scan.size(); i += 10) scan.positions[i].z() = 0.8F;  // something stands there
+    CHECK(surface_fit(scan, floor, SE3d()).worst_rmse == doctest::Approx(0.8 * std::sqrt(0.1)).epsilon(0.01));
+    const SurfaceFit nearest = surface_fit(scan, floor, SE3d(), {.share = 0.8});
+    CHECK(nearest.worst_rmse < 1e-6);
+    CHECK(nearest.rmse == doctest::Approx(0.8 * std::sqrt(0.1)).epsilon(0.01));
+    CHECK(surface_fit(floor_of(0.37, 0, 2), floor, moved(0, 0, 0.3), {.share = 0.8}).worst_rmse ==
+          doctest::Approx(0.3).epsilon(1e-6));
+    for (const double share : {0.0, 1.1})
+      CHECK_THROWS_AS((void)surface_fit(scan, floor, SE3d(), {.share = share}), std::invalid_argument);
+  }
+
   TEST_CASE("the noise of a floor is that of two points: root of two times one point's") {
     const IndexedCloud<> floor = level(floor_of(0.1, 0.06, 3));
     CHECK(surface_noise(floor) == doctest::Approx(std::sqrt(2.0) * 0.06).epsilon(0.05));

@@ -73,6 +73,31 @@ double off(const Localization& now, const SE3d& truth) {
   return (now.T_map_body->translation() - truth.translation()).norm();
 }
 
+/// A scan of a day on which much is in front of what the map has: every tenth point is up to 0.8 m nearer.
+PointCloud<float> overgrown(PointCloud<float> cloud, Rng rng) {
+  for (std::size_t i = 0; i < cloud.size(); i += 10) {
+    Eigen::Vector3f& p = cloud.positions[i];
+    p *= std::max(0.0F, 1 - static_cast<float>(rng.uniform(0.0, 0.8)) / p.norm());
+  }
+  return cloud;
+}
+
+/// Registers each scan to where it is by this map, or anywhere along a street that is the same everywhere.
+struct ScriptedCloser {
+  ClosureVerdict verdict = ClosureVerdict::accepted;
+  bool slides = false, fits_mostly = true;
+  SE3d T_from_to;
+  std::vector<SE3d> guesses{};
+
+  LoopClosure align(std::span<const Keyframe>, KeyframeId from, KeyframeId to, const SE3d& guess, Serial = {}) {
+    guesses.push_back(guess);
+    LoopClosure closure{.from = from, .to = to, .T_from_to = slides ? guess : T_from_to, .verdict = verdict};
+    closure.sqrt_information = SqrtInformation<6>(10.0 * Matrix6d::Identity());
+    return closure;
+  }
+  [[nodiscard]] bool fits_in_part(std::span<const Keyframe>, const LoopClosure&) const { return fits_mostly; }
+};
+
 }  // namespace
 
 TEST_SUITE("slam/pose_filter") {
@@ -152,7 +177,62 @@ TEST_SUITE("slam/start_hypotheses") {
     CHECK(hypotheses.recognized(SessionId{0}, KeyframeId{7}, here, along(0), 0) == nullptr);
     CHECK(hypotheses.accepted() == &hypotheses.all().front());  // 4 to 2
     CHECK_THROWS_AS(detail::StartHypotheses({.min_scans = 0}), std::invalid_argument);
+    CHECK_THROWS_AS(detail::StartHypotheses({.shift = -1}), std::invalid_argument);
     CHECK_THROWS_AS(detail::StartHypotheses({.lead = 0.5}), std::invalid_argument);
+  }
+}
+
+TEST_SUITE("slam/start_pose") {
+  /// Two keyframes of the map, and two scans of a drive to the left.
+  const std::vector<Keyframe> keyframes = [] {
+    std::vector<Keyframe> some = test::keyframes_at({SE3d(), test::shift(5, 0, 0), SE3d(), test::shift(0, 3, 0)});
+    some[2].session = some[3].session = SessionId{1};
+    return some;
+  }();
+  const SE3d T_from_to = test::shift(1, 0, 0);
+
+  std::optional<detail::UncertainPose> placed_by(ScriptedCloser & closer, const StartOptions& options = {}) {
+    const LoopClosure closure = closer.align(keyframes, KeyframeId{1}, KeyframeId{3}, T_from_to);
+    closer.guesses.clear();
+    return detail::start_pose(closer, keyframes, closure, detail::StartHypotheses(options), 0.5, Serial{});
+  }
+
+  TEST_CASE("a scan counts if it comes back to its place from either side along the path") {
+    ScriptedCloser closer{.T_from_to = T_from_to};
+    const auto at = placed_by(closer);
+    REQUIRE(at);
+    CHECK(at->pose.translation() == Eigen::Vector3d(6, 0, 0));
+    CHECK(at->covariance.isApprox(0.01 * Matrix6d::Identity(), 1e-12));
+    REQUIRE(closer.guesses.size() == 2);
+    for (const SE3d& guess : closer.guesses) CHECK(std::abs(guess.translation().y()) == doctest::Approx(2));
+    closer.slides = true;
+    CHECK(!placed_by(closer));
+    CHECK(closer.guesses.size() == 1);
+    CHECK(placed_by(closer, {.shift = 0}));
+    CHECK(closer.guesses.empty());
+  }
+
+  TEST_CASE("a scan that lies badly on the map counts if it comes back, as well known as what agrees with it") {
+    ScriptedCloser closer{.verdict = ClosureVerdict::high_residual, .T_from_to = T_from_to};
+    const auto at = placed_by(closer);
+    REQUIRE(at);
+    CHECK(at->pose.translation() == Eigen::Vector3d(6, 0, 0));
+    CHECK(at->covariance(0, 0) == doctest::Approx(0.25 * 0.25));
+    CHECK(at->covariance(4, 4) == doctest::Approx(0.025 * 0.025));
+    CHECK(!placed_by(closer, {.shift = 0}));
+    closer.fits_mostly = false;
+    CHECK(!placed_by(closer));
+    closer = {.verdict = ClosureVerdict::high_residual, .slides = true, .T_from_to = T_from_to};
+    CHECK(!placed_by(closer));
+    closer = {.verdict = ClosureVerdict::too_few_inliers, .T_from_to = T_from_to};
+    CHECK(!placed_by(closer));
+  }
+
+  TEST_CASE("the path's direction is that to the scan before or after, forward if there is none of the drive") {
+    CHECK(detail::direction_of_path(keyframes, KeyframeId{3}, 0.2) == Eigen::Vector3d(0, -1, 0));
+    CHECK(detail::direction_of_path(keyframes, KeyframeId{2}, 0.2) == Eigen::Vector3d(0, 1, 0));
+    CHECK(detail::direction_of_path(std::span(keyframes).first(3), KeyframeId{2}, 0.2) == Eigen::Vector3d(1, 0, 0));
+    CHECK(detail::direction_of_path(keyframes, KeyframeId{3}, 5) == Eigen::Vector3d(1, 0, 0));
   }
 }
 
@@ -182,6 +262,22 @@ TEST_SUITE("slam/localizer") {
     }
     CHECK(localizer.counts().starts == 3);
     CHECK(localizer.counts().losses == 0);
+  }
+
+  TEST_CASE("a drive is found where much is in front of what the map has, by registrations that are repeated") {
+    const StreetDrives drives;
+    for (const double shift : {StartOptions{}.shift, 0.0}) {
+      Localizer<> localizer(drives.map(), {.start = {.shift = shift}});
+      std::vector<Frame> frames = drives.drive(70, 90);
+      bool found = false;
+      for (std::size_t i = 0; i < frames.size() && !found; ++i) {
+        frames[i].cloud = overgrown(frames[i].cloud, Rng(100 + i));
+        const Localization now = localizer.process(frames[i]);
+        found = now.T_map_body.has_value();
+        if (found) CHECK(off(now, drives.truth[70 + i]) < 0.3);
+      }
+      CHECK(found == (shift > 0));
+    }
   }
 
   TEST_CASE("another block is not mistaken for the map") {

@@ -36,6 +36,7 @@ struct ClosureFigures {
   double noise = 0;              ///< `surface_noise` of the submap, metres
   double misfit = 0;             ///< infinite if nothing overlaps
   double worst_misfit = 0;       ///< of the worst direction
+  double partial_misfit = 0;     ///< the same by the four fifths that lie nearest
   double contradiction = 0;      ///< share of the submap that the scan saw through, of what it does not hide
   double own_contradiction = 0;  ///< the same of the scan at the submap's centre
   double seen_through = 0;       ///< the first less one and a half times the second
@@ -71,6 +72,7 @@ class ClosureMeasurer {
     figures.overlap = fit.overlap;
     figures.misfit = fit.misfit(figures.noise);
     figures.worst_misfit = fit.worst_misfit(figures.noise);
+    figures.partial_misfit = surface_fit(scan, *submap, T, {.share = 0.8}).worst_misfit(figures.noise);
     timed(figures.scan_view_us, [&] {
       figures.contradiction =
           FreeSpace(scan, Eigen::Vector3d::Zero()).count(submap->cloud(), T.inverse()).contradiction();

@@ -40,6 +40,7 @@ constexpr double never_accepted = std::numeric_limits<double>::infinity();
       {"share without a partner", 1 - gate.min_inlier_ratio, [](const auto& f) { return 1 - f.aligned.inlier_ratio; }},
       {"misfit", 2.0, [](const auto& f) { return f.misfit; }},
       {"misfit of the worst direction", gate.max_misfit, [](const auto& f) { return f.worst_misfit; }},
+      {"the same by the nearest four fifths", gate.max_partial_misfit, [](const auto& f) { return f.partial_misfit; }},
       {"submap seen through by the scan", {}, [](const auto& f) { return f.contradiction; }},
       {"less 1.5 times by the scan at its centre", {}, [](const auto& f) { return f.seen_through; }},
       {"scan seen through by the submap's", {}, [](const auto& f) { return f.before_map; }},
@@ -155,7 +156,8 @@ struct PairGroup {
 [[nodiscard]] inline std::string pairs_csv(const std::vector<MeasuredPair>& pairs) {
   std::string csv =
       "sensor,map,query,from,to,kind,full,outcome,accepted,metres_off,degrees_off,status,inlier_ratio,mse,residual,"
-      "rmse,overlap,noise,misfit,worst_misfit,contradiction,own_contradiction,before_map,correction,turn,"
+      "rmse,overlap,noise,misfit,worst_misfit,partial_misfit,contradiction,own_contradiction,before_map,correction,"
+      "turn,"
       "localizability,"
       "align_"
       "us,fit_us,"
@@ -167,8 +169,8 @@ struct PairGroup {
         pair.query->sensor + "," + pair.map->name + "," + pair.query->name +
         text(",%zu,%zu,%s,%d,%s,%d,%.3f,%.3f,%d,", pair.from, pair.to, name_of(pair.kind), measured.full ? 1 : 0,
              name_of(f.outcome), f.accepted ? 1 : 0, f.metres_off, f.degrees_off, static_cast<int>(f.aligned.status)) +
-        text("%.4f,%.5f,%.5f,%.4f,%.4f,%.4f,%.4f,%.4f,", f.aligned.inlier_ratio, f.aligned.mean_squared_error,
-             f.aligned.mean_squared_residual, f.rmse, f.overlap, f.noise, f.misfit, f.worst_misfit) +
+        text("%.4f,%.5f,%.5f,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,", f.aligned.inlier_ratio, f.aligned.mean_squared_error,
+             f.aligned.mean_squared_residual, f.rmse, f.overlap, f.noise, f.misfit, f.worst_misfit, f.partial_misfit) +
         text("%.5f,%.5f,%.5f,%.3f,%.4f,%.5f,", f.contradiction, f.own_contradiction, f.before_map, f.correction, f.turn,
              f.aligned.localizability.head<3>().minCoeff()) +
         text("%.0f,%.0f,%.0f,%.0f\n", f.align_us, f.fit_us, f.scan_view_us, f.map_view_us);

@@ -100,6 +100,13 @@ template <Cloud Points>
   return some;
 }
 
+/// At least `count` points, evenly; all if that is 0.
+template <Cloud Points>
+[[nodiscard]] PointCloud<float> evenly(const Points& cloud, Index count) {
+  const std::size_t every = count > 0 ? cloud_size(cloud) / static_cast<std::size_t>(count) : 1;
+  return every_nth(cloud, every > 1 ? every : 1);
+}
+
 }  // namespace detail
 
 template <class Coarse, class Fine>

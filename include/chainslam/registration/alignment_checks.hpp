@@ -14,6 +14,7 @@
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/symmetric_eigen.hpp"
+#include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/registration/detail/range_image.hpp"
@@ -157,6 +158,9 @@ class FreeSpace {
 struct SurfaceFitOptions {
   double max_distance = 1.0;  ///< metres, from a point to the target point whose plane it is measured by
   Index max_points = 4096;    ///< that are looked at, evenly over the cloud
+  /// Of what constrains each direction, the share that counts for `SurfaceFit::worst_rmse`: the rest, which lies
+  /// farthest off, is taken for something that only one of the clouds has, such as traffic.
+  double share = 1.0;
 };
 
 /// How well a cloud at some pose lies on the surfaces of another.
@@ -201,8 +205,8 @@ struct SurfaceFit {
 namespace detail {
 
 inline void check(const SurfaceFitOptions& options) {
-  if (!(options.max_distance > 0) || options.max_points < 1)
-    throw std::invalid_argument("SurfaceFit: max_distance and max_points must be positive");
+  if (!(options.max_distance > 0 && options.share > 0 && options.share <= 1) || options.max_points < 1)
+    throw std::invalid_argument("SurfaceFit: max_distance and max_points must be positive, share must lie in (0, 1]");
 }
 
 /// Points about planes.
@@ -236,7 +240,8 @@ class PlaneDistances {
   }
 
   /// Of three directions at right angles, those in which the normals gather, the one with the largest distance.
-  [[nodiscard]] [[gnu::cold]] double worst_rmse() const {
+  /// @param share  of the weight in each direction that counts, by the points nearest to their planes.
+  [[nodiscard]] [[gnu::cold]] double worst_rmse(double share) const {
     if (planes_.empty()) return std::numeric_limits<double>::infinity();
     Eigen::Matrix3d gathered = zeros<Eigen::Matrix3d>();
     for (const Plane& plane : planes_)
@@ -245,7 +250,10 @@ class PlaneDistances {
             plane.normal[static_cast<std::size_t>(i / 3)] * plane.normal[static_cast<std::size_t>(i % 3)];
     const SymmetricEigen3 eigen = symmetric_eigen(gathered);
     double worst = 0;
-    for (int k = 0; k < 3; ++k) worst = std::max(worst, rmse_along(block_of<3, 1>(eigen.vectors, 0, k)));
+    for (int k = 0; k < 3; ++k) {
+      const Eigen::Vector3d direction = block_of<3, 1>(eigen.vectors, 0, k);
+      worst = std::max(worst, share < 1 ? nearest_along(direction, share) : rmse_along(direction));
+    }
     return worst;
   }
 
@@ -255,18 +263,43 @@ class PlaneDistances {
     double distance = 0;
   };
 
+  static constexpr double least_weight = 1;  ///< of one point on a plane across
+
+  /// The fourth power of the cosine between a plane's normal and a direction.
+  [[nodiscard]] static double weight_of(const Plane& plane, const Eigen::Vector3d& direction) {
+    double cosine = 0;
+    for (int k = 0; k < 3; ++k) cosine += plane.normal[static_cast<std::size_t>(k)] * direction[k];
+    return cosine * cosine * cosine * cosine;
+  }
+
   /// 0 if hardly a point constrains the direction.
   [[nodiscard]] double rmse_along(const Eigen::Vector3d& direction) const {
-    constexpr double least_weight = 1;  // of one point on a plane across
     double weights = 0, squared = 0;
     for (const Plane& plane : planes_) {
-      double cosine = 0;
-      for (int k = 0; k < 3; ++k) cosine += plane.normal[static_cast<std::size_t>(k)] * direction[k];
-      const double weight = cosine * cosine * cosine * cosine;
+      const double weight = weight_of(plane, direction);
       weights += weight;
       squared += weight * plane.distance * plane.distance;
     }
     return weights >= least_weight ? std::sqrt(squared / weights) : 0.0;
+  }
+
+  /// The same by the points nearest to their planes, up to a share of the weight.
+  [[nodiscard]] [[gnu::cold]] double nearest_along(const Eigen::Vector3d& direction, double share) const {
+    Table<Ranked> order;
+    double all = 0;
+    for (std::size_t i = 0; i < planes_.size(); ++i) {
+      order.push_back({std::abs(planes_[i].distance), static_cast<Index>(i)});
+      all += weight_of(planes_[i], direction);
+    }
+    sort_ranked(order.all());
+    double weights = 0, squared = 0;
+    for (const Ranked& one : order) {
+      if (weights >= share * all) break;
+      const double weight = weight_of(planes_[static_cast<std::size_t>(one.index)], direction);
+      weights += weight;
+      squared += weight * one.rank * one.rank;
+    }
+    return weights >= share * least_weight ? std::sqrt(squared / weights) : 0.0;
   }
 
   std::vector<Plane> planes_;
@@ -302,7 +335,7 @@ template <Cloud Source, OrientedSearch Target>
   }
   return SurfaceFit{.rmse = near.rmse(),
                     .overlap = finite > 0 ? static_cast<double>(near.count()) / finite : 0.0,
-                    .worst_rmse = near.worst_rmse()};
+                    .worst_rmse = near.worst_rmse(options.share)};
 }
 
 /// How far a cloud's points lie off each other's planes: root mean square of the distances from points to the plane at

@@ -30,8 +30,12 @@ struct StartOptions {
   double agree_translation = 0.5;  ///< metres that two of them may differ by,
   double agree_per_metre = 0.02;   ///< and metres for each metre of the path between them
   double agree_rotation = 0.05;    ///< radians
-  double lead = 2.0;               ///< times as much evidence as for any other place of the same frame
-  Index max_count = 6;             ///< places that are pursued at a time
+  /// Metres along the path, in either direction, from where a scan was registered to where its registration starts
+  /// again. If it ends elsewhere, the scan fits in many places of a street and says nothing about which it is. Less
+  /// than an alignment reaches (`AlignmentStarts::spacing`); 0: registrations are not repeated.
+  double shift = 2.0;
+  double lead = 2.0;    ///< times as much evidence as for any other place of the same frame
+  Index max_count = 6;  ///< places that are pursued at a time
 };
 
 /// How far a pose in a map can be relied on.
@@ -67,11 +71,14 @@ struct LocalizerCounts {
 };
 
 /// Registers a scan to the map around where it has to be: `search`, as the back end has it look for closures, and
-/// `align`, to one keyframe's submap.
+/// `align`, to one keyframe's submap; `fits_in_part` says whether one that was refused for its residuals lies where
+/// most of it fits.
 template <class R>
 concept MapRegistration = ClosureAligner<R> &&
-    requires(R& closer, std::span<const Keyframe> keyframes, const PositionIndex& index, KeyframeId query) {
+    requires(R& closer, std::span<const Keyframe> keyframes, const PositionIndex& index, KeyframeId query,
+             const LoopClosure& closure) {
   { closer.search(keyframes, index, query, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
+  { closer.fits_in_part(keyframes, closure) } -> std::same_as<bool>;
 };
 
 /// Recognizes places of a map from scans of a drive that is no part of it.

@@ -13,6 +13,7 @@
 #include "chainslam/sensor/frame.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
 #include "chainslam/slam/detail/start_hypotheses.hpp"
+#include "chainslam/slam/detail/start_pose.hpp"
 #include "chainslam/slam/localization.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "chainslam/slam/place_candidates.hpp"
@@ -34,9 +35,11 @@ namespace chainslam {
 /// @tparam Places  recognizes places.
 template <class Closer = LoopCloser<>, class Places = PlaceCandidates>
 class Localizer {
-  static_assert(MapRegistration<Closer>,
-                "Localizer: Closer needs `std::vector<LoopClosure> search(keyframes, index, query, executor)` and "
-                "`LoopClosure align(keyframes, from, to, guess, executor)`, as in LoopCloser");
+  static_assert(
+      MapRegistration<Closer>,
+      "Localizer: Closer needs `std::vector<LoopClosure> search(keyframes, index, query, executor)`, "
+      "`LoopClosure align(keyframes, from, to, guess, executor)` and `bool fits_in_part(keyframes, closure)`, "
+      "as in LoopCloser");
   static_assert(PlaceRecognition<Places>,
                 "Localizer: Places needs `remember(keyframes, end)`, `std::vector<KeyframeId> recognize(keyframes, "
                 "query)` and `std::optional<SE3d> guess(from, query)`, as in PlaceCandidates");
@@ -96,8 +99,11 @@ class Localizer {
                                 const Frame& now);
   /// Goes on from a scan that was not registered, or elsewhere, where odometry has it.
   [[gnu::cold]] void pass_by(const Frame& now, const std::optional<detail::UncertainPose>& other);
-  /// Where a closure puts the scan.
-  [[nodiscard]] [[gnu::cold]] detail::UncertainPose placed(const LoopClosure& closure) const;
+  /// Where a closure puts the scan, as evidence for a start: see `detail::start_pose`.
+  template <Executor E>
+  [[nodiscard]] std::optional<detail::UncertainPose> start_pose(const LoopClosure& closure, const E& executor) {
+    return detail::start_pose(closer_, keyframes_, closure, hypotheses_, options_.max_deviation, executor);
+  }
 
   template <Executor E>
   [[gnu::cold]] void track(const Frame& now, const E& executor);
@@ -105,10 +111,6 @@ class Localizer {
   [[gnu::cold]] void search(const Frame& now, const E& executor);
   template <Executor E>
   [[gnu::cold]] void try_scan(detail::StartHypothesis& hypothesis, Index scan, const E& executor);
-  /// Whether a registered pose is known in all directions: a scan of a corridor fits anywhere along it.
-  [[nodiscard]] bool is_determined(const detail::UncertainPose& at) const {
-    return AlignmentStarts::deviation(at.covariance) <= options_.max_deviation;
-  }
   /// Whether the newest scan has been registered where a recognized place has it, about.
   [[nodiscard]] [[gnu::cold]] bool is_known(SessionId frame, const SE3d& T_map_body);
   /// Discards the pose if it is lost by now.
@@ -271,11 +273,6 @@ void Localizer<Closer, Places>::pass_by(const Frame& now, const std::optional<de
 }
 
 template <class Closer, class Places>
-detail::UncertainPose Localizer<Closer, Places>::placed(const LoopClosure& closure) const {
-  return {keyframe(closure.from).T_map_body * closure.T_from_to, detail::covariance_of(closure.sqrt_information)};
-}
-
-template <class Closer, class Places>
 template <Executor E>
 void Localizer<Closer, Places>::track(const Frame& now, const E& executor) {
   Keyframe& scan = keyframes_.back();
@@ -286,7 +283,7 @@ void Localizer<Closer, Places>::track(const Frame& now, const E& executor) {
   const std::vector<LoopClosure> tried = closer_.search(keyframes_, positions, scan.id, executor);
   ++counts_.registrations;
   if (tried.empty() || tried.back().verdict != ClosureVerdict::accepted) return pass_by(now, {});
-  const detail::UncertainPose measured = placed(tried.back());
+  const detail::UncertainPose measured = detail::placed(keyframes_, tried.back());
   const detail::CorrectedPose pose = corrected(*now_, measured);
   if (pose.squared_distance <= options_.gate) return set_anchor(anchor_->frame, tried.back().from, pose.pose, now);
   // Elsewhere: one scan may err, two that agree do not.
@@ -309,10 +306,10 @@ void Localizer<Closer, Places>::search(const Frame& now, const E& executor) {
   for (const KeyframeId from : places_.recognize(keyframes_, query)) {
     const std::optional<SE3d> guess = places_.guess(from, query);
     if (!guess || is_known(frame_of(from), keyframe(from).T_map_body * *guess)) continue;
-    const LoopClosure closure = closer_.align(keyframes_, from, query, *guess, executor);
-    if (closure.verdict != ClosureVerdict::accepted || !is_determined(placed(closure))) continue;
-    detail::StartHypothesis* found =
-        hypotheses_.recognized(frame_of(from), from, placed(closure), now.T_odom_body, travelled_);
+    const std::optional<detail::UncertainPose> at =
+        start_pose(closer_.align(keyframes_, from, query, *guess, executor), executor);
+    if (!at) continue;
+    detail::StartHypothesis* found = hypotheses_.recognized(frame_of(from), from, *at, now.T_odom_body, travelled_);
     // Odometry may have slipped since earlier ones: after two refusals the others say nothing.
     for (Index scan = newest - 1; found != nullptr && scan >= std::max(newest - most_earlier, Index{0}); --scan)
       if (found->refusing < 2) try_scan(*found, scan, executor);
@@ -341,10 +338,10 @@ void Localizer<Closer, Places>::try_scan(detail::StartHypothesis& hypothesis, In
   for (const KeyframeId from : near_.find(keyframes_, index_of(hypothesis.frame), one.id)) {
     const SE3d guess = keyframe(from).T_map_body.inverse() * one.T_map_body;
     const LoopClosure closure = closer_.align(keyframes_, from, one.id, guess, executor);
-    if (closure.verdict != ClosureVerdict::accepted) continue;
+    if (!detail::is_registered(closure)) continue;
     reference = from;
-    at = placed(closure);
-    if (!is_determined(*at)) return;  // neither for it nor against it
+    at = start_pose(closure, executor);
+    if (!at && closure.verdict == ClosureVerdict::accepted) return;  // neither for it nor against it
   }
   hypotheses_.tried(hypothesis, reference, at, one.T_odom_body, travelled_at_[static_cast<std::size_t>(scan)]);
 }

@@ -130,6 +130,7 @@ static_assert(ClosureCovariance<HessianCovariance>);
 /// When an alignment counts as a closure.
 struct ClosureGate {
   double max_misfit = 2.2;            ///< see `SurfaceFit::worst_misfit`; 0: not looked at
+  double max_partial_misfit = 1.5;    ///< the same by the four fifths that lie nearest: see `fits_in_part`
   bool by_direction = true;           ///< whether the misfit is that of the worst direction, or `SurfaceFit::misfit`
   double max_mean_squared_error = 0;  ///< m^2 over inliers (tau of the paper, section 5: 0.3 at 2 m); 0: any
   double min_inlier_ratio = 0.6;      ///< of the scan's points with a partner in the submap
@@ -228,6 +229,14 @@ class LoopCloser {
     return align(keyframes, from, to, guess, true, executor);
   }
 
+  /// Whether a registered scan lies on its submap but for a fifth that the other does not have, such as traffic.
+  [[nodiscard]] [[gnu::cold]] bool fits_in_part(std::span<const Keyframe> keyframes, const LoopClosure& closure) {
+    const PlacedSubmap at = submaps_.get(keyframes, closure.from);
+    const SurfaceFit fit = surface_fit(scan_of(keyframes[static_cast<std::size_t>(closure.to.value)]), *at.submap,
+                                       at.T_keyframe_submap.inverse() * closure.T_from_to, {.share = 0.8});
+    return fit.worst_misfit(submaps_.surface_noise(*at.submap)) <= options_.gate.max_partial_misfit;
+  }
+
   [[nodiscard]] const LoopCloserOptions& options() const { return options_; }  ///< its settings
   [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }        ///< the submaps that it has built
   /// Metres along the path from one search to the next, of all that `close` made in one session.
@@ -261,13 +270,6 @@ class LoopCloser {
       scan_ = std::make_shared<const PointCloud<float>>(voxel_downsample(*scan_, options_.scan_voxel));
     scan_of_ = keyframe.cloud;
     return *scan_;
-  }
-
-  /// The points by which starts are compared.
-  [[nodiscard]] PointCloud<float> few_of(const PointCloud<float>& scan) const {
-    if (options_.starts.points <= 0) return scan;
-    return detail::every_nth(scan,
-                             std::max<std::size_t>(scan.size() / static_cast<std::size_t>(options_.starts.points), 1));
   }
 
   /// Whether the scan lies on the submap as well as the submap on itself.
@@ -343,7 +345,7 @@ void LoopCloser<Candidates, Registration, Covariance>::search_wider(std::span<co
     const PlacedSubmap target = submaps_.get(keyframes, from, executor);
     const SE3d guess = target.T_keyframe_submap.inverse() * at(from).T_map_body.inverse() * T_map_scan;
     const double noise = submaps_.surface_noise(*target.submap);
-    const PointCloud<float> some = few_of(scan_of(at(to)));
+    const PointCloud<float> some = detail::evenly(scan_of(at(to)), options_.starts.points);
     double least = std::numeric_limits<double>::infinity();
     SE3d best = guess;
     for (const Eigen::Vector3d& offset : offsets) {

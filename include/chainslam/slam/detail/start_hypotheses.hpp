@@ -89,19 +89,31 @@ class StartHypotheses {
     if (options.min_evidence < 1 || options.min_recognitions < 1 || options.min_scans < 1 || options.max_count < 1 ||
         !(options.min_travel >= 0) ||
         !(options.agree_translation > 0 && options.agree_per_metre >= 0 && options.agree_rotation > 0) ||
-        !(options.lead >= 1))
+        !(options.shift >= 0) || !(options.lead >= 1))
       throw std::invalid_argument(
-          "StartOptions: counts must be at least 1, distances and angles positive, lead at least 1");
+          "StartOptions: counts must be at least 1, distances and angles positive, shift not negative, lead at least "
+          "1");
   }
 
-  /// Whether a registered pose is where a hypothesis has it, as far as the path since can be relied on.
-  [[nodiscard]] bool agrees(const StartHypothesis& one, SessionId frame, const SE3d& T_map_body,
-                            const SE3d& T_odom_body, double travelled) const {
-    if (one.frame != frame) return false;
-    const SE3d off = one.predicted(T_odom_body).inverse() * T_map_body;
-    const double path = std::abs(travelled - one.travelled);
+  /// Whether two poses are the same, as far as a path of so many metres between them can be relied on.
+  [[nodiscard]] bool agree(const SE3d& a, const SE3d& b, double path = 0) const {
+    const SE3d off = a.inverse() * b;
     return off.translation().norm() <= options_.agree_translation + options_.agree_per_metre * path &&
            off.rotation().log().norm() <= options_.agree_rotation;
+  }
+  /// Whether a registered pose is where a hypothesis has it.
+  [[nodiscard]] bool agrees(const StartHypothesis& one, SessionId frame, const SE3d& T_map_body,
+                            const SE3d& T_odom_body, double travelled) const {
+    return one.frame == frame && agree(one.predicted(T_odom_body), T_map_body, std::abs(travelled - one.travelled));
+  }
+  /// How well a pose is known that others agree with, if nothing else says.
+  [[nodiscard]] Matrix6d agreement_covariance() const {
+    Matrix6d covariance = zeros<Matrix6d>();
+    for (int i = 0; i < 3; ++i) {
+      covariance(i, i) = 0.25 * options_.agree_translation * options_.agree_translation;
+      covariance(i + 3, i + 3) = 0.25 * options_.agree_rotation * options_.agree_rotation;
+    }
+    return covariance;
   }
 
   /// A scan that a place was recognized from was registered around `reference`: counts for the hypothesis that has it
