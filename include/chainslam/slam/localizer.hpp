@@ -25,9 +25,11 @@ namespace chainslam {
 ///
 /// Cold start: places of the map are recognized by the path since the start, and the scan is registered to each. A
 /// place is a hypothesis until as many scans as asked for are registered where it and odometry have them, and no other
-/// place of the same frame rivals it (`StartOptions`). From then on scans are registered to submaps of the map, and a
-/// Kalman filter of the pose weighs them against odometry. A pose that no scan confirms becomes uncertain, and places
-/// are sought again; later it is lost, until a place is accepted again.
+/// place of the same frame rivals it (`StartOptions`). A scan counts if most of it fits and if it comes back to its
+/// place when it is moved along the path, so that neither traffic nor what is new hides a place, nor a street that is
+/// the same everywhere looks like one. From then on scans are registered to submaps of the map, and a Kalman filter of
+/// the pose weighs them against odometry. A pose that no scan confirms becomes uncertain, and places are sought again;
+/// later it is lost, until a place is accepted again.
 ///
 /// A call costs microseconds, with a scan that is registered some 20 ms, and while places are sought some 200 ms.
 /// Deterministic; memory is that of the map's scans, which are shared with it, and of the submaps that are kept.

@@ -22,8 +22,8 @@ namespace chainslam::detail {
   return {from.T_map_body * closure.T_from_to, covariance_of(closure.sqrt_information)};
 }
 
-/// Whether a scan was registered, well or badly: in traffic, or where it sees more than the map has, the whole of it
-/// fits no better at the right place than at a wrong one.
+/// Whether a scan was registered, well or badly: in traffic, or where it sees more than the map has, it fits no better
+/// at the right place than at a wrong one, unless only what both have is compared.
 [[nodiscard]] inline bool is_registered(const LoopClosure& closure) {
   return closure.verdict == ClosureVerdict::accepted || closure.verdict == ClosureVerdict::high_residual;
 }
@@ -59,8 +59,8 @@ template <class Closer, Executor E>
   return true;
 }
 
-/// Where a closure puts a scan, if it fits nowhere else there: nothing if it was not registered, if neither all nor most
-/// of it fits, if its pose is known less well in some direction, or if it does not come back to it.
+/// Where a closure puts a scan, if it fits nowhere else there: nothing if it was not registered, if neither all nor
+/// most of it fits, if its pose is known less well in some direction, or if it does not come back to it.
 /// @param max_deviation  metres, the largest standard deviation of the position in any direction.
 template <class Closer, Executor E>
 [[nodiscard]] [[gnu::cold]] std::optional<UncertainPose> start_pose(Closer& closer, std::span<const Keyframe> keyframes,
