@@ -160,7 +160,8 @@ struct SurfaceFitOptions {
   Index max_points = 4096;    ///< that are looked at, evenly over the cloud
   /// Of what constrains each direction, the share that counts for `SurfaceFit::worst_rmse`: the rest, which lies
   /// farthest off, is taken for something that only one of the clouds has, such as traffic. With 0.8 all of 162 right
-  /// poses of real scans (Livox Avia) have a `worst_misfit` of at most 1.5, 98 % of them 0.97, and of 31 wrong ones two.
+  /// poses of real scans (Livox Avia) have a `worst_misfit` of at most 1.5, 98 % of them 0.97, and of 31 wrong ones
+  /// two.
   double share = 1.0;
 };
 
