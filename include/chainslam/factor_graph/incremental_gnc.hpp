@@ -199,15 +199,8 @@ class IncrementalGnc {
     while (candidates_.size() > settled_) candidates_.drop_last();
   }
 
-  [[gnu::cold]] void decide(IncrementalGncReport& report) {
-    double mu = 0.0;
-    while (contradicted()) {
-      report.decided = report.steps < options_.max_steps;
-      mu = mu > 0.0 ? options_.growth * mu : first_mu();
-      for (const Index leader : watched_) weigh(leader, report.decided ? mu : decisive_mu);
-      if (!step(report) || !report.decided) break;
-    }
-  }
+  /// Graduated non-convexity, until nothing that was measured is contradicted.
+  [[gnu::cold]] void decide(IncrementalGncReport& report);
 
   /// Trusted factors are judged only while all is decided again, and where they are out already.
   [[nodiscard]] bool is_judged(const Entry& one) const {
@@ -306,25 +299,16 @@ class IncrementalGnc {
     ++report.steps;
     if (!report.last.ok()) return false;
     ++steps_;
-    for (const Key key : smoother_.changed()) {
-      changed_.push_back(key);
-      candidates_.for_each_at(key, [&](Index number) {
-        if (std::exchange(candidates_[number].measured, steps_) != steps_) measure(number);
-      });
-    }
+    changed_.append(smoother_.changed());
+    unmeasured_.append(smoother_.changed());
     return true;
   }
 
+  /// Candidates on what was changed, each once however many updates changed it.
+  [[gnu::cold]] void measure_changed();
+
   /// A candidate that was removed from the smoother is never contradicted.
-  [[gnu::cold]] void measure(Index number) {
-    Entry& of = candidates_[number];
-    of.ratio = smoother_.contains(of.id) ? candidates_.ratio_at(smoother_, number) : 0.0;
-    if (!smoother_.contains(of.id)) return;
-    Entry& leader = candidates_[of.leader];
-    if (!std::exchange(leader.watched, true)) watched_.push_back(of.leader);
-    if (may_be_tried(of.leader) && !std::exchange(leader.touched, true))
-      touched_.push_back({leader.trusted ? -std::numeric_limits<double>::infinity() : -1.0 * of.leader, of.leader});
-  }
+  [[gnu::cold]] void measure(Index number);
 
   [[gnu::cold]] void forget_touched() {
     for (const Ranked& one : touched_) candidates_[one.index].touched = candidates_[one.index].turned = false;
@@ -332,20 +316,7 @@ class IncrementalGnc {
   }
 
   /// Whether a candidate that was measured has not the weight that its residual asks for.
-  [[nodiscard]] [[gnu::cold]] bool contradicted() {
-    for (const Index leader : watched_) {
-      const double of_group = candidates_.group_ratio(leader);
-      bool found = false;
-      candidates_.for_each_member(leader, [&](Index number) {
-        const Entry& one = candidates_[number];
-        found |= is_judged(one) && smoother_.weight(one.id) != weight_of(one, of_group, decisive_mu);
-      });
-      if (found) return true;
-    }
-    for (const Index leader : watched_) candidates_[leader].watched = false;
-    watched_.clear();
-    return false;
-  }
+  [[nodiscard]] [[gnu::cold]] bool contradicted();
 
   /// @param mu  the control parameter; `decisive_mu`: in or out
   [[nodiscard]] [[gnu::cold]] double weight_of(const Entry& one, double of_group, double mu) const {
@@ -354,28 +325,10 @@ class IncrementalGnc {
     return std::max(weight, one.outlier_weight);
   }
 
-  [[nodiscard]] [[gnu::cold]] double first_mu() const {
-    double largest = 1.0;
-    for (const Index leader : watched_) {
-      candidates_.for_each_member(leader, [&](Index number) {
-        const Entry& one = candidates_[number];
-        const bool is_weighed = is_judged(one) && smoother_.weight(one.id) > one.outlier_weight;
-        if (is_weighed) largest = std::max(largest, candidates_.votes(leader) * one.ratio);
-      });
-    }
-    return 1.0 / (2.0 * largest - 1.0);
-  }
+  [[nodiscard]] [[gnu::cold]] double first_mu() const;
 
-  [[gnu::cold]] void weigh(Index leader, double mu) {
-    const double of_group = candidates_.group_ratio(leader);
-    candidates_.for_each_member(leader, [&](Index number) {
-      const Entry& of = candidates_[number];
-      if (!is_judged(of)) return;
-      const double next = weight_of(of, of_group, mu);
-      if (std::abs(next - smoother_.weight(of.id)) > 1e-3 || next == of.outlier_weight || next == 1.0)
-        smoother_.set_weight(of.id, next);
-    });
-  }
+  /// Gives the members of a group the weights that their residuals ask for.
+  [[gnu::cold]] void weigh(Index leader, double mu);
 
   Smoother& smoother_;
   IncrementalGncOptions options_;
@@ -383,6 +336,7 @@ class IncrementalGnc {
   detail::Table<Index> watched_;   ///< leaders of groups measured since there was last no contradiction
   detail::Table<Ranked> touched_;  ///< leaders of groups that may be tried, measured by this call
   detail::Table<Key> changed_;
+  detail::Table<Key> unmeasured_;     ///< changed since the candidates on them were measured
   detail::Table<Index> waiting_;      ///< to be put into the smoother by the next update
   detail::Table<Index> unexpected_;   ///< leaders of groups
   Index news_ = 0;                    ///< how many of these are new
@@ -397,4 +351,5 @@ class IncrementalGnc {
 }  // namespace chainslam
 
 // Bodies of its members.
+#include "chainslam/factor_graph/detail/incremental_gnc_decisions.hpp"
 #include "chainslam/factor_graph/detail/incremental_gnc_trials.hpp"

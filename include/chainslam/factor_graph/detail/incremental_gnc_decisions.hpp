@@ -1,0 +1,89 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "chainslam/core/robust_kernels.hpp"
+#include "chainslam/core/table.hpp"
+#include "chainslam/core/types.hpp"
+#include "chainslam/factor_graph/incremental_gnc.hpp"
+
+// How `IncrementalGnc` measures residuals and decides by them.
+
+namespace chainslam {
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::measure_changed() {
+  for (const Key key : std::exchange(unmeasured_, {}))
+    candidates_.for_each_at(key, [&](Index number) {
+      if (std::exchange(candidates_[number].measured, steps_) != steps_) measure(number);
+    });
+}
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::measure(Index number) {
+  Entry& of = candidates_[number];
+  of.ratio = smoother_.contains(of.id) ? candidates_.ratio_at(smoother_, number) : 0.0;
+  if (!smoother_.contains(of.id)) return;
+  Entry& leader = candidates_[of.leader];
+  if (!std::exchange(leader.watched, true)) watched_.push_back(of.leader);
+  if (may_be_tried(of.leader) && !std::exchange(leader.touched, true))
+    touched_.push_back({leader.trusted ? -std::numeric_limits<double>::infinity() : -1.0 * of.leader, of.leader});
+}
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::decide(IncrementalGncReport& report) {
+  double mu = 0.0;
+  while (contradicted()) {
+    report.decided = report.steps < options_.max_steps;
+    mu = mu > 0.0 ? options_.growth * mu : first_mu();
+    for (const Index leader : watched_) weigh(leader, report.decided ? mu : decisive_mu);
+    if (!step(report) || !report.decided) break;
+  }
+}
+
+template <class Smoother>
+bool IncrementalGnc<Smoother>::contradicted() {
+  measure_changed();
+  for (const Index leader : watched_) {
+    const double of_group = candidates_.group_ratio(leader);
+    bool found = false;
+    candidates_.for_each_member(leader, [&](Index number) {
+      const Entry& one = candidates_[number];
+      found |= is_judged(one) && smoother_.weight(one.id) != weight_of(one, of_group, decisive_mu);
+    });
+    if (found) return true;
+  }
+  for (const Index leader : watched_) candidates_[leader].watched = false;
+  watched_.clear();
+  return false;
+}
+
+template <class Smoother>
+double IncrementalGnc<Smoother>::first_mu() const {
+  double largest = 1.0;
+  for (const Index leader : watched_) {
+    candidates_.for_each_member(leader, [&](Index number) {
+      const Entry& one = candidates_[number];
+      const bool is_weighed = is_judged(one) && smoother_.weight(one.id) > one.outlier_weight;
+      if (is_weighed) largest = std::max(largest, candidates_.votes(leader) * one.ratio);
+    });
+  }
+  return 1.0 / (2.0 * largest - 1.0);
+}
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::weigh(Index leader, double mu) {
+  const double of_group = candidates_.group_ratio(leader);
+  candidates_.for_each_member(leader, [&](Index number) {
+    const Entry& of = candidates_[number];
+    if (!is_judged(of)) return;
+    const double next = weight_of(of, of_group, mu);
+    if (std::abs(next - smoother_.weight(of.id)) > 1e-3 || next == of.outlier_weight || next == 1.0)
+      smoother_.set_weight(of.id, next);
+  });
+}
+
+}  // namespace chainslam
