@@ -18,6 +18,7 @@
 #include "chainslam/registration/alignment_checks.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 #include "chainslam/slam/detail/lru_cache.hpp"
+#include "chainslam/slam/detail/packed_surface.hpp"
 #include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
@@ -171,7 +172,9 @@ class SubmapCache {
  public:
   /// An empty cache.
   explicit SubmapCache(const SubmapOptions& options = {})
-      : options_(options), submaps_(options.max_bytes / 2), fragments_(options.max_bytes / 2) {}
+      : options_(options),
+        submaps_(options.max_bytes / shares),
+        fragments_(options.max_bytes - options.max_bytes / shares) {}
 
   [[nodiscard]] const SubmapOptions& options() const { return options_; }  ///< its settings
 
@@ -202,8 +205,11 @@ class SubmapCache {
   };
   struct Fragment {
     RigidRange at;
-    PointCloud<float> points;  // body frame of `at.center`, with normals
+    detail::PackedSurface points;  // body frame of `at.center`
   };
+
+  /// Of which submaps get one: those made last serve a place, fragments all that is seen there later.
+  static constexpr std::size_t shares = 4;
 
   /// Metres. Each closure bends its session a little: were that too much, most submaps would be made again and again.
   [[nodiscard]] double allowed_shift() const { return options_.voxel_size / 5; }
@@ -276,8 +282,8 @@ const SubmapCache::Fragment& SubmapCache::fragment(std::span<const Keyframe> key
     fragments_.erase(first);
   }
   ++fragments_built_;
-  PointCloud<float> points = oriented(keyframes, center, range, executor);
-  const std::size_t bytes = points.size() * 2 * sizeof(Eigen::Vector3f);
+  detail::PackedSurface points(oriented(keyframes, center, range, executor));
+  const std::size_t bytes = points.bytes();
   return fragments_.insert(first, {RigidRange(keyframes, center, range), std::move(points)}, bytes);
 }
 
@@ -289,7 +295,7 @@ PointCloud<float> SubmapCache::joined(std::span<const Keyframe> keyframes, Keyfr
   for (Index begin = range.begin; begin < range.end;) {
     const Fragment& part = fragment(keyframes, fragment_of(keyframes, begin), executor);
     const SE3d T_center_part = T_center_map * keyframes[static_cast<std::size_t>(part.at.center.value)].T_map_body;
-    append_seen_from(T_center_part, part.points, points);
+    append_seen_from(T_center_part, part.points.unpacked(), points);
     begin = part.at.range.end;
   }
   return voxel_downsample(points, options_.voxel_size);
