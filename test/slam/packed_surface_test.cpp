@@ -53,7 +53,9 @@ TEST_SUITE("slam/packed_surface") {
     CAPTURE(seed);
     std::mt19937 random(seed);
     std::uniform_real_distribution<float> range(0, 1);
-    for (const auto& [reach, step] : {std::pair(160.0F, 0.005F), std::pair(320.0F, 0.01F), std::pair(1300.0F, 0.04F)}) {
+    for (const auto& reach_and_step :
+         {std::pair(160.0F, 0.005F), std::pair(320.0F, 0.01F), std::pair(1300.0F, 0.04F)}) {
+      const float reach = reach_and_step.first, step = reach_and_step.second;
       CAPTURE(reach);
       PointCloud<float> cloud;
       for (int i = 0; i < 1000; ++i) {

@@ -173,7 +173,7 @@ class SubmapCache {
   /// An empty cache.
   explicit SubmapCache(const SubmapOptions& options = {})
       : options_(options),
-        submaps_(options.max_bytes / shares),
+        submaps_(options.fragment > 1 ? options.max_bytes / shares : options.max_bytes),
         fragments_(options.max_bytes - options.max_bytes / shares) {}
 
   [[nodiscard]] const SubmapOptions& options() const { return options_; }  ///< its settings
@@ -208,7 +208,7 @@ class SubmapCache {
     detail::PackedSurface points;  // body frame of `at.center`
   };
 
-  /// Of which submaps get one: those made last serve a place, fragments all that is seen there later.
+  /// Parts of the memory, of which submaps get one, where there are fragments: each takes as much as twenty of those.
   static constexpr std::size_t shares = 4;
 
   /// Metres. Each closure bends its session a little: were that too much, most submaps would be made again and again.
