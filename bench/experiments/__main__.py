@@ -8,6 +8,7 @@ import signal
 import sys
 from pathlib import Path
 
+from . import readme
 from .rows import RowError
 from .tasks import TaskFailed, say
 from .worlds import NAMES, SIZES, WorldError, is_data
@@ -47,7 +48,8 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("--out", type=Path, metavar="DIR", default=build / "experiments",
                          help="default: build/experiments")
     command.add_argument("--readme", action="store_true",
-                         help="also put the tables into README.md, between its markers; those of other worlds stay there")
+                         help="also put the tables into bench/experiments/README.md, between its markers; those of other "
+                         "worlds stay there")
     command.add_argument("--recorder", type=Path, metavar="PROGRAM",
                          help="an earlier build of chainslam, whose recordings of odometry are kept; the tables name it")
     command.add_argument("--published", type=Path, metavar="PROGRAM",
@@ -78,6 +80,12 @@ def checked(words: list[str]) -> argparse.Namespace:
         program = getattr(arguments, option)
         if program and not os.access(program, os.X_OK):
             command.error(f"--{option} {program}: no program of that name")
+    if arguments.readme:
+        try:
+            for name in [*arguments.tables, "cost"]:
+                readme.places(readme.README.read_text(), readme.file_name(name), arguments.size)
+        except readme.MarkerError as error:
+            command.error(f"--readme: {error}")
     for name in arguments.worlds:
         if name not in NAMES and not is_data(Path(name)):
             command.error(f"--world {name}: no world and no folder of that name; worlds: {', '.join(NAMES)}")

@@ -281,7 +281,7 @@ class Maker:
         results: Sequence[Result],
         compared: Compared,
     ) -> None:
-        file = f"table{name}" if name.isdigit() else name
+        file = readme.file_name(name)
         write_json(self.out / f"{file}.json", document(name, self.about(), notes, results, compared))
         self.write_markdown(file, text)
 
@@ -289,4 +289,4 @@ class Maker:
         write_text(self.out / f"{file}.md", text)
         say("written", str(self.out / f"{file}.md"))
         if self.arguments.readme:
-            readme.insert(Path(__file__).with_name("README.md"), file, self.arguments.size, text)
+            readme.insert(readme.README, file, self.arguments.size, text)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .table import write_text
+README = Path(__file__).with_name("README.md")
 
 
 class MarkerError(Exception):
     """The text has no place for a result."""
+
+
+def file_name(table: str) -> str:
+    return f"table{table}" if table.isdigit() else table
 
 
 def marker(name: str, size: str, end: bool = False) -> str:
@@ -36,15 +40,22 @@ def merged(old: str, new: str) -> str:
     return "\n\n".join(text.strip() for worlds in parts for text in worlds.values())
 
 
-def with_result(text: str, name: str, size: str, result: str) -> str:
-    """The text with a result between its markers, merged with what stood there; its headings one level lower."""
+def places(text: str, name: str, size: str) -> tuple[int, int]:
+    """Where a result begins and ends."""
     begin, end = marker(name, size), marker(name, size, end=True)
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise MarkerError(f"README.md needs one line {begin} and one line {end} behind it")
+    return text.index(begin) + len(begin), text.index(end)
+
+
+def with_result(text: str, name: str, size: str, result: str) -> str:
+    """The text with a result between its markers, merged with what stood there; its headings one level lower."""
+    first, last = places(text, name, size)
     lowered = "\n".join("#" + line if line.startswith("#") else line for line in result.strip().splitlines())
-    first, last = text.index(begin) + len(begin), text.index(end)
     return text[:first] + "\n" + merged(text[first:last], lowered) + "\n" + text[last:]
 
 
 def insert(path: Path, name: str, size: str, result: str) -> None:
+    from .table import write_text  # which needs numpy
+
     write_text(path, with_result(path.read_text(), name, size, result))

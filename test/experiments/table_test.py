@@ -394,6 +394,7 @@ class CommandLine(unittest.TestCase):
         self.assertIn("there is no table 9; tables: 1, 2, 3, graph", self.refused("9"))
         self.assertIn("no world and no folder", self.refused("--world", "nowhere"))
         self.assertIn("at least 1", self.refused("--seeds", "0"))
+        self.assertIn("begin table5 medium", self.refused("1", "5", "--size", "medium", "--readme"))
 
 
 class Readme(unittest.TestCase):

@@ -28,8 +28,8 @@ class AccelNoise {
   /// m/s^2 per sqrt(Hz); 0 if it is not estimated.
   [[nodiscard]] double density() const { return std::sqrt(sum_ / time_); }
 
-  /// The same of what comes to a noise of density `own` that is taken anyway.
-  [[nodiscard]] double beside(double own) const { return std::sqrt(std::max(0.0, sum_ / time_ - own * own)); }
+  /// What adds to a noise of density `own`, which is assumed anyway, so that both give this.
+  [[nodiscard]] double excess_over(double own) const { return std::sqrt(std::max(0.0, sum_ / time_ - own * own)); }
 
   /// Takes what was measured on the way to a scan. @param position  of the body at the scan, by the scan alone, odom.
   void follow(const ImuComparison& comparison, const Eigen::Vector3d& position);

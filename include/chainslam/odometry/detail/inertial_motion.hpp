@@ -215,7 +215,7 @@ class InertialMotion {
       reading.gyro_noise = options_.free_gyro;
     }
     if (!reading.force_measured) reading.accel_noise = options_.free_accel;
-    const double excess = accel_noise_.beside(options_.process.noise.accel);
+    const double excess = accel_noise_.excess_over(options_.process.noise.accel);
     reading.accel_noise = std::sqrt(reading.accel_noise * reading.accel_noise + excess * excess);
     if (use == ImuUse::all) return reading;
     if (use == ImuUse::rough_gyroscope) reading.gyro_noise = options_.free_gyro;
