@@ -30,6 +30,13 @@ struct GateMeasure {
   std::function<double(const ClosureFigures&)> of;
 };
 
+/// The misfit over the root of the least localizability of an axis, 0.2 at most: where a pose is wrong along an axis,
+/// only the share of the residuals that determine it shows it.
+[[nodiscard]] inline double misfit_by_localizability(const ClosureFigures& figures) {
+  const double weakest = figures.aligned.localizability.head<3>().minCoeff();
+  return figures.misfit / std::sqrt(std::clamp(weakest, 0.03, 0.2) / 0.2);
+}
+
 /// The score of what no threshold accepts.
 constexpr double never_accepted = std::numeric_limits<double>::infinity();
 
@@ -40,7 +47,9 @@ constexpr double never_accepted = std::numeric_limits<double>::infinity();
       {"share without a partner", 1 - gate.min_inlier_ratio, [](const auto& f) { return 1 - f.aligned.inlier_ratio; }},
       {"misfit", 2.0, [](const auto& f) { return f.misfit; }},
       {"misfit of the worst direction", gate.max_misfit, [](const auto& f) { return f.worst_misfit; }},
-      {"the same by the nearest four fifths", gate.max_partial_misfit, [](const auto& f) { return f.partial_misfit; }},
+      {"misfit by localizability", 2.3, misfit_by_localizability},
+      {"of the worst direction by the nearest four fifths", gate.max_partial_misfit,
+       [](const auto& f) { return f.partial_misfit; }},
       {"submap seen through by the scan", {}, [](const auto& f) { return f.contradiction; }},
       {"less 1.5 times by the scan at its centre", {}, [](const auto& f) { return f.seen_through; }},
       {"scan seen through by the submap's", {}, [](const auto& f) { return f.before_map; }},

@@ -181,9 +181,6 @@ struct SurfaceFit {
 
   /// How many times more than the target's own points these lie off the surfaces, over the share that lies near any.
   ///
-  /// Scans registered to submaps from right and wrong guesses: of real ones (Livox Avia, HDL-32E, HDL-64E twice) 125 of
-  /// 127 right poses have at most 2.0 and 200 wrong ones have 2.13 and more; simulated ones, in traffic that moves
-  /// along too, 90 of 96 and one of 190, slid along a street that repeats itself.
   /// @param noise  of the target, by `surface_noise`; anything below 5 cm, which is what a laser measures, counts as
   /// that.
   /// @returns infinity where nothing overlaps.
@@ -191,9 +188,7 @@ struct SurfaceFit {
 
   /// The same in the worst of three directions: what slid along a street or a courtyard fits in the others.
   ///
-  /// By `bench_closure_gates` (bench/results.md) all of 52 right poses of real scans (Livox Avia, HDL-32E, OS1-64,
-  /// HDL-64E) have at most 2.12, all of 89 simulated ones (16 to 128 lines, in traffic) at most 2.15; of 172 and 317
-  /// wrong ones one and four pass `ClosureGate` at 2.2.
+  /// `bench_closure_gates` (bench/results.md) compares both on right and wrong alignments of eight sensors.
   [[nodiscard]] double worst_misfit(double noise) const { return relative(worst_rmse, noise); }
 
  private:
