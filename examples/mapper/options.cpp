@@ -255,6 +255,12 @@ void add_localizer(Configuration& configuration, LocalizerOptions& localizer, Pl
                     {.min = 1, .max = 1000, .help = "Number of scans that must be registered there, each by itself."});
   configuration.add("localize.min_travel", localizer.start.min_travel,
                     {.unit = "m", .min = 0, .max = 1000, .help = "Minimum travel from the first to the last of them."});
+  configuration.add("localize.shift", localizer.start.shift,
+                    {.unit = "m",
+                     .min = 0,
+                     .max = 100,
+                     .help = "Distance along the path, to either side, from which a scan must be registered to the "
+                             "same place again to count for a start. 0: it need not be."});
   configuration.add(
       "localize.max_distance", localizer.max_distance,
       {.unit = "m", .min = 1, .max = 1e6, .help = "Travel without a registration beyond which the pose is uncertain."});
