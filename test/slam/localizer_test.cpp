@@ -83,7 +83,7 @@ PointCloud<float> overgrown(PointCloud<float> cloud, Rng rng) {
 }
 
 /// Registers each scan to where it is by this map, or anywhere along a street that is the same everywhere.
-struct ScriptedCloser {
+struct SlidingCloser {
   ClosureVerdict verdict = ClosureVerdict::accepted;
   bool slides = false, fits_mostly = true;
   SE3d T_from_to;
@@ -191,14 +191,14 @@ TEST_SUITE("slam/start_pose") {
   }();
   const SE3d T_from_to = test::shift(1, 0, 0);
 
-  std::optional<detail::UncertainPose> placed_by(ScriptedCloser & closer, const StartOptions& options = {}) {
+  std::optional<detail::UncertainPose> placed_by(SlidingCloser & closer, const StartOptions& options = {}) {
     const LoopClosure closure = closer.align(keyframes, KeyframeId{1}, KeyframeId{3}, T_from_to);
     closer.guesses.clear();
     return detail::start_pose(closer, keyframes, closure, detail::StartHypotheses(options), 0.5, Serial{});
   }
 
   TEST_CASE("a scan counts if it comes back to its place from either side along the path") {
-    ScriptedCloser closer{.T_from_to = T_from_to};
+    SlidingCloser closer{.T_from_to = T_from_to};
     const auto at = placed_by(closer);
     REQUIRE(at);
     CHECK(at->pose.translation() == Eigen::Vector3d(6, 0, 0));
@@ -213,7 +213,7 @@ TEST_SUITE("slam/start_pose") {
   }
 
   TEST_CASE("a scan that lies badly on the map counts if it comes back, as well known as what agrees with it") {
-    ScriptedCloser closer{.verdict = ClosureVerdict::high_residual, .T_from_to = T_from_to};
+    SlidingCloser closer{.verdict = ClosureVerdict::high_residual, .T_from_to = T_from_to};
     const auto at = placed_by(closer);
     REQUIRE(at);
     CHECK(at->pose.translation() == Eigen::Vector3d(6, 0, 0));
