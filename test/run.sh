@@ -155,10 +155,8 @@ mkdir -p "$build/logs" || fail "cannot write to $build; set CHAINSLAM_BUILD_DIR 
 if [ "$mode" = quick ]; then
   install_packages $packages_build $packages_program $packages_test
 else
-  install_packages $packages_build $packages_program $packages_test $packages_sanitizers $packages_bench
+  install_packages $packages_build $packages_program $packages_test $packages_sanitizers $packages_bench $packages_docs
 fi
-# shellcheck disable=SC2086
-[ "$mode" != full ] || install_packages $packages_docs
 unpack_data
 if [ ${#modules[@]} -eq 0 ]; then
   mapfile -t modules < <(all_modules "$mode")
@@ -245,6 +243,7 @@ if [ "$mode" != quick ]; then
     fi
     run_step "every header compiles alone" "${header_check[@]}" "$root/include"
     run_step "programs of the modules' pages compile" env CXX=clang++-14 "$root/test/module_pages/run.sh" "$root/include"
+    run_step "the API reference is built" cmake --build "$build/gcc" --target docs
   fi
 fi
 if [[ " ${modules[*]} " == *" experiments "* ]]; then
@@ -260,7 +259,6 @@ if [ "$mode" = full ]; then
   run_programs clang "clang" "${modules[@]}"
   if [ "$selected" = all ]; then  # from what the tests have written
     # Coverage is printed by function, which takes line tables.
-    run_step "the API reference is built" cmake --build "$build/gcc" --target docs
     configure_and_build fuzz "clang, libFuzzer" fuzzers "-DCMAKE_CXX_FLAGS_SANITIZED=-O1 -gline-tables-only" \
       -DCMAKE_BUILD_TYPE=Sanitized -DCMAKE_CXX_COMPILER=clang++-14 -DCHAINSLAM_SANITIZE=address \
       -DCHAINSLAM_BUILD_FUZZERS=ON -DCHAINSLAM_BUILD_TESTS=OFF -DCHAINSLAM_BUILD_BENCH=OFF -DCHAINSLAM_BUILD_EXAMPLES=OFF

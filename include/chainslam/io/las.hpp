@@ -41,7 +41,7 @@ class LasExtent {
  public:
   using Units = std::array<std::int32_t, 3>;  ///< of `LasLayout::scale`, from its offset
 
-  explicit LasExtent(const LasLayout& layout) : layout_(layout) {}
+  explicit LasExtent(const LasLayout& layout) : layout_(layout) {}  ///< starts without positions
 
   /// A position as the file has it; nothing if 32 bits do not hold it.
   [[nodiscard]] std::optional<Units> units(const Eigen::Vector3d& position) const {

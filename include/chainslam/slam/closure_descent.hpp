@@ -216,13 +216,14 @@ class UndoneClosures {
 template <class Closer>
 class Unrepeated {
  public:
+  /// @param undone  closures that are refused.
   Unrepeated(Closer closer, UndoneClosures undone) : closer_(std::move(closer)), undone_(std::move(undone)) {}
 
-  /// As `Closer` has them.
-  /// @{
+  /// As `Closer` has it.
   [[nodiscard]] bool eligible(const Keyframe& candidate, const Keyframe& query) const {
     return closer_.eligible(candidate, query);
   }
+  /// An alignment of `Closer`, refused if it repeats one that was undone.
   template <Executor E = Serial>
   [[nodiscard]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
                                   const SE3d& guess, const E& executor = {}) {
@@ -230,6 +231,7 @@ class Unrepeated {
     undone_.refuse_repeated(closure);
     return closure;
   }
+  /// The same from a good guess.
   template <Executor E = Serial>
     requires requires(Closer& closer, std::span<const Keyframe> keyframes, KeyframeId id, const SE3d& guess,
                       const E& executor) {
@@ -241,17 +243,18 @@ class Unrepeated {
     undone_.refuse_repeated(closure);
     return closure;
   }
+  /// What `Closer` finds for a keyframe, but for repetitions.
   template <Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> search(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                                 KeyframeId query, const E& executor = {}) {
     return refused(closer_.search(keyframes, index, query, executor));
   }
+  /// The same for the newest keyframe.
   template <Executor E = Serial>
   [[nodiscard]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                                const E& executor = {}) {
     return refused(closer_.close(keyframes, index, executor));
   }
-  /// @}
 
   [[nodiscard]] const Closer& closer() const { return closer_; }  ///< the one given
 

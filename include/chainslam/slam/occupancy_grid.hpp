@@ -105,8 +105,10 @@ struct LogOdds {
   using Cell = std::int8_t;              ///< steps of 0.05
   static constexpr Cell unknown = -128;  ///< no scan has said anything
 
-  Cell when_hit = 17, when_missed = -8;  ///< probabilities of 0.7 and 0.4
-  Cell least = -40, most = 70;           ///< 0.12 and 0.97
+  Cell when_hit = 17;     ///< what a return adds: a probability of 0.7
+  Cell when_missed = -8;  ///< what a ray through the cell adds: 0.4
+  Cell least = -40;       ///< smallest of a cell: 0.12
+  Cell most = 70;         ///< largest: 0.97
 
   [[nodiscard]] Cell hit(Cell cell) const { return moved(cell, when_hit); }      ///< a return was in the cell
   [[nodiscard]] Cell miss(Cell cell) const { return moved(cell, when_missed); }  ///< a ray went through the cell
@@ -139,7 +141,8 @@ template <OccupancyModel Model = LogOdds>
 struct OccupancyGrid {
   Eigen::Vector2d origin = Eigen::Vector2d::Zero();  ///< the corner with the smallest x and y, metres
   double resolution = 0.1;                           ///< metres
-  Index width = 0, height = 0;                       ///< cells along x and y
+  Index width = 0;                                   ///< cells along x
+  Index height = 0;                                  ///< cells along y
   std::vector<typename Model::Cell> cells{};         ///< width * height
   Model model{};                                     ///< how evidence adds up
 
