@@ -16,7 +16,7 @@
 
 namespace chainslam::detail {
 
-/// A unit vector on the octahedron |x| + |y| + |z| = 1, unfolded to a square: 16 bits for each side, off by 0.003
+/// A unit vector on the octahedron |x| + |y| + |z| = 1, unfolded to a square: 16 bits for each side, off by 0.004
 /// degrees at most (Cigolle et al. 2014, "A survey of efficient representations for independent unit vectors").
 struct OctahedralNormal {
   static constexpr std::int16_t none = -32768;  ///< stands for the zero vector
