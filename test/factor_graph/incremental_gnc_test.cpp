@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -109,6 +110,77 @@ TEST_SUITE("factor_graph/incremental_gnc") {
     CHECK(gnc.reconsider().steps > 0);
     CHECK_FALSE(gnc.is_in(wrong));
     for (const Index one : right) CHECK(gnc.is_in(one));
+  }
+
+  TEST_CASE("good steps that one wrong closure keeps out, with a part between them, come back together") {
+    Vector6d sigmas;
+    sigmas << Eigen::Vector3d::Constant(0.1), Eigen::Vector3d::Constant(0.005);
+    const auto noise = NoiseModel<6>::from_sigmas(sigmas).sqrt_information();
+    const OutlierTest closure{.threshold = 40, .outlier_weight = 1e-8, .forecast = true};
+    const double off = 6;
+    GncSmoother smoother(SmootherOptions{.patience = 0.0}, NoLag{});
+    IncrementalGnc<GncSmoother> gnc(smoother);
+    const auto place = [](Key key, double y) { return SE3d(SO3d(), {5.0 * key, y, 0}); };
+    std::vector<Index> out;
+    Index last = gnc.none;
+    for (Key key = 0; key < 40; ++key) {
+      smoother.add_value(place(key, key >= 20 && key < 24 ? off : 0));
+      if (key == 0) continue;
+      const bool in = key != 20 && key != 24;
+      last = gnc.add(
+          {key - 1, key, place(1, 0), noise},
+          {.threshold = 28, .price = 70, .outlier_weight = 1e-8, .begins_in = in, .trusted = true, .previous = last});
+      if (!in) out.push_back(last);
+    }
+    smoother.add_prior(0, SE3d(), NoiseModel<6>::from_sigma(0.01));
+    std::vector<Index> right;
+    for (const Key key : {10, 18, 26, 39}) right.push_back(gnc.add({0, key, place(key, 0), noise}, closure));
+    const Index wrong = gnc.add({2, 22, place(20, off), noise}, closure);
+    REQUIRE(gnc.admit());  // as if it had been believed before the steps were known
+    REQUIRE(gnc.update().last.ok());
+    REQUIRE(smoother.converge().ok());
+    for (const Index one : out) CHECK_FALSE(gnc.is_in(one));
+    CHECK(gnc.is_in(wrong));
+    while (gnc.reconsider().steps > 0) REQUIRE(smoother.converge().ok());
+    for (const Index one : out) CHECK(gnc.is_in(one));
+    for (const Index one : right) CHECK(gnc.is_in(one));
+    CHECK_FALSE(gnc.is_in(wrong));
+    CHECK(std::abs(smoother[22].translation().y()) < 0.1);
+  }
+
+  TEST_CASE("a trusted step is out as soon as what speaks against it, within the graph and beyond, exceeds its price") {
+    Vector6d sigmas;
+    sigmas << Eigen::Vector3d::Constant(0.05), Eigen::Vector3d::Constant(0.003);
+    const auto noise = NoiseModel<6>::from_sigmas(sigmas).sqrt_information();
+    const SE3d step(SO3d(), {5, 0, 0});
+    for (const double evidence : {0.0, 25.0, 35.0, 1000.0}) {
+      CAPTURE(evidence);
+      GncSmoother smoother(SmootherOptions{.patience = 0.0}, NoLag{});
+      IncrementalGnc<GncSmoother> gnc(smoother);
+      std::vector<Index> steps{gnc.none};
+      for (Key key = 0; key < 10; ++key) {
+        smoother.add_value(SE3d(SO3d(), {5.0 * key, 0, 0}));
+        if (key > 0)
+          steps.push_back(gnc.add(
+              {key - 1, key, step, noise},
+              {.threshold = 28, .price = 70, .outlier_weight = 1e-8, .trusted = true, .previous = steps.back()}));
+      }
+      smoother.add_prior(0, SE3d(), NoiseModel<6>::from_sigma(0.01));
+      smoother.add_prior(9, SE3d(SO3d(), {47, 0, 0}), NoiseModel<6>::from_sigma(0.28));
+      REQUIRE(gnc.update().last.ok());
+      for (std::size_t k = 1; k < 10; ++k) CHECK(gnc.is_in(steps[k]));
+      const double against = smoother.cost();
+      REQUIRE(against > 37);
+      REQUIRE(against < 43);
+      gnc.doubt(steps[5], evidence);
+      REQUIRE(gnc.update().last.ok());
+      CHECK(gnc.is_doubted(steps[5]) == (evidence > 0));
+      for (std::size_t k = 1; k < 10; ++k) CHECK(gnc.is_in(steps[k]) == (k != 5 || against + evidence < 70));
+      gnc.doubt(steps[5], -3.0);  // it was not so
+      REQUIRE(gnc.update().last.ok());
+      static_cast<void>(gnc.reconsider());
+      for (std::size_t k = 1; k < 10; ++k) CHECK(gnc.is_in(steps[k]));
+    }
   }
 
   TEST_CASE("behind a step that failed, one closure alone is not believed; a second that agrees lets both in") {

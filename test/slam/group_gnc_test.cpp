@@ -85,6 +85,52 @@ TEST_SUITE("slam/group_gnc") {
     CHECK(worst[1] < 0.8 * worst[0]);
   }
 
+  TEST_CASE("where a drive ends behind a step that failed, its fixes say so") {
+    for (const Index end : {200, 191}) {  // 18 fixes, and 9, behind that step
+      const Rounds rounds(end, {182}, 0, 1.4);
+      const Eigen::Vector3d bias(1, -1, 2);
+      double worst[2];
+      for (const bool judged : {false, true}) {
+        Growing map(rounds, {}, judged ? GroupGnc{} : GroupGnc{.odometry = 0});
+        map.period = 5;
+        map.drive_to(end, &bias);
+        REQUIRE(map.graph.converge().ok());
+        worst[judged ? 1 : 0] = map.worst();
+        if (!judged) continue;
+        MapGraph<> loaded;
+        loaded.load(map.graph.map());
+        REQUIRE(loaded.converge().ok());
+        CHECK((loaded.map().keyframes.back().T_map_body.translation() -
+               map.graph.map().keyframes.back().T_map_body.translation())
+                  .norm() < 1);
+      }
+      MESSAGE("largest error ", worst[0], " -> ", worst[1], " m");
+      CHECK(worst[0] > 12);
+      CHECK(worst[1] < 4);
+    }
+  }
+
+  TEST_CASE("fixes that are off for a while, or from some place on, do not make good odometry fail") {
+    const Rounds rounds(240);
+    const Eigen::Vector3d bias(1, -1, 2);
+    for (const double off : {10.0, 20.0, 30.0})
+      for (const Index end : {160, 240}) {
+        CAPTURE(off);
+        CAPTURE(end);
+        Growing with(rounds), never(rounds, {}, {.odometry = 0});
+        for (Growing* map : {&with, &never}) {
+          map->period = 5;
+          map->drive_to(140, &bias);
+          const Eigen::Vector3d reflected = bias + Eigen::Vector3d(off, 0, 0);
+          map->drive_to(end, &reflected);
+          map->drive_to(240, &bias);
+          REQUIRE(map->graph.converge().ok());
+        }
+        MESSAGE("off by ", off, " m up to ", end, ": ", with.worst(), ", never judged ", never.worst(), " m");
+        CHECK(with.worst() < 1.02 * never.worst() + 0.05);
+      }
+  }
+
   TEST_CASE("a map that is saved and loaded keeps what was decided") {
     const Rounds rounds(60);
     Growing map(rounds);

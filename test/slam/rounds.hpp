@@ -46,7 +46,8 @@ struct Growing {
 
   void drive_to(Index end, const Eigen::Vector3d* fix_bias = nullptr) {
     for (Index i = to_index(graph.map().keyframes.size()); i < end; ++i) {
-      Keyframe keyframe{.time = Timestamp(seconds(i)), .T_odom_body = rounds.odometry[static_cast<std::size_t>(i)]};
+      Keyframe keyframe{.time = Timestamp(seconds(period * i)),
+                        .T_odom_body = rounds.odometry[static_cast<std::size_t>(i)]};
       if (fix_bias) keyframe.gnss = fix(i, *fix_bias);
       graph.append(keyframe);
       if (graph.waiting_fixes() >= 10) CHECK(graph.optimize().ok());  // as the back end does
@@ -90,6 +91,7 @@ struct Growing {
   }
 
   const Rounds& rounds;
+  double period = 1;  ///< seconds from keyframe to keyframe
   MapGraph<> graph;
   Rng rng{7};
 };

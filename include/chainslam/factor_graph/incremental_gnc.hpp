@@ -144,6 +144,16 @@ class IncrementalGnc {
   /// or not, be decided again by the next update.
   void vouch_for(Index leader) { vouched_for_.push_back(leader); }
 
+  /// Lets the next update try whether a trusted factor is an outlier, for reasons of the caller's own.
+  /// @param evidence  squared deviations that speak against it and that the graph does not know of: so much less does
+  /// it
+  ///                  cost as an outlier, but as much as a consecutive one at least. None takes the doubt back.
+  [[gnu::cold]] void doubt(Index number, double evidence) {
+    candidates_[number].doubt = std::max(evidence, 0.0);
+    if (number < settled_) measure(number);
+  }
+  [[nodiscard]] bool is_doubted(Index number) const { return candidates_[number].doubt > 0; }  ///< whether it is
+
   /// Updates the smoother until each candidate is in or out. If the first update fails, the candidates added since the
   /// last are gone, as all else; if a later one does, the decision waits for the next time.
   [[gnu::cold]] IncrementalGncReport update() {
@@ -169,6 +179,7 @@ class IncrementalGnc {
     for (Index number = 0; number < settled_; ++number) measure(number);
     decide(report);
     try_others(report, std::numeric_limits<Index>::max());
+    try_trusted(report);
     forget_touched();
     return report;
   }
@@ -245,10 +256,11 @@ class IncrementalGnc {
   };
   [[nodiscard]] [[gnu::cold]] Surroundings around(Key key) const;
 
-  /// Trusted factors are tried where they are out and next to those.
+  /// Trusted factors are tried where they are out, next to those, and where they are doubted.
   [[nodiscard]] bool may_be_tried(Index leader) const {
     const Entry& one = candidates_[leader];
-    return one.factor.from != none && (one.forecast || is_out(leader) || follows_one(leader) || is_out(one.next));
+    return one.factor.from != none &&
+           (one.forecast || one.doubt > 0 || is_out(leader) || follows_one(leader) || is_out(one.next));
   }
 
   /// Takes single groups near a change out or in, each once, as long as the forecast says that the truncated squares
@@ -270,7 +282,15 @@ class IncrementalGnc {
   [[gnu::cold]] void try_unexpected(IncrementalGncReport& report);
   /// Lets groups count in full and decides again on what speaks against them, first with what is trusted, then without;
   /// takes that back unless the truncated squares fall by more than `margin`.
-  [[gnu::cold]] void try_in(std::span<const Index> leaders, double margin, IncrementalGncReport& report);
+  [[gnu::cold]] void try_in(std::span<const Index> leaders, double margin, IncrementalGncReport& report) {
+    if (!try_in(leaders, margin, true, report)) static_cast<void>(try_in(leaders, margin, false, report));
+  }
+  /// @returns false if it was taken back.
+  [[nodiscard]] [[gnu::cold]] bool try_in(std::span<const Index> leaders, double margin, bool trusting,
+                                          IncrementalGncReport& report);
+  /// Tries trusted factors that are out in again, those near each other in their sequence together as well: what speaks
+  /// against them may be wrong, and in only because they are out.
+  [[gnu::cold]] void try_trusted(IncrementalGncReport& report);
   [[nodiscard]] [[gnu::cold]] double truncated_squares() const;
   [[nodiscard]] bool is_out(Index number) const {
     return number != none && smoother_.contains(id(number)) && !is_in(number);
@@ -282,11 +302,16 @@ class IncrementalGnc {
       if (is_out(before)) return true;
     return false;
   }
+  /// What an outlier costs the truncated squares.
+  [[nodiscard]] double price(const Entry& one, bool consecutive) const {
+    return consecutive ? options_.consecutive_price * one.price
+                       : std::max(one.price - one.doubt, options_.consecutive_price * one.price);
+  }
   /// What it adds to the truncated squares that some members of a group are out.
   [[nodiscard]] [[gnu::cold]] double price(Index leader, Offset members) const {
     const Entry& one = candidates_[leader];
-    return (follows_one(leader) || is_out(one.next) ? options_.consecutive_price : 1.0) * one.price *
-           static_cast<double>(members) / candidates_.votes(leader);
+    return price(one, follows_one(leader) || is_out(one.next)) * static_cast<double>(members) /
+           candidates_.votes(leader);
   }
 
   void set_in(Index number, bool in) {

@@ -17,8 +17,8 @@ namespace chainslam {
 
 /// Decides which closures, GNSS fixes and steps of odometry are outliers, and decides again whenever something speaks
 /// against it: see `IncrementalGnc`. A closure that the graph does not expect is left out until enough others agree
-/// with it, or the fixes do; then odometry itself may be found to be wrong. A chained closure is in the group of the
-/// closure that led to it: together they have one vote.
+/// with it, or the fixes do; then odometry itself may be found to be wrong. So may it be where a drive ends and its
+/// fixes go another way. A chained closure is in the group of the closure that led to it: together they have one vote.
 ///
 /// Thresholds are squared Mahalanobis distances, set on three real drives of NCLT (`IncrementalGncOptions`).
 struct GroupGnc {
@@ -61,6 +61,8 @@ class GroupGncFactors {
                                    .outlier_weight = options_.outlier_weight,
                                    .trusted = true,
                                    .previous = goes_on ? last_step_ : Gnc::none});
+    if (factor.to >= steps_.size()) steps_.resize(factor.to + 1, Gnc::none);
+    steps_[factor.to] = last_step_;
   }
 
   /// Adds the closure at a position among the map's; they come in their order. What was an outlier begins as one.
@@ -105,6 +107,7 @@ class GroupGncFactors {
   /// @returns what the last update says, and the work of all.
   [[nodiscard]] [[gnu::cold]] UpdateReport update(const SlamMap& map) {
     gnss_.add(map, gnc_);
+    if (!map.sessions.empty()) doubt_steps(map, map.sessions.back());
     ask_fixes(map);
     IncrementalGncReport report = gnc_.update();
     report.last.work = report.work;
@@ -121,6 +124,7 @@ class GroupGncFactors {
     ConvergeReport report;
     for (int pass = 0; pass < passes; ++pass) {
       gnss_.renew();
+      for (const Session& session : map.sessions) doubt_steps(map, session);
       if (!update(map).ok()) break;
       for (int decision = 0; decision < decisions; ++decision) {
         report = smoother_.converge(options);
@@ -163,12 +167,33 @@ class GroupGncFactors {
     }
   }
 
+  /// Doubts the step of odometry that a session's last fixes speak against most, and none any more that they do not.
+  [[gnu::cold]] void doubt_steps(const SlamMap& map, const Session& session) {
+    constexpr double by_chance = 20;  // squared deviations that the best of so many steps may gain
+    if (!(options_.odometry > 0)) return;
+    const auto pose = [&](Key key) { return map.keyframes[static_cast<std::size_t>(key)].T_map_body; };
+    const auto step = [&](Index k) { return k < steps_.size() ? steps_[k] : Gnc::none; };
+    const auto join = [&](Index k) {
+      if (step(k) == Gnc::none) return SE3d();
+      const ClosureFactor& odometry = gnc_.factor(step(k));
+      return pose(odometry.from) * odometry.measurement * pose(k).inverse();
+    };
+    Ranked most{by_chance, Gnc::none};
+    gnss_.for_each_doubt(map, session, join, [&](Index k, double evidence) {
+      if (step(k) == Gnc::none) return;
+      if (gnc_.is_doubted(step(k))) gnc_.doubt(step(k), evidence);
+      if (evidence > most.rank) most = {evidence, step(k)};
+    });
+    if (most.index != Gnc::none) gnc_.doubt(most.index, most.rank);
+  }
+
   GroupGnc options_;
   Smoother smoother_;
   Gnc gnc_;
   detail::GnssFactors<Gnc> gnss_;
   detail::GravityFactors<Gnc> gravity_;
   Index last_step_ = Gnc::none;      ///< of odometry, its number in `gnc_`
+  detail::Table<Index> steps_;       ///< of each keyframe the number of the step that leads to it, or none
   detail::Table<Index> candidates_;  ///< of each closure its number in `gnc_`, none if it is never judged
 };
 

@@ -130,29 +130,47 @@ void IncrementalGnc<Smoother>::try_unexpected(IncrementalGncReport& report) {
 }
 
 template <class Smoother>
-void IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, double margin, IncrementalGncReport& report) {
-  if (!report.last.ok()) return;
+bool IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, double margin, bool trusting,
+                                      IncrementalGncReport& report) {
+  if (!report.last.ok()) return true;
   const double before = truncated_squares();
   detail::Table<double> weights;
   for (Index number = 0; number < candidates_.size(); ++number)
     weights.push_back(smoother_.contains(id(number)) ? smoother_.weight(id(number)) : 0.0);
-  for (const bool trusting : {true, false}) {
-    IncrementalGncReport trial;
-    for (const Index leader : leaders) candidates_.for_each_member(leader, [&](Index number) { set_in(number, true); });
-    trusting_ = trusting;
-    if (step(trial)) decide(trial);
-    trusting_ = true;
-    try_others(trial, options_.tried_rows);
-    report.steps += trial.steps;
-    report.work += trial.work;
-    report.last = trial.last;
-    if (!trial.last.ok() || truncated_squares() < before - margin) return;
-    for (Index number = 0; number < candidates_.size(); ++number)
-      if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
-        smoother_.set_weight(id(number), weights[number]);
-    if (!step(report)) return;
+  IncrementalGncReport trial;
+  for (const Index leader : leaders) candidates_.for_each_member(leader, [&](Index number) { set_in(number, true); });
+  trusting_ = trusting;
+  if (step(trial)) decide(trial);
+  trusting_ = true;
+  try_others(trial, options_.tried_rows);
+  report.steps += trial.steps;
+  report.work += trial.work;
+  report.last = trial.last;
+  if (!trial.last.ok() || truncated_squares() < before - margin) return true;
+  for (Index number = 0; number < candidates_.size(); ++number)
+    if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
+      smoother_.set_weight(id(number), weights[number]);
+  if (step(report)) decide(report);
+  return false;
+}
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::try_trusted(IncrementalGncReport& report) {
+  constexpr Index near = 10;  // places in the sequence
+  detail::Table<Index> run;
+  const auto attempt = [&] {
+    const auto in = [&](std::span<const Index> some) { return try_in(some, 0.0, true, report); };
+    if (!run.empty() && !in(run.all()) && run.size() > 1)
+      for (const Index number : run)
+        if (is_out(number)) static_cast<void>(in(std::span(&number, 1)));
+    run.clear();
+  };
+  for (Index number = 0; number < candidates_.size(); ++number) {
+    if (!candidates_[number].trusted || !is_out(number)) continue;
+    if (!run.empty() && factor(number).to - factor(run.back()).to > near) attempt();
+    run.push_back(number);
   }
-  decide(report);
+  attempt();
 }
 
 template <class Smoother>
@@ -161,7 +179,7 @@ double IncrementalGnc<Smoother>::truncated_squares() const {
   for (Index number = 0; number < candidates_.size(); ++number) {
     const Entry& one = candidates_[number];
     if (!is_out(number)) continue;
-    sum += (follows_one(number) ? options_.consecutive_price : 1.0) * one.price / candidates_.votes(one.leader);
+    sum += price(one, follows_one(number)) / candidates_.votes(one.leader);
   }
   return sum;
 }

@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/slam/back_end_options.hpp"
+#include "chainslam/slam/detail/fixes_on_ground.hpp"
 #include "chainslam/slam/georeference.hpp"
 #include "chainslam/slam/slam_map.hpp"
 
@@ -53,17 +55,6 @@ class FixEvidence {
  private:
   using Part = detail::Table<FixedPosition>;
 
-  /// A rotation about the vertical and a shift.
-  struct OnGround {
-    double cosine = 1, sine = 0, x = 0, y = 0;
-
-    /// Metres along the ground between where a position is put and where its fix is.
-    [[nodiscard]] double off(const FixedPosition& fix) const {
-      const double px = fix.position.x(), py = fix.position.y();
-      return std::hypot(cosine * px - sine * py + x - fix.ecef.x(), sine * px + cosine * py + y - fix.ecef.y());
-    }
-  };
-
   [[nodiscard]] bool usable(const Keyframe& keyframe) const {
     return keyframe.gnss && is_usable(*keyframe.gnss, GnssFactorOptions{.max_sigma = options_.max_sigma});
   }
@@ -106,6 +97,12 @@ class FixEvidence {
     return std::sqrt(largest / static_cast<double>(part.size()));
   }
 
+  /// Metres along the ground between where a position is put and where its fix is.
+  [[nodiscard]] static double distance(const OnGround& ground, const FixedPosition& fix) {
+    const Eigen::Vector2d error = ground.error(fix);
+    return std::hypot(error.x(), error.y());
+  }
+
   [[nodiscard]] static double median(detail::Table<Ranked>& values) {
     sort_ranked(values.all());
     return values[values.size() / 2].rank;
@@ -119,21 +116,10 @@ class FixEvidence {
     for (int pass = 0; pass < 6; ++pass) {
       Part kept;
       for (const FixedPosition& fix : part)
-        if (pass == 0 || found.off(fix) <= most) kept.push_back(fix);
-      const Eigen::Vector3d p = middle(kept, &FixedPosition::position), e = middle(kept, &FixedPosition::ecef);
-      double dot = 0, cross = 0;
-      for (const FixedPosition& fix : kept) {
-        const double px = fix.position.x() - p.x(), py = fix.position.y() - p.y();
-        const double ex = fix.ecef.x() - e.x(), ey = fix.ecef.y() - e.y();
-        dot += px * ex + py * ey;
-        cross += px * ey - py * ex;
-      }
-      const double length = std::hypot(dot, cross);
-      if (length > 0) found = {dot / length, cross / length, 0, 0};
-      found.x = e.x() - (found.cosine * p.x() - found.sine * p.y());
-      found.y = e.y() - (found.sine * p.x() + found.cosine * p.y());
+        if (pass == 0 || distance(found, fix) <= most) kept.push_back(fix);
+      found = onto_fixes(std::span<const FixedPosition>(kept.all()));
       detail::Table<Ranked> off;
-      for (const FixedPosition& fix : part) off.push_back({found.off(fix), 0});
+      for (const FixedPosition& fix : part) off.push_back({distance(found, fix), 0});
       most = std::max(2 * median(off), 1e-3);
     }
     return found;
@@ -146,8 +132,8 @@ class FixEvidence {
     const Eigen::Vector3d center = middle(known, &FixedPosition::position);
     detail::Table<Ranked> off;
     for (const FixedPosition& fix : seen) {
-      const double away = ground.off({center, fix.ecef});
-      off.push_back({ground.off(fix) / (options_.max_difference * (1 + away / spread_known)), 0});
+      const double away = distance(ground, {center, fix.ecef});
+      off.push_back({distance(ground, fix) / (options_.max_difference * (1 + away / spread_known)), 0});
     }
     return median(off);
   }

@@ -15,6 +15,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
+#include "chainslam/slam/detail/fixes_on_ground.hpp"
 #include "chainslam/slam/georeference.hpp"
 #include "chainslam/slam/gravity_measurement.hpp"
 #include "chainslam/slam/slam_map.hpp"
@@ -139,12 +140,52 @@ class GnssFactors {
     return best;
   }
 
+  /// Calls visit(k, evidence) for each of a session's last keyframes that a step of odometry leads to: by how many
+  /// squared deviations the way that the fixes go is explained better, if that step has failed and what is behind it
+  /// lies where its fixes are.
+  /// @param join  SE3d(k): carries what is behind the step to where the step by itself would have it
+  template <class Join, class Visit>
+  [[gnu::cold]] void for_each_doubt(const SlamMap& map, const Session& session, const Join& join, Visit&& visit) const {
+    constexpr std::size_t behind = 5;  // fixes at least: fewer lie anywhere by chance
+    const detail::Table<FixInMap> fixes = last_fixes(map, session);
+    const std::span<const FixInMap> all = fixes.all();
+    for (std::size_t i = 1; i + behind <= all.size(); ++i) {
+      const double failed = squared_differences(all.subspan(i - 1), onto_fixes(all.subspan(i)), options_);
+      for (Index k = all[i - 1].keyframe + 1; k <= all[i].keyframe; ++k) {
+        const SE3d T = join(k);
+        detail::Table<FixInMap> joined(all.subspan(i - 1));
+        for (Offset j = 1; j < joined.size(); ++j) joined[j].position = T * joined[j].position;
+        visit(k, squared_differences(std::span<const FixInMap>(joined.all()), OnGround(), options_) - failed);
+      }
+    }
+  }
+
  private:
   /// A frame on the Earth.
   struct Earth {
     std::optional<SE3d> T_frame_ecef;
     Index fixes = 0, fitted = 0;  ///< so far, and when it was found out
   };
+
+  /// The session's last fixes, as many as are looked at, if it is known where its frame lies on the Earth.
+  [[nodiscard]] [[gnu::cold]] detail::Table<FixInMap> last_fixes(const SlamMap& map, const Session& session) const {
+    constexpr Offset looked_at = 60;
+    detail::Table<FixInMap> fixes;
+    if (session.frame.value >= on_earth_.size() || !on_earth_[session.frame.value].T_frame_ecef) return fixes;
+    for (Index i = session.end_keyframe(); i-- > session.first_keyframe && fixes.size() < looked_at;) {
+      const Keyframe& one = map.keyframes[static_cast<std::size_t>(i)];
+      if (!one.gnss || !is_usable(*one.gnss, options_)) continue;
+      FixInMap fix;
+      fix.position = one.T_map_body * options_.antenna;
+      fix.ecef = *on_earth_[session.frame.value].T_frame_ecef * one.gnss->position_ecef - biases_[session.id.value];
+      fix.keyframe = i;
+      fix.time = to_seconds(one.time - map.keyframes[static_cast<std::size_t>(session.first_keyframe)].time);
+      fix.variance = one.gnss->covariance_ecef.trace() / 3;
+      fixes.push_back(fix);
+    }
+    std::reverse(fixes.begin(), fixes.end());
+    return fixes;
+  }
 
   [[nodiscard]] static SessionId frame(const SlamMap& map, Index i) {
     const Keyframe& keyframe = map.keyframes[static_cast<std::size_t>(i)];
