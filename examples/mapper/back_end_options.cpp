@@ -167,10 +167,35 @@ void add_closures(Configuration& configuration, BackEndParts& parts) {
                     {.min = 0,
                      .max = 1e9,
                      .help = "Maximum ratio of the scan's distances from the submap's surfaces to those of the "
-                             "submap's own points, divided by the share of points near a surface. 0: no limit."});
-  configuration.add("closures.by_direction", gate.by_direction,
-                    {.help = "Apply max_misfit to each of three directions, with the surfaces that constrain it, "
-                             "instead of to all points at once."});
+                             "submap's own points, in the worst of three directions, divided by the share of points "
+                             "near a surface. 0: no limit."});
+  configuration.add("closures.misfit_share", gate.misfit_share,
+                    {.min = 0.01,
+                     .max = 1,
+                     .help = "Share of what constrains each direction, by the points nearest to surfaces, to which "
+                             "max_misfit applies. The rest may be traffic."});
+  configuration.add("closures.sure_misfit", gate.sure_misfit,
+                    {.min = 0,
+                     .max = 1e9,
+                     .help = "The same over the square root of the share of residuals that determine the position in "
+                             "its weakest direction, relative to 0.2. Beyond this, an alignment is repeated from both "
+                             "sides in that direction and rejected unless it ends at the same pose. Requires "
+                             "max_misfit > 0."});
+  configuration.add("closures.repeat_below", gate.repeat_below,
+                    {.min = 0,
+                     .max = 1,
+                     .help = "Share of residuals that determine the position in its weakest direction below which "
+                             "alignments are repeated in any case."});
+  configuration.add(
+      "closures.repeat_shift", gate.repeat_shift,
+      {.unit = "m", .min = 0, .max = 100, .help = "Distance of the repetitions' initial guesses from the pose."});
+  configuration.add("closures.repeat_distance", gate.repeat_distance,
+                    {.unit = "m", .min = 0, .max = 100, .help = "Maximum distance of their poses from that pose."});
+  configuration.add("closures.usual_misfit", parts.closures.usual_misfit,
+                    {.min = 0,
+                     .max = 1e9,
+                     .help = "Misfit beyond which the standard deviations of a closure grow in proportion to it. 0: "
+                             "they do not depend on it."});
   configuration.add("closures.max_mean_squared_error", gate.max_mean_squared_error,
                     {.unit = "m^2",
                      .min = 0,

@@ -137,6 +137,58 @@ TEST_SUITE("slam/loop_closer") {
     CHECK(corner.align({.min_inlier_ratio = 1.01}).verdict == ClosureVerdict::too_few_inliers);
   }
 
+  TEST_CASE("between two walls without ends a scan stays where it starts: refused, unless that is not looked at") {
+    Street street;
+    street.facades = {{{-40, -3, 0}, {120, 0, 0}, {0, 6, 0}},
+                      {{-40, -3, 0}, {120, 0, 0}, {0, 0, 5}},
+                      {{-40, 3, 0}, {120, 0, 0}, {0, 0, 5}}};
+    std::vector<SE3d> poses;
+    for (int i = 0; i < 12; ++i) poses.push_back(test::shift(2.0 * i, 0, 1.8));
+    poses.push_back(test::shift(10.5, 0.3, 1.8));
+    std::vector<Keyframe> keyframes = test::keyframes_at(poses);
+    for (std::size_t i = 0; i < keyframes.size(); ++i) keyframes[i].cloud = street.scan(poses[i], Rng(200 + i), 30000);
+    const auto verdict = [&](const ClosureGate& gate) {
+      LoopCloser<> closer({.gate = gate, .submap = test::small_submaps.submap});
+      return closer.align(keyframes, KeyframeId{5}, keyframes.back().id, test::shift(2.5, 0, 0)).verdict;
+    };
+    constexpr double any = 100;  // misfits are not what is tested
+    CHECK(verdict({.max_misfit = any}) == ClosureVerdict::not_converged);
+    CHECK(verdict({.max_misfit = any, .sure_misfit = any}) == ClosureVerdict::not_converged);
+    CHECK(verdict({.max_misfit = any, .sure_misfit = any, .repeat_below = 0}) == ClosureVerdict::accepted);
+    CHECK(verdict({.max_misfit = any, .repeat_distance = 1.5}) == ClosureVerdict::accepted);
+    CHECK(verdict({.max_misfit = 0}) == ClosureVerdict::accepted);
+  }
+
+  TEST_CASE(
+      "a scan of which half lies off the submap is refused, and one of which a tenth does, such as traffic, not") {
+    Corner corner;
+    const auto original = corner.keyframes.back().cloud.load();
+    const auto verdict = [&](std::size_t every, const ClosureGate& gate) {
+      auto changed = std::make_shared<PointCloud<float>>(*original);
+      Rng rng(7);
+      for (std::size_t i = 0; i < changed->size(); i += every)
+        for (int axis = 0; axis < 3; ++axis) changed->positions[i][axis] += static_cast<float>(rng.uniform(-0.8, 0.8));
+      corner.keyframes.back().cloud = changed;
+      return corner.align(gate).verdict;
+    };
+    CHECK(verdict(10, {}) == ClosureVerdict::accepted);
+    CHECK(verdict(2, {}) == ClosureVerdict::high_residual);
+    CHECK(verdict(2, {.max_misfit = 6}) == ClosureVerdict::accepted);
+  }
+
+  TEST_CASE("what fits worse than usual errs more: its standard deviations grow with its misfit, all of them") {
+    const Corner corner;
+    const auto deviations = [&](double usual) {
+      LoopCloser<> closer({.usual_misfit = usual, .submap = test::small_submaps.submap});
+      return closer.align(corner.keyframes, KeyframeId{8}, corner.query(), corner.guess()).sqrt_information;
+    };
+    const Matrix6d told = deviations(0), grown = deviations(0.05), more = deviations(0.025);
+    CHECK(grown(0, 0) < 0.8 * told(0, 0));
+    CHECK((2 * more - grown).norm() < 1e-9 * grown.norm());
+    CHECK((grown * (told(0, 0) / grown(0, 0)) - told).norm() < 1e-9 * told.norm());
+    CHECK((deviations(100) - told).norm() == 0);
+  }
+
   TEST_CASE("the gate tells what the registration reported, and takes nothing that is not a number") {
     const ClosureGate gate{.max_mean_squared_error = 0.3};
     AlignResult good;

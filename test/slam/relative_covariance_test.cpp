@@ -1,4 +1,4 @@
-#include "chainslam/slam/loop_closer.hpp"
+#include "chainslam/slam/odometry_noise.hpp"
 
 #include <doctest/doctest.h>
 

@@ -37,6 +37,9 @@ struct ClosureFigures {
   double misfit = 0;             ///< infinite if nothing overlaps
   double worst_misfit = 0;       ///< of the worst direction
   double partial_misfit = 0;     ///< the same by the four fifths that lie nearest
+  double localizability = 0;     ///< `weakest_direction`
+  bool sure = false;             ///< `ClosureGate::is_sure`
+  bool repeatable = false;       ///< `is_repeatable`, of what is neither sure nor far from fitting
   double contradiction = 0;      ///< share of the submap that the scan saw through, of what it does not hide
   double own_contradiction = 0;  ///< the same of the scan at the submap's centre
   double seen_through = 0;       ///< the first less one and a half times the second
@@ -46,7 +49,7 @@ struct ClosureFigures {
   double metres_off = std::numeric_limits<double>::infinity();   ///< infinite between two places
   double degrees_off = std::numeric_limits<double>::infinity();  ///< the same
   PairOutcome outcome = PairOutcome::wrong;
-  double align_us = 0, fit_us = 0, scan_view_us = 0, map_view_us = 0;
+  double align_us = 0, fit_us = 0, repeat_us = 0, scan_view_us = 0, map_view_us = 0;
 };
 
 /// Aligns pairs as the loop closer does by its defaults.
@@ -73,6 +76,17 @@ class ClosureMeasurer {
     figures.misfit = fit.misfit(figures.noise);
     figures.worst_misfit = fit.worst_misfit(figures.noise);
     figures.partial_misfit = surface_fit(scan, *submap, T, {.share = 0.8}).worst_misfit(figures.noise);
+    const ClosureGate gate{};
+    AlignResult in_submap = figures.aligned;
+    in_submap.T_target_source = T;
+    figures.localizability = weakest_direction(in_submap).localizability;
+    figures.sure = gate.is_sure(in_submap, figures.partial_misfit);
+    constexpr double near_gate = 2;  // times its misfit: nothing beyond is accepted anyway
+    if (!figures.sure && figures.partial_misfit <= near_gate * gate.max_misfit)
+      timed(figures.repeat_us, [&] {
+        figures.repeatable =
+            is_repeatable(registration_, scan, *submap, in_submap, gate.repeat_shift, gate.repeat_distance);
+      });
     timed(figures.scan_view_us, [&] {
       figures.contradiction =
           FreeSpace(scan, Eigen::Vector3d::Zero()).count(submap->cloud(), T.inverse()).contradiction();
@@ -129,8 +143,8 @@ class ClosureMeasurer {
   static void judge(const ClosurePair& pair, ClosureFigures& figures) {
     const AlignResult& aligned = figures.aligned;
     const ClosureGate gate{};
-    figures.accepted =
-        gate.judge(aligned, pair.guess) == ClosureVerdict::accepted && figures.worst_misfit <= gate.max_misfit;
+    figures.accepted = gate.judge(aligned, pair.guess) == ClosureVerdict::accepted &&
+                       figures.partial_misfit <= gate.max_misfit && (figures.sure || figures.repeatable);
     figures.ended = aligned.status == AlignStatus::converged || aligned.status == AlignStatus::degenerate;
     const SE3d correction = pair.guess.inverse() * aligned.T_target_source;
     figures.correction = correction.translation().norm();

@@ -16,6 +16,9 @@
 
 namespace chainslam::bench {
 
+/// The score of what no threshold accepts.
+constexpr double never_accepted = std::numeric_limits<double>::infinity();
+
 /// An alignment with what belongs to it.
 struct MeasuredPair {
   const ClosurePair* pair = nullptr;
@@ -30,15 +33,16 @@ struct GateMeasure {
   std::function<double(const ClosureFigures&)> of;
 };
 
-/// The misfit over the root of the least localizability of an axis, 0.2 at most: where a pose is wrong along an axis,
-/// only the share of the residuals that determine it shows it.
+/// The misfit over the root of the least localizability, 0.2 at most: where a pose is wrong along an axis, only the
+/// share of the residuals that determine it shows it.
 [[nodiscard]] inline double misfit_by_localizability(const ClosureFigures& figures) {
-  const double weakest = figures.aligned.localizability.head<3>().minCoeff();
-  return figures.misfit / std::sqrt(std::clamp(weakest, 0.03, 0.2) / 0.2);
+  return figures.misfit / std::sqrt(std::clamp(figures.localizability, 0.03, 0.2) / 0.2);
 }
 
-/// The score of what no threshold accepts.
-constexpr double never_accepted = std::numeric_limits<double>::infinity();
+/// The misfit by the nearest four fifths, only of what is sure or repeatable.
+[[nodiscard]] inline double misfit_if_repeatable(const ClosureFigures& figures) {
+  return figures.sure || figures.repeatable ? figures.partial_misfit : never_accepted;
+}
 
 [[nodiscard]] inline std::vector<GateMeasure> gate_measures() {
   const ClosureGate gate{};
@@ -46,10 +50,11 @@ constexpr double never_accepted = std::numeric_limits<double>::infinity();
       {"mean squared error, m^2 (the paper)", 0.3, [](const auto& f) { return f.aligned.mean_squared_error; }},
       {"share without a partner", 1 - gate.min_inlier_ratio, [](const auto& f) { return 1 - f.aligned.inlier_ratio; }},
       {"misfit", 2.0, [](const auto& f) { return f.misfit; }},
-      {"misfit of the worst direction", gate.max_misfit, [](const auto& f) { return f.worst_misfit; }},
+      {"misfit of the worst direction", 2.2, [](const auto& f) { return f.worst_misfit; }},
       {"misfit by localizability", 2.3, misfit_by_localizability},
-      {"of the worst direction by the nearest four fifths", gate.max_partial_misfit,
+      {"of the worst direction by the nearest four fifths", gate.max_misfit,
        [](const auto& f) { return f.partial_misfit; }},
+      {"the same, if sure or repeatable", gate.max_misfit, misfit_if_repeatable},
       {"submap seen through by the scan", {}, [](const auto& f) { return f.contradiction; }},
       {"less 1.5 times by the scan at its centre", {}, [](const auto& f) { return f.seen_through; }},
       {"scan seen through by the submap's", {}, [](const auto& f) { return f.before_map; }},
@@ -167,9 +172,9 @@ struct PairGroup {
       "sensor,map,query,from,to,kind,full,outcome,accepted,metres_off,degrees_off,status,inlier_ratio,mse,residual,"
       "rmse,overlap,noise,misfit,worst_misfit,partial_misfit,contradiction,own_contradiction,before_map,correction,"
       "turn,"
-      "localizability,"
+      "localizability,sure,repeatable,"
       "align_"
-      "us,fit_us,"
+      "us,fit_us,repeat_us,"
       "scan_view_us,map_view_us\n";
   for (const MeasuredPair& measured : pairs) {
     const ClosurePair& pair = *measured.pair;
@@ -180,9 +185,9 @@ struct PairGroup {
              name_of(f.outcome), f.accepted ? 1 : 0, f.metres_off, f.degrees_off, static_cast<int>(f.aligned.status)) +
         text("%.4f,%.5f,%.5f,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,", f.aligned.inlier_ratio, f.aligned.mean_squared_error,
              f.aligned.mean_squared_residual, f.rmse, f.overlap, f.noise, f.misfit, f.worst_misfit, f.partial_misfit) +
-        text("%.5f,%.5f,%.5f,%.3f,%.4f,%.5f,", f.contradiction, f.own_contradiction, f.before_map, f.correction, f.turn,
-             f.aligned.localizability.head<3>().minCoeff()) +
-        text("%.0f,%.0f,%.0f,%.0f\n", f.align_us, f.fit_us, f.scan_view_us, f.map_view_us);
+        text("%.5f,%.5f,%.5f,%.3f,%.4f,%.5f,%d,%d,", f.contradiction, f.own_contradiction, f.before_map, f.correction,
+             f.turn, f.localizability, f.sure ? 1 : 0, f.repeatable ? 1 : 0) +
+        text("%.0f,%.0f,%.0f,%.0f,%.0f\n", f.align_us, f.fit_us, f.repeat_us, f.scan_view_us, f.map_view_us);
   }
   return csv;
 }

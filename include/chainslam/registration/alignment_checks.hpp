@@ -17,11 +17,49 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/se3.hpp"
+#include "chainslam/registration/concepts.hpp"
 #include "chainslam/registration/detail/range_image.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/indexed_cloud.hpp"
 
 namespace chainslam {
+
+/// The direction in which an alignment determines the position least.
+struct WeakestDirection {
+  Eigen::Vector3d direction = Eigen::Vector3d::UnitX();  ///< unit vector in the source's frame
+  /// As `AlignResult::localizability`, over all directions instead of the axes, per inlier.
+  double localizability = 1.0;
+};
+
+/// @returns 1 for the localizability if the result has no eigenvalues.
+[[nodiscard]] [[gnu::cold]] inline WeakestDirection weakest_direction(const AlignResult& result) {
+  constexpr double least = 1e-3;  // lest a direction that leans by a hair towards an unknown one be lost with it
+  if (!(result.eigenvalues[5] > 0)) return {};
+  Eigen::Matrix3d variance = zeros<Eigen::Matrix3d>();
+  for (int i = 0; i < 6; ++i)
+    for (int k = 0; k < 9; ++k)
+      variance(k / 3, k % 3) +=
+          result.eigenvectors(k / 3, i) * result.eigenvectors(k % 3, i) / std::max(result.eigenvalues[i], least);
+  const SymmetricEigen3 eigen = symmetric_eigen(variance);
+  return {block_of<3, 1>(eigen.vectors, 0, 2), 1.0 / eigen.values[2]};
+}
+
+/// Whether a source comes back to its pose when it is aligned from `shift` metres to either side, in the direction that
+/// the alignment determines least. Along a street that is the same for a long way, it stays about where it starts.
+/// @param distance  metres from the pose within which it has to come back.
+template <class Registration, class Source, class Target, Executor Exec = Serial>
+[[nodiscard]] [[gnu::cold]] bool is_repeatable(const Registration& registration, const Source& source,
+                                               const Target& target, const AlignResult& result, double shift,
+                                               double distance, const Exec& executor = {}) {
+  for (const double side : {shift, -shift}) {
+    const SE3d beside = result.T_target_source * SE3d(SO3d(), scaled(side, weakest_direction(result).direction));
+    const AlignResult again = registration.align(source, target, beside, executor);
+    const SE3d off = result.T_target_source.inverse() * again.T_target_source;
+    const bool ended = again.status == AlignStatus::converged || again.status == AlignStatus::degenerate;
+    if (!ended || !(off.translation().norm() <= distance)) return false;
+  }
+  return true;
+}
 
 /// How much of two clouds lies together at a pose.
 struct Overlap {

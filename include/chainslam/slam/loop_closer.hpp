@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <concepts>
 #include <cstddef>
 #include <limits>
@@ -21,49 +22,10 @@
 #include "chainslam/registration/alignment_checks.hpp"
 #include "chainslam/registration/concepts.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
-#include "chainslam/slam/odometry_noise.hpp"
 #include "chainslam/slam/slam_map.hpp"
 #include "chainslam/slam/submap.hpp"
 
 namespace chainslam {
-
-/// Covariance of T_from_to by the graph, tangent [translation; rotation], metres and radians.
-///
-/// Keyframes at the end of a session that no optimization has taken in yet are as uncertain as odometry is on the way
-/// to them, beyond the last one that was. Linear in their number; else the cost of `IncrementalSmoother::covariance`.
-/// @param smoother  its variables are the map's keyframes.
-template <class Smoother>
-[[nodiscard]] [[gnu::cold]] Matrix6d relative_covariance(const Smoother& smoother, const SlamMap& map, KeyframeId from,
-                                                         KeyframeId to) {
-  const auto pose = [&](Index i) -> const SE3d& { return map.keyframes[static_cast<std::size_t>(i)].T_map_body; };
-  const SessionId session = map.keyframes[static_cast<std::size_t>(to.value)].session;
-  const Index first = map.sessions[static_cast<std::size_t>(session.value)].first_keyframe;
-  Index known = to.value;
-  while (known > first && known != from.value && !smoother.has_covariance(known)) --known;
-  Matrix6d sum = zeros<Matrix6d>();
-  if (smoother.has_covariance(known) && smoother.has_covariance(from.value))
-    sum = detail::carried(smoother.relative_covariance(from.value, known), pose(to.value).inverse() * pose(known));
-  auto step = std::partition_point(map.odometry.begin(), map.odometry.end(),
-                                   [&](const OdometryMeasurement& one) { return one.to.value <= known; });
-  for (; step != map.odometry.end() && step->to <= to; ++step) {
-    const Matrix6d whitening = step->sqrt_information;
-    const Matrix6d information = product(transposed(whitening), whitening);
-    const Matrix6d root = solved_right(identity<Matrix6d>(), cholesky(information));
-    sum = sum_of(sum, detail::carried(times_transposed(root, root), pose(to.value).inverse() * pose(step->to.value)));
-  }
-  return sum;
-}
-
-/// The same of a graph with `smoother()` and `map()`, such as `MapGraph`.
-template <class Graph>
-struct RelativeCovariance {
-  const Graph& graph;  ///< must outlive this
-
-  /// See `relative_covariance`.
-  [[nodiscard]] Matrix6d operator()(KeyframeId from, KeyframeId to) const {
-    return relative_covariance(graph.smoother(), graph.map(), from, to);
-  }
-};
 
 /// Says how far an accepted alignment may be off: the covariance of T_target_source, tangent [translation; rotation].
 template <class C>
@@ -129,15 +91,35 @@ static_assert(ClosureCovariance<HessianCovariance>);
 
 /// When an alignment counts as a closure.
 struct ClosureGate {
-  double max_misfit = 2.2;            ///< see `SurfaceFit::worst_misfit`; 0: not looked at
-  double max_partial_misfit = 1.5;    ///< the same by the four fifths that lie nearest: see `fits_in_part`
-  bool by_direction = true;           ///< whether the misfit is that of the worst direction, or `SurfaceFit::misfit`
+  double max_misfit = 1.5;    ///< see `SurfaceFit::worst_misfit`, by the share that counts; 0: not looked at
+  double misfit_share = 0.8;  ///< of the scan: the rest may be traffic, see `SurfaceFitOptions::share`
+  /// Of the same over the root of the least localizability relative to 0.2: what exceeds it counts if it is repeatable.
+  /// Where a pose is wrong along a street, only the few residuals that determine it there show it.
+  double sure_misfit = 1.6;
+  double repeat_below = 0.04;         ///< least localizability below which an alignment has to be repeatable; 0: none
+  double repeat_shift = 1.0;          ///< metres, see `is_repeatable`
+  double repeat_distance = 0.5;       ///< metres, see `is_repeatable`
   double max_mean_squared_error = 0;  ///< m^2 over inliers (tau of the paper, section 5: 0.3 at 2 m); 0: any
   double min_inlier_ratio = 0.6;      ///< of the scan's points with a partner in the submap
   double max_translation = 10.0;      ///< metres that the graph may have been off
   double max_rotation = 0.5;          ///< radians that the graph may have been off
   bool accept_iteration_limit =
       false;  ///< whether an alignment that was still moving after its last step will do (PCL)
+
+  /// How badly a scan lies on a submap by the share that counts.
+  /// @param noise   of the submap, by `surface_noise`, metres.
+  template <Cloud Scan, OrientedSearch Target>
+  [[nodiscard]] double misfit(const Scan& scan, const Target& submap, double noise, const SE3d& T_submap_scan) const {
+    return surface_fit(scan, submap, T_submap_scan, {.share = misfit_share}).worst_misfit(noise);
+  }
+
+  /// Whether an alignment with this misfit counts without being repeated.
+  [[nodiscard]] [[gnu::cold]] bool is_sure(const AlignResult& result, double misfit) const {
+    constexpr double least = 0.03, enough = 0.2;
+    const double localizability = weakest_direction(result).localizability;
+    return localizability >= repeat_below &&
+           misfit <= sure_misfit * std::sqrt(std::clamp(localizability, least, enough) / enough);
+  }
 
   /// What the registration says of itself, all but the misfit, which the clouds say. Bounds are met or not: a figure
   /// that is not a number meets none.
@@ -164,7 +146,10 @@ struct LoopCloserOptions {
   double scan_voxel = 0;     ///< metres, of the scan that is aligned; 0: as the keyframe has it
   AlignmentStarts starts{};  ///< where a refused alignment starts again
   ClosureGate gate{};        ///< when an alignment counts as a closure
-  SubmapOptions submap{};    ///< what the scan is aligned to
+  /// Misfit up to which a closure errs by what its covariance says; beyond it, by as many times more. 0: whatever it
+  /// is.
+  double usual_misfit = 0.5;
+  SubmapOptions submap{};  ///< what the scan is aligned to
 };
 
 /// Closes loops: aligns the newest keyframe's scan to the submaps of keyframes that may have seen the same place.
@@ -229,12 +214,12 @@ class LoopCloser {
     return align(keyframes, from, to, guess, true, executor);
   }
 
-  /// Whether a registered scan lies on its submap but for a fifth that the other does not have, such as traffic.
+  /// Whether a registered scan lies on its submap but for a share that the other does not have, such as traffic.
   [[nodiscard]] [[gnu::cold]] bool fits_in_part(std::span<const Keyframe> keyframes, const LoopClosure& closure) {
     const PlacedSubmap at = submaps_.get(keyframes, closure.from);
-    const SurfaceFit fit = surface_fit(scan_of(keyframes[static_cast<std::size_t>(closure.to.value)]), *at.submap,
-                                       at.T_keyframe_submap.inverse() * closure.T_from_to, {.share = 0.8});
-    return fit.worst_misfit(submaps_.surface_noise(*at.submap)) <= options_.gate.max_partial_misfit;
+    return options_.gate.misfit(scan_of(keyframes[static_cast<std::size_t>(closure.to.value)]), *at.submap,
+                                submaps_.surface_noise(*at.submap),
+                                at.T_keyframe_submap.inverse() * closure.T_from_to) <= options_.gate.max_misfit;
   }
 
   [[nodiscard]] const LoopCloserOptions& options() const { return options_; }  ///< its settings
@@ -272,12 +257,22 @@ class LoopCloser {
     return *scan_;
   }
 
-  /// Whether the scan lies on the submap as well as the submap on itself.
-  [[nodiscard]] bool fits(const PointCloud<float>& scan, const Submap& submap, const SE3d& T_submap_scan) {
-    if (options_.gate.max_misfit <= 0) return true;
-    const double noise = submaps_.surface_noise(submap);
-    const SurfaceFit fit = surface_fit(scan, submap, T_submap_scan);
-    return (options_.gate.by_direction ? fit.worst_misfit(noise) : fit.misfit(noise)) <= options_.gate.max_misfit;
+  /// Judges whether an alignment with this misfit lies on its submap, and only there.
+  template <Executor E>
+  [[nodiscard]] [[gnu::cold]] ClosureVerdict judge_fit(const PointCloud<float>& scan, const Submap& submap,
+                                                       const AlignResult& result, double misfit,
+                                                       const E& executor) const {
+    const ClosureGate& gate = options_.gate;
+    if (!(misfit <= gate.max_misfit)) return ClosureVerdict::high_residual;
+    const bool counts =
+        gate.is_sure(result, misfit) ||
+        is_repeatable(registration_, scan, submap, result, gate.repeat_shift, gate.repeat_distance, executor);
+    return counts ? ClosureVerdict::accepted : ClosureVerdict::not_converged;
+  }
+
+  /// Standard deviations of a closure with this misfit over what its covariance says.
+  [[nodiscard]] double inflation(double misfit) const {
+    return options_.usual_misfit > 0 ? std::max(1.0, misfit / options_.usual_misfit) : 1.0;
   }
 
   LoopCloserOptions options_;
@@ -372,12 +367,16 @@ LoopClosure LoopCloser<Candidates, Registration, Covariance>::align(std::span<co
   const AlignResult result = registered(scan_of(i), *at.submap, guess_in_submap, is_good, executor);
   closure.T_from_to = at.T_keyframe_submap * result.T_target_source;
   closure.verdict = options_.gate.judge(result, guess_in_submap);
-  if (closure.verdict == ClosureVerdict::accepted && !fits(scan_of(i), *at.submap, result.T_target_source))
-    closure.verdict = ClosureVerdict::high_residual;
+  double misfit = 0;
+  if (closure.verdict == ClosureVerdict::accepted && options_.gate.max_misfit > 0) {
+    misfit = options_.gate.misfit(scan_of(i), *at.submap, submaps_.surface_noise(*at.submap), result.T_target_source);
+    closure.verdict = judge_fit(scan_of(i), *at.submap, result, misfit, executor);
+  }
   closure.mean_squared_error = result.mean_squared_error;
   closure.inlier_ratio = result.inlier_ratio;
   if (closure.verdict == ClosureVerdict::accepted)
-    closure.sqrt_information = NoiseModel<6>::from_covariance(covariance_(result)).sqrt_information();
+    closure.sqrt_information =
+        NoiseModel<6>::from_covariance(covariance_(result)).sqrt_information() / inflation(misfit);
   return closure;
 }
 
