@@ -50,6 +50,7 @@ void print_imu(const support::RunSummary& summary) {
                 use.c_str());
     if (!session.calibration) continue;
     std::printf("             imu.time_offset by the scans: %s\n", time_offset_text(*session.calibration).c_str());
+    std::printf("             times of scans by the IMU: %s\n", scan_times_text(*session.calibration).c_str());
     std::printf("             rotation of T_body_lidar by the scans: %s\n",
                 rotation_text(*session.calibration).c_str());
   }

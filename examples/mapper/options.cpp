@@ -171,7 +171,8 @@ std::vector<std::pair<std::string_view, std::string_view>> numbers_of(OdometrySo
   return {{"odometry.voxel_size", "0.75"}, {"odometry.map_radius", "150"}, {"odometry.max_iterations", "20"}};
 }
 
-void add_odometry(Configuration& configuration, OdometrySourceKind& source, LidarOdometryOptions<>& odometry) {
+void add_odometry(Configuration& configuration, OdometrySourceKind& source, LidarOdometryOptions<>& odometry,
+                  bool& scan_clock) {
   configuration.add(
       "odometry.source", source,
       {{"lidar", OdometrySourceKind::lidar},
@@ -200,6 +201,10 @@ void add_odometry(Configuration& configuration, OdometrySourceKind& source, Lida
   configuration.add(
       "odometry.residual_scale", odometry.scan_to_map.residual_scale,
       {.unit = "m", .min = 0.001, .max = 10, .help = "Residuals (distances to planes) beyond this get a low weight."});
+  configuration.add(
+      "odometry.scan_clock", scan_clock,
+      {.help = "Estimate by how much the time of each scan is off, by the IMU, and correct pose and points "
+               "of the scan (source = lidar_inertial). false: the stated times are exact."});
   configuration.add_rule({"odometry.min_range", "odometry.max_range"}, "must be below odometry.max_range",
                          [&odometry] { return odometry.filter.min_range < odometry.filter.max_range; });
 }
@@ -345,7 +350,7 @@ support::Configuration make_configuration(MapperOptions& options) {
   support::Configuration configuration;
   add_presets(configuration, options);
   add_dataset(configuration, options.dataset);
-  add_odometry(configuration, options.odometry_source, options.odometry);
+  add_odometry(configuration, options.odometry_source, options.odometry, options.scan_clock);
   add_imu(configuration, options.imu, options.dataset);
   add_keyframes(configuration, options.keyframes);
   add_scan_memory(configuration, options.scan_memory);

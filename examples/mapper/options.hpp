@@ -54,6 +54,7 @@ struct MapperOptions {
   Platform platform = Platform::nclt;
   OdometrySourceKind odometry_source = OdometrySourceKind::lidar_inertial;
   LidarOdometryOptions<> odometry;
+  bool scan_clock = true;  ///< estimate how far the times of scans are off; `lidar_inertial`
   ImuSettings imu;
   KeyframeOptions keyframes;
   std::size_t scan_memory = ScanCache::default_bytes;  ///< of keyframes' scans that are in their file

@@ -52,6 +52,7 @@ class CalibratingOdometry final : public SessionOdometry {
     if (!imu_) return std::nullopt;
     support::ImuCalibration calibration = calibration_;
     calibration.found = odometry_.alignment();
+    calibration.scan_time_deviation = odometry_.odometry().scan_time_deviation();
     return calibration;
   }
 
@@ -112,6 +113,7 @@ std::unique_ptr<SessionOdometry> make_session_odometry(const MapperOptions& give
   }
   LidarInertialOdometryOptions<> options = inertial(LidarInertialOdometryOptions<>{}, given, dataset.T_body_lidar);
   options.scan_voxel = given.odometry.scan_voxel;
+  if (!given.scan_clock) options.scan_clock.largest = 0;
   options.scan_to_map.residual_scale = given.odometry.scan_to_map.residual_scale;
   if (!given.imu.calibrate || given.imu.use != ImuUse::all)
     return std::make_unique<PlainOdometry<LidarInertialOdometry<>>>(options);
@@ -139,6 +141,7 @@ support::ImuCalibration given_calibration(const datasets::DatasetOptions& option
           .time_offset = to_seconds(options.imu_time_offset),
           .found = {},
           .applied = {},
+          .scan_time_deviation = 0,
           .clock_corrected = {},
           .axes_corrected = {}};
 }

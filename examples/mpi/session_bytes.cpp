@@ -38,8 +38,9 @@ static_assert(sizeof(ImuCheckCounts) == std::size(imu_counts) * sizeof(std::int6
 template <class Calibration, class Visit>
 void visit_numbers(Calibration& calibration, const Visit& visit) {
   auto& found = calibration.found;
-  for (auto* number : {&calibration.time_offset, &found.time_offset, &found.time_offset_deviation,
-                       &found.contradiction_angle, &found.seconds_used, &calibration.applied.time_offset})
+  for (auto* number :
+       {&calibration.time_offset, &found.time_offset, &found.time_offset_deviation, &found.contradiction_angle,
+        &found.seconds_used, &calibration.applied.time_offset, &calibration.scan_time_deviation})
     visit(*number);
   for (auto* matrix : {&found.rotation_covariance, &found.gyro_bias_covariance, &found.accel_bias_covariance})
     for (Eigen::Index i = 0; i < matrix->size(); ++i) visit(matrix->data()[i]);

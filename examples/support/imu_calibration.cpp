@@ -119,6 +119,11 @@ std::string time_offset_text(const ImuCalibration& calibration) {
                  found.time_known ? "" : ", not well shown by the motion");
 }
 
+std::string scan_times_text(const ImuCalibration& calibration) {
+  if (calibration.scan_time_deviation == 0) return "taken as exact";
+  return text_of("off by %.1f ms (standard deviation)", 1e3 * calibration.scan_time_deviation);
+}
+
 std::string rotation_text(const ImuCalibration& calibration) {
   const ImuAlignmentEstimate& found = calibration.found;
   if (found.seconds_used == 0) return "the motion does not show it";

@@ -11,11 +11,12 @@ namespace chainslam::support {
 
 /// How an IMU's clock and axes were given, what a session's data say of them, and what its odometry used at the end.
 struct ImuCalibration {
-  SE3d T_body_lidar;            ///< given
-  bool extrinsic_given = true;  ///< false: nothing states it, and `T_body_lidar` is the identity
-  double time_offset = 0;       ///< seconds, given: the setting imu.time_offset, added to stamps before all else
-  ImuAlignmentEstimate found;   ///< of samples as read, with that offset
-  ImuCorrection applied;        ///< likewise
+  SE3d T_body_lidar;               ///< given
+  bool extrinsic_given = true;     ///< false: nothing states it, and `T_body_lidar` is the identity
+  double time_offset = 0;          ///< seconds, given: the setting imu.time_offset, added to stamps before all else
+  ImuAlignmentEstimate found;      ///< of samples as read, with that offset
+  ImuCorrection applied;           ///< likewise
+  double scan_time_deviation = 0;  ///< seconds that times of scans are off, by the odometry; 0: taken as exact
   std::optional<double> clock_corrected, axes_corrected;  ///< seconds since the first frame, of the last large change
 
   /// What the setting imu.time_offset should be, by the data, and as applied.
@@ -36,6 +37,8 @@ struct ImuCalibration {
 
 /// The offset by the data: "-0.067 s (+- 0.003)", or that the motion does not show it.
 [[nodiscard]] std::string time_offset_text(const ImuCalibration& calibration);
+/// By how much the times of scans are off: "15.2 ms (standard deviation)", or that they are taken as exact.
+[[nodiscard]] std::string scan_times_text(const ImuCalibration& calibration);
 /// R_body_lidar by the data: "roll 0.1, pitch -0.2, yaw 90.1 deg (+- 0.3)", or which of it the motion does not show.
 [[nodiscard]] std::string rotation_text(const ImuCalibration& calibration);
 

@@ -80,6 +80,7 @@ void add_calibration(const ImuCalibration& calibration, Json& json) {
   json["time_offset_known"] = found.time_known;
   json["time_offset_applied"] = calibration.applied_time_offset();
   if (calibration.clock_corrected) json["time_offset_applied_from_s"] = *calibration.clock_corrected;
+  json["scan_time_deviation"] = calibration.scan_time_deviation;
   json["rotation"] = rotation_json(found.R_body_lidar);
   json["rotation"]["deviation_deg"] = degrees_in_radian * rotation_deviation(found);
   json["rotation_known"] = found.rotation_known;

@@ -26,6 +26,7 @@ struct InertialTrip {
   double imu_lead = 1;    ///< seconds of readings before the first scan
   Eigen::Vector3d gyro_bias{0.004, -0.003, 0.002}, accel_bias{0.05, -0.04, 0.03};
   double gyro_noise = 1e-3, accel_noise = 2e-2;  ///< of a sample
+  double clock_jitter = 0;                       ///< seconds, deviation of a scan's true time from the stated
   Spinner spinner{.rings = 32, .columns = 180};
 
   /// What the unit feels at a time, without errors.
@@ -53,9 +54,11 @@ struct InertialTrip {
       sample.accel += accel_bias + noise(accel_noise);
       all.emplace_back(sample);
     }
+    Rng clock(22);
     for (int i = 0; i < scans; ++i) {
+      const double off = clock.normal(0, clock_jitter);
       LidarScan scan = spinner.sweep(
-          world, i * spinner.duration, [&](double t) { return pose(t) * T_body_lidar; }, rng);
+          world, i * spinner.duration, [&](double t) { return pose(t + off) * T_body_lidar; }, rng);
       scan.time = scan.time + seconds(10);
       scan.end = scan.end + seconds(10);
       all.emplace_back(std::move(scan));

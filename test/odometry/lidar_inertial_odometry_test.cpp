@@ -131,6 +131,39 @@ TEST_SUITE("odometry/lidar_inertial_odometry") {
     CHECK(run.tilt < 0.02);
   }
 
+  // As of a scanner that is not wired to the clock. Its times are off by up to 0.3 m of the way.
+  TEST_CASE("the times of scans jitter by 15 ms at up to 6 m/s") {
+    const InertialTrip trip{.pose =
+                                [](double t) {
+                                  return SE3d(SO3d::exp({0, 0, 0.5 * std::sin(0.7 * t)}),
+                                              {6 * std::sin(t), 0.5 * std::sin(0.6 * t), 0.1 * std::sin(t)});
+                                },
+                            .scans = 100,
+                            .clock_jitter = 0.015};
+    const std::vector<Packet> packets = trip.packets();
+    const auto followed = [&](double largest) {
+      Lio::Options options;
+      options.scan_clock.largest = largest;
+      Lio odometry(options);
+      TripOutcome run = follow_trip(trip, packets, odometry);
+      double squared = 0;
+      for (const Frame& frame : run.frames)
+        squared +=
+            (trip.truth(frame.time).inverse() * run.T_world_odom * frame.T_odom_body).translation().squaredNorm();
+      run.last_error = std::sqrt(squared / static_cast<double>(run.frames.size()));
+      MESSAGE("rms ", run.last_error, ", largest ", run.max_error, " m, IMU in ", count_use(run.frames, ImuUse::all),
+              " of 100 frames, deviation ", odometry.scan_time_deviation());
+      return std::pair(run, odometry.scan_time_deviation());
+    };
+    const auto [with, learned] = followed(ScanClockOptions{}.largest);
+    const auto [without, none] = followed(0);
+    CHECK(count_use(with.frames, ImuUse::all) > 95);
+    CHECK(with.last_error < 0.1);
+    CHECK(with.last_error < 0.7 * without.last_error);
+    CHECK(std::abs(learned - 0.015) < 0.004);
+    CHECK(none == 0);
+  }
+
   TEST_CASE("by the gyroscope alone, as settings ask for: no frame is doubtful") {
     const Followed run = follow_stroll(strolling(), stroll_packets(), {.imu_use = ImuUse::gyroscope});
     CHECK(run.counts.lost_scans == 0);

@@ -172,6 +172,49 @@ TEST_SUITE("odometry/scan_measurement") {
     CHECK((measurement.pose_jacobian(x) - numeric).cwiseAbs().maxCoeff() < 1e-9);
   }
 
+  TEST_CASE("a scan that was taken later than stated lies ahead, and leaves the state where it is") {
+    Rng rng(33);
+    std::vector<Eigen::Vector3f> surface = hall_points({}, 360, rng);
+    for (const auto& p : hall_points(SE3d(SO3d(), {3, 0.5, 0.2}), 360, rng))
+      surface.push_back((SE3d(SO3d(), {3, 0.5, 0.2}) * Eigen::Vector3d(p.cast<double>())).cast<float>());
+    const BruteForce<float> map(surface);
+    State x;
+    x.get<Inertial::velocity>() = R3d(Eigen::Vector3d(6, -2, 0.3));
+    const detail::MomentaryMotion motion{.velocity = {6, -2, 0.3}, .rate = {0.1, -0.2, 0.8}};
+    constexpr double late = 0.025;
+    const SE3d taken_at = motion.later(T_odom_body(x), late);
+    const std::vector<Eigen::Vector3f> scan = hall_points(taken_at, 90, rng);
+    StateVector variances = StateVector::Constant(1e-8);
+    variances.head<6>().setConstant(1e-5);
+    const LidarInertialOdometryOptions<> options;
+    const auto update = [&](double deviation, const auto& check) {
+      Ieskf<State, ImuProcess> filter(x, variances.asDiagonal());
+      detail::ScanMeasurement measurement(
+          scan, map, options.scan_to_map, {},
+          {.state = x, .error = 0.3, .mean_age = 0.05, .time_deviation = deviation, .rate = motion.rate}, Serial{});
+      REQUIRE(filter.update(measurement, options.iteration).status == FilterStatus::converged);
+      check(measurement, T_odom_body(filter.state()), measurement.time_error(filter.state()));
+    };
+    update(0.02, [&](auto& measurement, const SE3d& T, double time_error) {
+      CHECK(std::abs(time_error - late) < 1e-3);
+      CHECK(T.translation().norm() < 0.01);
+      CHECK(T.log().tail<3>().norm() < 1e-3);
+      const Vector6d off = measurement.pose(x).local(taken_at);
+      CHECK(off.head<3>().norm() < 0.01);
+      CHECK(off.tail<3>().norm() < 2e-3);
+      // The derivatives at a time error that is not zero.
+      const auto numeric = numeric_jacobian([&](const State& y) { return measurement.pose(y); }, x);
+      CHECK((measurement.pose_jacobian(x) - numeric).cwiseAbs().maxCoeff() < 1e-8);
+      constexpr double h = 1e-5;
+      const SE3d before = motion.later(measurement.pose(x), -h), after = motion.later(measurement.pose(x), h);
+      CHECK((measurement.pose_by_time(x) - before.local(after) / (2 * h)).norm() < 1e-6);
+    });
+    update(0, [&](auto&, const SE3d& T, double time_error) {
+      CHECK(time_error == 0);
+      CHECK(T.translation().norm() > 0.02);
+    });
+  }
+
   TEST_CASE("FAST-LIO2's preset takes each of a hundred steps as its equations, written out, do") {
     const FastLio2Rules preset = fast_lio2();
     const int frames = quick() ? 10 : 100;

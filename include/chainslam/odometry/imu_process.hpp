@@ -88,6 +88,12 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
   return product_transposed(product(tangent, block_of<6, 6>(covariance, 0, 0)), tangent);
 }
 
+/// (m/s)^2, variance of the velocity, of all axes together.
+[[nodiscard]] inline double velocity_variance(const InertialState::Jacobian& covariance) {
+  constexpr int v = inertial_offset<Inertial::velocity>;
+  return covariance(v, v) + covariance(v + 1, v + 1) + covariance(v + 2, v + 2);
+}
+
 /// Makes variances those of `deviation` at least, ...
 inline void raise(InertialState::Jacobian& covariance, int begin, int end, double deviation) {
   for (int i = begin; i < end; ++i) covariance(i, i) = std::max(covariance(i, i), deviation * deviation);

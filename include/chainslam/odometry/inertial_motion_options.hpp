@@ -27,6 +27,17 @@ struct AccelNoiseOptions {
   double largest = 1;      ///< m/s^2 per sqrt(Hz): a scan that is registered to a wrong place says more
 };
 
+/// Settings of `ScanClock`.
+struct ScanClockOptions {
+  /// Seconds, standard deviation of scans' times from which on they count as off: registration leaves as much. Below,
+  /// and until more is measured, they are taken as exact.
+  double least = 2e-3;
+  double largest = 0.03;   ///< seconds: a scan that is registered to a wrong place says more. 0: all times are exact
+  double start_speed = 2;  ///< m/s: one scan at that speed says as much as is assumed of a clock that is right
+  double memory = 20;      ///< seconds
+  double max_step = 0.25;  ///< seconds between scans that are compared
+};
+
 /// When an IMU is excluded, and when it is used again.
 struct ImuMonitorOptions {
   double max_pose_nis = 4;        ///< of a scan against its prediction, per direction seen; infinite: never excluded

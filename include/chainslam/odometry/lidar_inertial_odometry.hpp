@@ -48,6 +48,9 @@ namespace chainslam {
 /// the
 ///   accelerometer, the gyroscope roughly, the scans alone (`InertialHealth::imu_use`). A sensor that is contradicted
 ///   again and again is left out until it agrees with the scans for a while (`ImuMonitor`).
+/// - The times of scans may be off by some milliseconds each: by how much is learnt (`ScanClock`), and each scan's
+/// error
+///   estimated. Poses are those at the stated times, and frames' clouds lie where the body was then.
 /// - The accelerometer's noise is learnt from how it differs from the scans' motion over half a second (`AccelNoise`).
 /// - Measurements at the end of their range count for little. What an IMU cannot have measured is rejected
 /// (`ImuCheck`).
@@ -96,6 +99,8 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
     return believed ? motion_.mounting_evidence() : RotationEvidence{.about = options_.T_body_lidar.rotation()};
   }
   [[nodiscard]] const detail::ImuMonitor& imu_monitor() const { return monitor_; }  ///< what of the IMU is in use
+  /// Seconds, standard deviation of the times of scans, as learnt so far; 0: they are taken as exact.
+  [[nodiscard]] double scan_time_deviation() const { return this->scan_clock_.deviation(); }
   /// What became of scans, points and IMU samples so far.
   [[nodiscard]] LidarInertialOdometryCounts counts() const {
     LidarInertialOdometryCounts counts = counts_;
@@ -119,7 +124,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
  private:
   using Sweep = detail::Sweep;
   using Registration::believable, Registration::imu_start_, Registration::map_, Registration::monitor_,
-      Registration::motion_, Registration::options_;
+      Registration::motion_, Registration::options_, Registration::scan_clock_;
   using typename Registration::Attempt;
 
   template <Executor E>
@@ -127,7 +132,10 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   template <Executor E>
   std::optional<Frame> start(Sweep sweep, const E& executor);
   [[nodiscard]] Frame follow(Attempt& attempt);
-  void watch_imu(const Attempt& attempt);
+  void watch_imu(const Attempt& attempt, const Eigen::Vector3d& scanned_at);
+  [[nodiscard]] bool clock_was_to_blame();
+  void forget_imu(const std::optional<Eigen::Vector3d>& up);
+  static void bring_to_stated_time(PointCloud<float>& cloud, const SE3d& T_end_scan);
   [[nodiscard]] Frame lose(Attempt& attempt, double since_last);
   [[nodiscard]] Frame answer(Attempt& attempt, FrameStatus status) const;
 
@@ -140,6 +148,7 @@ class LidarInertialOdometry : private detail::SweepRegistration<Map, Kernel> {
   InertialHealth health_;
   std::deque<Sweep> waiting_;  ///< for measurements up to their ends
   Index lost_in_a_row_ = 0;
+  double blamed_deviation_ = 0;  ///< seconds, of the times of scans when the IMU was last forgiven
   SE3d T_map_lidar_;
 };
 
@@ -220,14 +229,19 @@ std::optional<Frame> LidarInertialOdometry<Map, Kernel>::start(Sweep sweep, cons
 
 template <class Map, class Kernel>
 Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
-  const SE3d T_odom_scan = this->scan_pose(attempt.filter.state());
+  const detail::MomentaryMotion moving = this->end_motion(attempt.filter.state());
+  const SE3d T_odom_end = this->scan_pose(attempt.filter.state());  // at the stated time
+  const SE3d T_odom_scan = moving.later(T_odom_end, attempt.time_error);
+  const Eigen::Vector3d scanned_at = attempt.own_pose.translation();
+  attempt.own_pose = moving.later(attempt.own_pose, -attempt.time_error);
   T_map_lidar_ = attempt.own_pose * T_body_lidar(state());
   motion_.filter() = attempt.filter;
   tilt_correction_.follow(state());
   motion_.follow();
-  watch_imu(attempt);
+  watch_imu(attempt, scanned_at);
   if (motion_.bound_mounting(options_.max_mounting_position, options_.max_mounting_rotation)) ++counts_.mounting_resets;
   map_.extend(attempt.clouds.map, T_odom_scan);
+  bring_to_stated_time(attempt.clouds.whole, T_odom_end.inverse() * T_odom_scan);
   doubt_.match();
   lost_in_a_row_ = 0;
   constexpr double memory = 0.9;
@@ -245,24 +259,62 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
              .measured_share = motion_.measured_share(),
              .pose_nis = attempt.pose_nis,
              .imu_use = motion_.use(),
-             .accel_noise = motion_.accel_noise()};
+             .accel_noise = motion_.accel_noise(),
+             .time_error = attempt.time_error,
+             .time_deviation = scan_clock_.deviation()};
   return answer(attempt, degenerate ? FrameStatus::degenerate : FrameStatus::good);
+}
+
+/// Moves the cloud of a scan that was taken at another time than stated to where the body was then.
+template <class Map, class Kernel>
+void LidarInertialOdometry<Map, Kernel>::bring_to_stated_time(PointCloud<float>& cloud, const SE3d& T_end_scan) {
+  constexpr double lever = 20, negligible = 0.005;  // metres
+  if (detail::moved_distance(T_end_scan.log(), lever) > negligible)
+    cloud.positions = transformed(cloud.positions, T_end_scan).positions;
 }
 
 /// Decides what the next prediction may use.
 template <class Map, class Kernel>
-void LidarInertialOdometry<Map, Kernel>::watch_imu(const Attempt& attempt) {
+void LidarInertialOdometry<Map, Kernel>::watch_imu(const Attempt& attempt, const Eigen::Vector3d& scanned_at) {
   const ImuUse before = monitor_.use();
   const bool measured = motion_.measured_share() > 0;
-  const detail::ImuComparison comparison = motion_.comparison();
+  const Eigen::Vector3d velocity = state().template get<Inertial::velocity>().value();
+  const Eigen::Vector3d way_off = scaled(scan_clock_.deviation(), velocity);
+  detail::ImuComparison comparison = motion_.comparison();
+  comparison.speed_deviation =
+      std::sqrt(detail::AccelNoise::by_time_error(way_off.norm()) * velocity_variance(covariance()));
   monitor_.follow(measured ? motion_.use() : before, comparison);
-  if (attempt.match.degenerate_directions == 0)
-    motion_.learned_noise().follow(comparison, attempt.own_pose.translation());
-  else
+  if (attempt.match.degenerate_directions == 0) {
+    scan_clock_.follow(comparison, scanned_at, velocity);
+    motion_.learned_noise().follow(comparison, attempt.own_pose.translation(), way_off);
+  } else {
     motion_.learned_noise().interrupt();
+    scan_clock_.interrupt();
+  }
+  if (clock_was_to_blame()) return forget_imu(std::nullopt);
   if (monitor_.use() > before) motion_.forget_biases(monitor_.use());
   if (monitor_.back_to_all()) motion_.set_up(monitor_.up());
   if (before == ImuUse::none && monitor_.use() < before) motion_.doubt_mounting();
+}
+
+/// Whether the IMU is contradicted, and the times of scans turn out to be off by far more than was assumed.
+template <class Map, class Kernel>
+bool LidarInertialOdometry<Map, Kernel>::clock_was_to_blame() {
+  const double deviation = scan_clock_.deviation();
+  const bool contradicted = std::max(motion_.use(), monitor_.use()) > options_.imu_use && motion_.measured_share() > 0;
+  if (!contradicted || deviation <= 2 * blamed_deviation_) return false;
+  blamed_deviation_ = deviation;
+  return true;
+}
+
+/// Uses all of the IMU again; what was learnt from it is forgotten.
+template <class Map, class Kernel>
+void LidarInertialOdometry<Map, Kernel>::forget_imu(const std::optional<Eigen::Vector3d>& up) {
+  motion_.forget_biases(ImuUse::none);
+  motion_.learned_noise().restart();
+  if (up) motion_.set_up(S2d::from_vector(*up));
+  monitor_ = detail::ImuMonitor(options_.monitor);
+  motion_.doubt_mounting();
 }
 
 template <class Map, class Kernel>
@@ -276,13 +328,7 @@ void LidarInertialOdometry<Map, Kernel>::correct_imu(const ImuCorrection& correc
   if (angle >= turned) motion_.set_axes_deviation(axes_deviation);
   if (!motion_.started() || (!clear && angle < turned)) return;
   motion_.hold_mounting();  // what the filter has learnt of it is in the correction
-  if (clear) {
-    motion_.forget_biases(ImuUse::none);
-    motion_.learned_noise().restart();
-    if (up) motion_.set_up(S2d::from_vector(*up));
-    monitor_ = detail::ImuMonitor(options_.monitor);
-  }
-  motion_.doubt_mounting();
+  clear ? forget_imu(up) : motion_.doubt_mounting();
 }
 
 template <class Map, class Kernel>
@@ -292,6 +338,7 @@ Frame LidarInertialOdometry<Map, Kernel>::lose(Attempt& attempt, double since_la
   health_ = {.update = attempt.report.status, .measured_share = motion_.measured_share()};
   doubt_.lose(since_last);
   motion_.learned_noise().interrupt();
+  scan_clock_.interrupt();
   Frame frame = answer(attempt, FrameStatus::lost);
   if (++lost_in_a_row_ > options_.max_lost_scans) {
     ++counts_.map_restarts;

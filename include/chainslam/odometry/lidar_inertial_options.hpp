@@ -64,6 +64,7 @@ struct LidarInertialOdometryOptions {
   ImuUse imu_use = ImuUse::all;     ///< at most: all, the gyroscope, or none of the IMU's measurements
   ImuMonitorOptions monitor{};      ///< which IMU measurements are used
   InertialMotionOptions motion{};   ///< of the filter's process and start
+  ScanClockOptions scan_clock{};    ///< how far the times of scans may be off
   /// A weaker signal counts than by itself: the prediction is weighed against it. Correlation set on KITTI 00.
   ScanToMap<Kernel> scan_to_map{.min_signal = 1.5, .correlated_residuals = 10};
   ScanMeasurementOptions scan{};  ///< how matches are weighed
@@ -92,6 +93,7 @@ struct LidarInertialOdometryOptions {
   options.motion.start_curvature = 0;
   options.motion.rest_share = 1;
   options.motion.accel_noise.start = 0;
+  options.scan_clock.largest = 0;
   options.motion.imu.unseen_share = 0;
   options.motion.imu.max_step = std::numeric_limits<double>::infinity();
   options.scan_to_map = rules.scan_to_map;
@@ -114,7 +116,9 @@ struct InertialHealth {
   double measured_share = 0;            ///< of the way to this frame, by the IMU
   double pose_nis = 0;  ///< normalized innovation squared of the pose, per direction that the scan sees: about 1
   ImuUse imu_use = ImuUse::all;  ///< what of the IMU's measurements the frame uses
-  double accel_noise = 0;  ///< m/s^2 per sqrt(Hz): density of the accelerometer's, as the next prediction takes it
+  double accel_noise = 0;     ///< m/s^2 per sqrt(Hz): density of the accelerometer's, as the next prediction takes it
+  double time_error = 0;      ///< seconds that the scan was taken later than stated
+  double time_deviation = 0;  ///< seconds: of the times of scans, as the next update takes it
 };
 
 }  // namespace chainslam

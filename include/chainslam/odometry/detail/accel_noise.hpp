@@ -32,7 +32,16 @@ class AccelNoise {
   [[nodiscard]] double excess_over(double own) const { return std::sqrt(std::max(0.0, sum_ / time_ - own * own)); }
 
   /// Takes what was measured on the way to a scan. @param position  of the body at the scan, by the scan alone, odom.
-  void follow(const ImuComparison& comparison, const Eigen::Vector3d& position);
+  /// @param time_error  metres along the body's way: deviation of what the scan's time may be off, odom.
+  void follow(const ImuComparison& comparison, const Eigen::Vector3d& position,
+              const Eigen::Vector3d& time_error = zeros<Eigen::Vector3d>());
+
+  /// Share of the variance of a scan's position along the way that is the clock's, not registration's.
+  /// @param way_off  metres: deviation by its time.
+  [[nodiscard]] static double by_time_error(double way_off) {
+    constexpr double registration = 0.01;  // metres
+    return way_off * way_off / (way_off * way_off + registration * registration);
+  }
 
   /// The next measurements have nothing to do with those before.
   void interrupt() {
@@ -59,6 +68,12 @@ class AccelNoise {
     [[nodiscard]] double unit_variance() const { return 4 / (3 * (end - begin)); }
   };
 
+  /// Of the axes; that along which positions are off counts as little as it then shows of the force.
+  [[nodiscard]] static double mean_square(const Eigen::Vector3d& value, const Eigen::Vector3d& time_error) {
+    const double squared_error = time_error.squaredNorm(), along = value.dot(time_error);
+    const double left_out = by_time_error(std::sqrt(squared_error));
+    return (value.squaredNorm() - (left_out > 0 ? left_out * along * along / squared_error : 0.0)) / (3 - left_out);
+  }
   void integrate(const ImuComparison& comparison, const Eigen::Vector3d& position);
   /// The latest of some knots that is `half_span` and at most two of them before `time`.
   [[nodiscard]] const Knot* before(double time) const {
@@ -79,7 +94,8 @@ class AccelNoise {
   double sum_ = 0, time_ = 1;                           ///< of squared densities over seconds, and of seconds
 };
 
-inline void AccelNoise::follow(const ImuComparison& comparison, const Eigen::Vector3d& position) {
+inline void AccelNoise::follow(const ImuComparison& comparison, const Eigen::Vector3d& position,
+                               const Eigen::Vector3d& time_error) {
   if (!(options_.start > 0)) return;
   if (!(comparison.interval > 0) || !comparison.force_measured) return interrupt();
   integrate(comparison, position);
@@ -89,7 +105,7 @@ inline void AccelNoise::follow(const ImuComparison& comparison, const Eigen::Vec
   for (const Mean& other : means_)
     if (other.end <= mean->begin + tolerance) last = &other;
   if (last != nullptr) {
-    const double squared = difference_of(mean->value, last->value).squaredNorm() / 3;
+    const double squared = mean_square(difference_of(mean->value, last->value), time_error);
     const double sample = squared / (mean->unit_variance() + last->unit_variance());
     const double kept = std::exp(-comparison.interval / options_.memory);
     sum_ = kept * sum_ + comparison.interval * std::min(sample, options_.largest * options_.largest);

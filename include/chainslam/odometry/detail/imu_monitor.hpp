@@ -23,6 +23,7 @@ struct ImuComparison {
   Eigen::Vector3d force_way = Eigen::Vector3d::Zero();    ///< m: ... and how far it alone would have carried from rest
   Eigen::Vector3d up = Eigen::Vector3d::Zero();           ///< m/s^2: specific force less the scans' acceleration
   Eigen::Vector3d expected_up = Eigen::Vector3d::Zero();  ///< m/s^2: by the filter, what both should differ by
+  double speed_deviation = 0;  ///< m/s: of the scans' velocity, as far as their times are to blame
 };
 
 /// Watches how an IMU agrees with the scans, its gyroscope and its accelerometer apart.
@@ -111,8 +112,11 @@ inline void ImuMonitor::follow(ImuUse used, const ImuComparison& comparison) {
   const double max_rate_error = options_.max_rate_error + options_.max_rate_share * mean_rate_;
   gyroscope_.judge(used > ImuUse::gyroscope && before < ImuUse::none, mean_rate_error_.norm() / max_rate_error,
                    comparison.interval, options_);
+  // Velocities that are off by chance at both ends of the time that is averaged over.
+  const double by_chance = 3 * comparison.speed_deviation / options_.memory;
   accelerometer_.judge(used == ImuUse::gyroscope && before == ImuUse::all,
-                       mean_accel_error_.norm() / options_.max_accel_error, comparison.interval, options_);
+                       mean_accel_error_.norm() / std::hypot(options_.max_accel_error, by_chance), comparison.interval,
+                       options_);
   back_to_all_ = before != ImuUse::all && use() == ImuUse::all && up_time_ > 0;
 }
 

@@ -86,9 +86,7 @@ class InertialMotion {
   /// Whether scans have observed the velocity.
   [[nodiscard]] static bool knows_velocity(const Filter& filter) {
     constexpr double known = 2;  // m/s
-    constexpr int v = inertial_offset<Inertial::velocity>;
-    const auto& P = filter.covariance();
-    return P(v, v) + P(v + 1, v + 1) + P(v + 2, v + 2) < known * known;
+    return velocity_variance(filter.covariance()) < known * known;
   }
   [[nodiscard]] bool knew_velocity() const { return knows_velocity(before_); }  ///< before the prediction
   /// The predicted state with the body moved by a tangent of its pose, and as much faster or slower.
@@ -164,6 +162,8 @@ class InertialMotion {
   }
   /// The pose at the begin of the way from the last scan to this.
   [[nodiscard]] const SE3d& way_begin() const { return way_.front().T_odom_body; }
+  /// rad/s, body frame, at the end of the way.
+  [[nodiscard]] Eigen::Vector3d end_rate() const { return way_.empty() ? zeros<Eigen::Vector3d>() : way_.back().rate; }
   /// rad/s, body frame, between the last two scans.
   [[nodiscard]] const Eigen::Vector3d& mean_rate() const { return mean_rate_; }
   /// Seconds of the way from the last scan to this.

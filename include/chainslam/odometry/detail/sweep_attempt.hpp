@@ -35,7 +35,8 @@ struct SweepAttempt {
   FilterReport<InertialState> report;
   ScanMatch match;
   double pose_nis = 0;
-  SE3d own_pose;  ///< of the sweep, body frame, by its matches alone
+  SE3d own_pose;          ///< of the sweep, body frame, by its matches alone
+  double time_error = 0;  ///< seconds that the sweep was taken later than stated
 
   [[nodiscard]] double match_ratio() const {
     return static_cast<double>(match.matches) / std::max<double>(1, to_index(clouds.points.size()));

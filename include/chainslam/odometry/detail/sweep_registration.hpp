@@ -15,6 +15,7 @@
 #include "chainslam/odometry/detail/imu_monitor.hpp"
 #include "chainslam/odometry/detail/inertial_motion.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
+#include "chainslam/odometry/detail/scan_clock.hpp"
 #include "chainslam/odometry/detail/scan_measurement.hpp"
 #include "chainslam/odometry/detail/sweep.hpp"
 #include "chainslam/odometry/detail/sweep_attempt.hpp"
@@ -38,7 +39,8 @@ struct SweepRegistration {
       : options_(options),
         map_(options_.map, options_.local_map),
         motion_(options_.motion, options_.T_body_lidar),
-        monitor_(options_.monitor) {}
+        monitor_(options_.monitor),
+        scan_clock_(options_.scan_clock) {}
 
   [[nodiscard]] const InertialState& state() const { return motion_.state(); }
   [[nodiscard]] const InertialState::Jacobian& covariance() const { return motion_.filter().covariance(); }
@@ -94,11 +96,16 @@ struct SweepRegistration {
     return options_.residual_variance > 0 ? 1.0 : options_.scan_to_map.correlated_residuals;
   }
   [[nodiscard]] double expected_error() const;
+  /// How the body moves at the end of the way.
+  [[nodiscard]] MomentaryMotion end_motion(const InertialState& x) const {
+    return {x.get<Inertial::velocity>().value(), motion_.end_rate()};
+  }
 
   Options options_;
   LocalMap<Map> map_;
   InertialMotion motion_;
   ImuMonitor monitor_;
+  ScanClock scan_clock_;
   ImuStart imu_start_;
   std::optional<FirstSweep> first_;
   double residual_noise_ = 0.05;  ///< metres, smoothed
@@ -131,7 +138,9 @@ auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const Guess& gu
       .state = state(),
       .error = guess.error,
       .variance = options_.residual_variance > 0 ? options_.residual_variance : noise * noise * residuals_per_fact(),
-      .mean_age = first_ ? 0.0 : sweep.mean_age()};  // a map as skewed as the scan lies at its mean time, too
+      .mean_age = first_ ? 0.0 : sweep.mean_age(),  // a map as skewed as the scan lies at its mean time, too
+      .time_deviation = motion_.use() == ImuUse::none ? 0.0 : scan_clock_.deviation(),
+      .rate = motion_.end_rate()};
   const Eigen::Vector3d bent = state().template get<Inertial::rotation>() * block_of<3, 1>(guess.bend, 0, 0);
   R3d& velocity = prior.state.template get<Inertial::velocity>();
   velocity = R3d(sum_of(velocity.value(), divided(bent, std::max(motion_.interval(), 1e-3))));
@@ -140,6 +149,7 @@ auto SweepRegistration<Map, Kernel>::attempt(const Sweep& sweep, const Guess& gu
   attempt->report = attempt->filter.update(measurement, options_.iteration, guess.state);
   attempt->match = measurement.match();
   attempt->own_pose = measurement.own_pose();
+  attempt->time_error = measurement.time_error(attempt->filter.state());
   attempt->pose_nis = (attempt->report.prior_error + measurement.excess()) /
                       static_cast<double>(std::max<Index>(1, 6 - attempt->match.degenerate_directions));
   return attempt;
@@ -285,7 +295,8 @@ template <class Map, class Kernel>
 double SweepRegistration<Map, Kernel>::expected_error() const {
   constexpr double lever = 10;  // metres
   const Vector6d variances = lidar_pose_variances(state(), covariance());
-  const double error = 3 * (std::sqrt(variances[0] + variances[1] + variances[2]) +
+  const double by_time = scan_clock_.deviation() * state().template get<Inertial::velocity>().value().norm();
+  const double error = 3 * (std::sqrt(variances[0] + variances[1] + variances[2] + by_time * by_time) +
                             lever * std::sqrt(variances[3] + variances[4] + variances[5]));
   return std::clamp(error, options_.min_error, options_.max_error);
 }
