@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -181,6 +182,42 @@ TEST_SUITE("factor_graph/incremental_gnc") {
       static_cast<void>(gnc.reconsider());
       for (std::size_t k = 1; k < 10; ++k) CHECK(gnc.is_in(steps[k]));
     }
+  }
+
+  TEST_CASE("where nothing says which steps failed between two that are held, all of them share the error") {
+    GncSmoother smoother(SmootherOptions{.patience = 0.0}, NoLag{});
+    IncrementalGnc<GncSmoother> gnc(smoother);
+    constexpr Key end = 20;
+    const auto at = [](Key key) { return SE3d(SO3d(), {1.0 * key, 0, 0}); };
+    const auto sigma = [](double value) { return NoiseModel<6>::from_sigma(value).sqrt_information(); };
+    for (Key key = 0; key < end; ++key) smoother.add_value(at(key));
+    smoother.add_prior(0, at(0), NoiseModel<6>::from_sigma(1e-3));
+    std::vector<Index> steps;
+    for (Key key = 0; key + 1 < end; ++key)  // slips between 4 and 16, by as much everywhere
+      steps.push_back(gnc.add({key, key + 1, SE3d(SO3d(), {key >= 4 && key < 16 ? 0.5 : 1.0, 0, 0}), sigma(0.1)},
+                              {.threshold = 28,
+                               .price = 70,
+                               .outlier_weight = 1e-8,
+                               .begins_in = key != 10,  // as if it had been found
+                               .trusted = true,
+                               .previous = steps.empty() ? gnc.none : steps.back()}));
+    const OutlierTest closure{.threshold = 40, .outlier_weight = 1e-8};
+    for (const Key held : {2, 3, 4, 16, 17, 18}) gnc.add({0, held, at(held), sigma(0.02)}, closure);
+    CHECK(gnc.update().last.ok());
+    CHECK(gnc.reconsider().last.ok());
+    const auto largest = [&] {
+      double most = 0;
+      for (Key key = 0; key < end; ++key)
+        most = std::max(most, (smoother[key].translation() - at(key).translation()).norm());
+      return most;
+    };
+    CHECK(largest() > 2);  // one step has all of it
+    CHECK(gnc.share_errors());
+    CHECK(smoother.converge().ok());
+    CHECK(largest() < 0.1);
+    CHECK(gnc.is_in(steps[3]));
+    CHECK(gnc.is_in(steps[16]));
+    CHECK_FALSE(gnc.share_errors());
   }
 
   TEST_CASE("behind a step that failed, one closure alone is not believed; a second that agrees lets both in") {

@@ -50,7 +50,7 @@ struct JitteringScans {
   }
 };
 
-double learned_in(double seconds, JitteringScans scans, const ScanClockOptions& options = {}) {
+double deviation_after(double seconds, JitteringScans scans, const ScanClockOptions& options = {}) {
   detail::ScanClock clock(options);
   for (int i = 0; i < std::lround(seconds / scans.interval); ++i) scans.follow(clock);
   return clock.deviation();
@@ -146,7 +146,7 @@ TEST_SUITE("odometry/scan_clock") {
         for (const double jitter : {0.008, 0.015}) {
           CAPTURE(interval);
           CAPTURE(speed);
-          const double learned = learned_in(
+          const double learned = deviation_after(
               300, {.jitter = jitter, .offset = 0.02, .registration = 0.003, .speed = speed, .interval = interval},
               {.memory = 150});
           CHECK(std::abs(learned / jitter - 1) < 0.12);
@@ -155,19 +155,19 @@ TEST_SUITE("odometry/scan_clock") {
 
   TEST_CASE("it is known in two seconds") {
     CHECK(detail::ScanClock().deviation() == 0);
-    CHECK(learned_in(2, {.jitter = 0.015}) > 0.009);
-    CHECK(learned_in(10, {.jitter = 0.015}) > 0.012);
+    CHECK(deviation_after(2, {.jitter = 0.015}) > 0.009);
+    CHECK(deviation_after(10, {.jitter = 0.015}) > 0.012);
   }
 
   TEST_CASE("a clock that is right is known as such, whatever registration leaves") {
-    CHECK(learned_in(10, {}) == 0);
+    CHECK(deviation_after(10, {}) == 0);
     for (const double registration : {0.003, 0.01}) {
-      CHECK(learned_in(60, {.registration = registration}) == 0);
-      CHECK(learned_in(60, {.registration = registration, .speed = 1.3}) < 4e-3);
-      CHECK(learned_in(60, {.registration = registration, .speed = 1e-3}) == 0);
+      CHECK(deviation_after(60, {.registration = registration}) == 0);
+      CHECK(deviation_after(60, {.registration = registration, .speed = 1.3}) < 4e-3);
+      CHECK(deviation_after(60, {.registration = registration, .speed = 1e-3}) == 0);
     }
-    CHECK(learned_in(60, {.jitter = 1e-3}) == 0);  // as much as registration leaves at 3 m/s
-    CHECK(learned_in(60, {.jitter = 3e-3}) > 2.4e-3);
+    CHECK(deviation_after(60, {.jitter = 1e-3}) == 0);  // as much as registration leaves at 3 m/s
+    CHECK(deviation_after(60, {.jitter = 3e-3}) > 2.4e-3);
   }
 
   TEST_CASE("jitter that comes or ceases is followed within half a minute") {
@@ -192,7 +192,7 @@ TEST_SUITE("odometry/scan_clock") {
     scans.time += 0.1;
     for (int i = 0; i < 3; ++i) scans.follow(clock);
     CHECK(clock.deviation() < 0.006);
-    CHECK(learned_in(60, {.jitter = 0.2}) <= ScanClockOptions{}.largest);
+    CHECK(deviation_after(60, {.jitter = 0.2}) <= ScanClockOptions{}.largest);
   }
 
   TEST_CASE("positions on both sides of an interruption are not compared") {
@@ -213,5 +213,5 @@ TEST_SUITE("odometry/scan_clock") {
     });
   }
 
-  TEST_CASE("it can be left out") { CHECK(learned_in(60, {.jitter = 0.015}, {.largest = 0}) == 0); }
+  TEST_CASE("it can be left out") { CHECK(deviation_after(60, {.jitter = 0.015}, {.largest = 0}) == 0); }
 }

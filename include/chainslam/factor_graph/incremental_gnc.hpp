@@ -184,6 +184,11 @@ class IncrementalGnc {
     return report;
   }
 
+  /// Lets all steps of a sequence between two variables that candidates hold share the error of one that is out:
+  /// nothing says which of them failed. Their weights are such that each errs as expected, until it is decided again.
+  /// @returns whether there are any: the smoother is then to be updated.
+  [[gnu::cold]] bool share_errors();
+
   /// Keys whose estimate the last call changed, some several times.
   [[nodiscard]] std::span<const Key> changed() const { return changed_.all(); }
 
@@ -255,6 +260,9 @@ class IncrementalGnc {
     bool held = false;
   };
   [[nodiscard]] [[gnu::cold]] Surroundings around(Key key) const;
+
+  /// The steps around one of a sequence, up to variables that candidates hold; none if the sequence ends before.
+  [[nodiscard]] [[gnu::cold]] detail::Table<Index> between_held(Index step) const;
 
   /// Trusted factors are tried where they are out, next to those, and where they are doubted.
   [[nodiscard]] bool may_be_tried(Index leader) const {

@@ -18,7 +18,9 @@ namespace chainslam {
 /// Decides which closures, GNSS fixes and steps of odometry are outliers, and decides again whenever something speaks
 /// against it: see `IncrementalGnc`. A closure that the graph does not expect is left out until enough others agree
 /// with it, or the fixes do; then odometry itself may be found to be wrong. So may it be where a drive ends and its
-/// fixes go another way. A chained closure is in the group of the closure that led to it: together they have one vote.
+/// fixes go another way. In the end all steps between two keyframes with closures share an error that is found, since
+/// nothing says which of them failed. A chained closure is in the group of the closure that led to it: together they
+/// have one vote.
 ///
 /// Thresholds are squared Mahalanobis distances, set on three real drives of NCLT (`IncrementalGncOptions`).
 struct GroupGnc {
@@ -134,6 +136,7 @@ class GroupGncFactors {
         if (decision + 1 < decisions && gnc_.reconsider().steps == 0) break;
       }
     }
+    if (report.ok() && gnc_.share_errors()) report = smoother_.converge(options);
     return report;
   }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <span>
 #include <utility>
@@ -50,6 +51,47 @@ bool IncrementalGnc<Smoother>::is_on_loose_segment(Key key) const {
   at = start;
   while (!at.held && at.before != none && !is_out(at.before)) at = around(factor(at.before).from);
   return !at.held && at.before != none;
+}
+
+template <class Smoother>
+detail::Table<Index> IncrementalGnc<Smoother>::between_held(Index step) const {
+  detail::Table<Index> steps;
+  for (Index one = step; !around(factor(one).from).held;) {
+    one = around(factor(one).from).before;
+    if (one == none) return {};
+    steps.push_back(one);
+  }
+  steps.push_back(step);
+  for (Index one = step; !around(factor(one).to).held;) {
+    one = around(factor(one).to).after;
+    if (one == none) return {};
+    steps.push_back(one);
+  }
+  return steps;
+}
+
+template <class Smoother>
+bool IncrementalGnc<Smoother>::share_errors() {
+  constexpr double negligible = 0.05;
+  bool any = false;
+  for (Index number = 0; number < candidates_.size(); ++number) {
+    const Entry& one = candidates_[number];
+    if (!one.trusted || one.factor.from == none || !is_out(number)) continue;
+    const detail::Table<Index> steps = between_held(number);
+    if (steps.size() < 2) continue;
+    double deviations = 0.0;
+    bool doubted = false;  // then something says it
+    for (const Index step : steps) doubted |= is_doubted(step);
+    if (doubted) continue;
+    for (const Index step : steps)
+      deviations += std::sqrt(candidates_.ratio_at(smoother_, step) * candidates_[step].threshold);
+    const double each = deviations / static_cast<double>(steps.size());
+    const double weight = std::min(Group::dof / (each * each), 1.0);
+    if (std::abs(smoother_.weight(id(number)) - weight) < negligible * weight) continue;
+    for (const Index step : steps) smoother_.set_weight(id(step), weight);
+    any = true;
+  }
+  return any;
 }
 
 template <class Smoother>
