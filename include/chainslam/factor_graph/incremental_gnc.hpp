@@ -179,6 +179,10 @@ class IncrementalGnc {
     for (Index number = 0; number < settled_; ++number) measure(number);
     decide(report);
     try_others(report, std::numeric_limits<Index>::max());
+    while (report.last.ok() && report.steps < options_.max_steps && take_worst_trusted_out() && step(report)) {
+      decide(report);
+      try_others(report, std::numeric_limits<Index>::max());
+    }
     try_trusted(report);
     forget_touched();
     return report;
@@ -276,6 +280,9 @@ class IncrementalGnc {
   [[gnu::cold]] void try_others(IncrementalGncReport& report, Index rows);
   /// Takes a group out or in, if that lowers the truncated squares. @param rows  is lowered by the forecast's.
   [[nodiscard]] [[gnu::cold]] bool turn(Index leader, Index& rows);
+  /// Takes out the trusted factor without which the truncated squares fall the most, if they fall at all: where several
+  /// share an error, none of them shows it. @returns whether there is one.
+  [[nodiscard]] [[gnu::cold]] bool take_worst_trusted_out();
   /// Bounds the leverage of each candidate: most forecasts are then not needed.
   [[gnu::cold]] void bound_leverages();
   /// That bound; infinite if it is not known.

@@ -128,6 +128,29 @@ bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
 }
 
 template <class Smoother>
+bool IncrementalGnc<Smoother>::take_worst_trusted_out() {
+  bound_leverages();
+  Index worst = none;
+  double most = 0.0;
+  for (Index number = 0; number < settled_; ++number) {
+    const Entry& one = candidates_[number];
+    if (!one.trusted || one.turned || !smoother_.contains(one.id) || !is_in(number)) continue;
+    const double limit = price(one.leader, 1);
+    if (one.ratio * one.threshold <= limit * (1 - leverage(number))) continue;
+    const double fall = smoother_.fall_without(std::span(&one.factor, 1)).change - limit;
+    if (!(fall > most)) continue;
+    most = fall;
+    worst = number;
+  }
+  if (worst == none) return false;
+  set_in(worst, false);
+  candidates_[worst].turned = true;
+  if (!std::exchange(candidates_[worst].touched, true))
+    touched_.push_back({-std::numeric_limits<double>::infinity(), worst});
+  return true;
+}
+
+template <class Smoother>
 void IncrementalGnc<Smoother>::bound_leverages() {
   detail::Table<Candidate> factors;
   detail::Table<Index> numbers;
