@@ -5,13 +5,11 @@
 #include <numbers>
 
 using namespace chainslam;
-
 /// Tries the nearest keyframe of each earlier session, and none of this one.
 struct NearestOfEachSession {
   double radius = 20.0;  // metres
 
   bool eligible(const Keyframe& candidate, const Keyframe& query) const { return candidate.session < query.session; }
-
   std::vector<KeyframeId> find(std::span<const Keyframe> keyframes, const PositionIndex& index,
                                KeyframeId query) const {
     const Keyframe& here = keyframes[static_cast<std::size_t>(query.value)];
@@ -27,15 +25,17 @@ struct NearestOfEachSession {
   }
 };
 
-/// What a scanner sees of a hall with a wavy wall and pillars, from x metres off its centre.
+/// What a scanner sees of a hall with a wavy wall, pillars and a floor, from x metres off its centre.
 PointCloud<float> scan(double x) {
   PointCloud<float> cloud;
   for (int i = 0; i < 3600; ++i) {
     const double angle = i * std::numbers::pi / 1800, wall = 18 + 3 * std::sin(3 * angle) + 2 * std::cos(7 * angle);
     const double range = i % 360 < 20 + i / 90 ? 6 + i / 360 : wall;
-    for (const double height : {-1.0, 0.0, 1.0, 2.0, 3.0})
+    for (int k = 0; k < 10; ++k) {  // half of them on the floor
+      const double way = k < 5 ? 0.18 * (k + 1) * range : range, height = k < 5 ? -1.5 : k - 6;
       cloud.positions.push_back(
-          Eigen::Vector3d(range * std::cos(angle) - x, range * std::sin(angle), height).cast<float>());
+          Eigen::Vector3d(way * std::cos(angle) - x, way * std::sin(angle), height).cast<float>());
+    }
   }
   return cloud;
 }

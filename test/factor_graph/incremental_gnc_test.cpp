@@ -173,11 +173,11 @@ TEST_SUITE("factor_graph/incremental_gnc") {
       const double against = smoother.cost();
       REQUIRE(against > 37);
       REQUIRE(against < 43);
-      gnc.doubt(steps[5], evidence);
+      gnc.lower_price(steps[5], evidence);
       REQUIRE(gnc.update().last.ok());
-      CHECK(gnc.is_doubted(steps[5]) == (evidence > 0));
+      CHECK(gnc.has_lower_price(steps[5]) == (evidence > 0));
       for (std::size_t k = 1; k < 10; ++k) CHECK(gnc.is_in(steps[k]) == (k != 5 || against + evidence < 70));
-      gnc.doubt(steps[5], -3.0);  // it was not so
+      gnc.lower_price(steps[5], -3.0);  // it was not so
       REQUIRE(gnc.update().last.ok());
       static_cast<void>(gnc.reconsider());
       for (std::size_t k = 1; k < 10; ++k) CHECK(gnc.is_in(steps[k]));

@@ -145,14 +145,15 @@ class IncrementalGnc {
   void vouch_for(Index leader) { vouched_for_.push_back(leader); }
 
   /// Lets the next update try whether a trusted factor is an outlier, for reasons of the caller's own.
-  /// @param evidence  squared deviations that speak against it and that the graph does not know of: so much less does
-  /// it
-  ///                  cost as an outlier, but as much as a consecutive one at least. None takes the doubt back.
-  [[gnu::cold]] void doubt(Index number, double evidence) {
-    candidates_[number].doubt = std::max(evidence, 0.0);
+  /// @param evidence  squared deviations against it that the graph does not know of: an outlier costs as much less, but
+  ///                  what a consecutive one does at least. 0: nothing is against it any more.
+  [[gnu::cold]] void lower_price(Index number, double evidence) {
+    candidates_[number].discount = std::max(evidence, 0.0);
     if (number < settled_) measure(number);
   }
-  [[nodiscard]] bool is_doubted(Index number) const { return candidates_[number].doubt > 0; }  ///< whether it is
+  [[nodiscard]] bool has_lower_price(Index number) const {
+    return candidates_[number].discount > 0;
+  }  ///< whether it is
 
   /// Updates the smoother until each candidate is in or out. If the first update fails, the candidates added since the
   /// last are gone, as all else; if a later one does, the decision waits for the next time.
@@ -268,11 +269,11 @@ class IncrementalGnc {
   /// The steps around one of a sequence, up to variables that candidates hold; none if the sequence ends before.
   [[nodiscard]] [[gnu::cold]] detail::Table<Index> between_held(Index step) const;
 
-  /// Trusted factors are tried where they are out, next to those, and where they are doubted.
+  /// Trusted factors are tried where they are out, next to those, and where their price is lower.
   [[nodiscard]] bool may_be_tried(Index leader) const {
     const Entry& one = candidates_[leader];
     return one.factor.from != none &&
-           (one.forecast || one.doubt > 0 || is_out(leader) || follows_one(leader) || is_out(one.next));
+           (one.forecast || one.discount > 0 || is_out(leader) || follows_one(leader) || is_out(one.next));
   }
 
   /// Takes single groups near a change out or in, each once, as long as the forecast says that the truncated squares
@@ -320,7 +321,7 @@ class IncrementalGnc {
   /// What an outlier costs the truncated squares.
   [[nodiscard]] double price(const Entry& one, bool consecutive) const {
     return consecutive ? options_.consecutive_price * one.price
-                       : std::max(one.price - one.doubt, options_.consecutive_price * one.price);
+                       : std::max(one.price - one.discount, options_.consecutive_price * one.price);
   }
   /// What it adds to the truncated squares that some members of a group are out.
   [[nodiscard]] [[gnu::cold]] double price(Index leader, Offset members) const {

@@ -109,7 +109,7 @@ class GroupGncFactors {
   /// @returns what the last update says, and the work of all.
   [[nodiscard]] [[gnu::cold]] UpdateReport update(const SlamMap& map) {
     gnss_.add(map, gnc_);
-    if (!map.sessions.empty()) doubt_steps(map, map.sessions.back());
+    if (!map.sessions.empty()) lower_prices(map, map.sessions.back());
     ask_fixes(map);
     IncrementalGncReport report = gnc_.update();
     report.last.work = report.work;
@@ -126,7 +126,7 @@ class GroupGncFactors {
     ConvergeReport report;
     for (int pass = 0; pass < passes; ++pass) {
       gnss_.renew();
-      for (const Session& session : map.sessions) doubt_steps(map, session);
+      for (const Session& session : map.sessions) lower_prices(map, session);
       if (!update(map).ok()) break;
       for (int decision = 0; decision < decisions; ++decision) {
         report = smoother_.converge(options);
@@ -170,8 +170,9 @@ class GroupGncFactors {
     }
   }
 
-  /// Doubts the step of odometry that a session's last fixes speak against most, and none any more that they do not.
-  [[gnu::cold]] void doubt_steps(const SlamMap& map, const Session& session) {
+  /// Lowers the price of the step of odometry that a session's last fixes speak against most, and raises it again where
+  /// they do not any more.
+  [[gnu::cold]] void lower_prices(const SlamMap& map, const Session& session) {
     constexpr double by_chance = 20;  // squared deviations that the best of so many steps may gain
     if (!(options_.odometry > 0)) return;
     const auto pose = [&](Key key) { return map.keyframes[static_cast<std::size_t>(key)].T_map_body; };
@@ -182,12 +183,12 @@ class GroupGncFactors {
       return pose(odometry.from) * odometry.measurement * pose(k).inverse();
     };
     Ranked most{by_chance, Gnc::none};
-    gnss_.for_each_doubt(map, session, join, [&](Index k, double evidence) {
+    gnss_.for_each_failed_step(map, session, join, [&](Index k, double evidence) {
       if (step(k) == Gnc::none) return;
-      if (gnc_.is_doubted(step(k))) gnc_.doubt(step(k), evidence);
+      if (gnc_.has_lower_price(step(k))) gnc_.lower_price(step(k), evidence);
       if (evidence > most.rank) most = {evidence, step(k)};
     });
-    if (most.index != Gnc::none) gnc_.doubt(most.index, most.rank);
+    if (most.index != Gnc::none) gnc_.lower_price(most.index, most.rank);
   }
 
   GroupGnc options_;

@@ -32,7 +32,7 @@ class CandidateList {
     double price = 0.0;             ///< what an outlier costs the truncated squares
     double outlier_weight = 0.0;
     double ratio = 0.0;     ///< squared whitened residual at the estimate over the threshold
-    double doubt = 0.0;     ///< taken off the price
+    double discount = 0.0;  ///< taken off the price
     bool trusted = false;   ///< not judged by its residual alone
     bool forecast = false;  ///< whether it is judged by what the graph says without it
     bool watched = false, touched = false, turned = false;  ///< marks of a leader

@@ -80,9 +80,9 @@ bool IncrementalGnc<Smoother>::share_errors() {
     const detail::Table<Index> steps = between_held(number);
     if (steps.size() < 2) continue;
     double deviations = 0.0;
-    bool doubted = false;  // then something says it
-    for (const Index step : steps) doubted |= is_doubted(step);
-    if (doubted) continue;
+    bool known = false;  // which one it is
+    for (const Index step : steps) known |= has_lower_price(step);
+    if (known) continue;
     for (const Index step : steps)
       deviations += std::sqrt(candidates_.ratio_at(smoother_, step) * candidates_[step].threshold);
     const double each = deviations / static_cast<double>(steps.size());

@@ -145,7 +145,8 @@ class GnssFactors {
   /// lies where its fixes are.
   /// @param join  SE3d(k): carries what is behind the step to where the step by itself would have it
   template <class Join, class Visit>
-  [[gnu::cold]] void for_each_doubt(const SlamMap& map, const Session& session, const Join& join, Visit&& visit) const {
+  [[gnu::cold]] void for_each_failed_step(const SlamMap& map, const Session& session, const Join& join,
+                                          Visit&& visit) const {
     constexpr std::size_t behind = 5;  // fixes at least: fewer lie anywhere by chance
     const detail::Table<FixInMap> fixes = last_fixes(map, session);
     const std::span<const FixInMap> all = fixes.all();
