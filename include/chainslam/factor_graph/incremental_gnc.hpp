@@ -282,7 +282,8 @@ class IncrementalGnc {
   /// Takes a group out or in, if that lowers the truncated squares. @param rows  is lowered by the forecast's.
   [[nodiscard]] [[gnu::cold]] bool turn(Index leader, Index& rows);
   /// Takes out the trusted factor without which the truncated squares fall the most, if they fall at all: where several
-  /// share an error, none of them shows it. @returns whether there is one.
+  /// share an error, none of them shows it. Only between two variables that candidates hold, since priors that are off
+  /// together speak against any step. @returns whether there is one.
   [[nodiscard]] [[gnu::cold]] bool take_worst_trusted_out();
   /// Bounds the leverage of each candidate: most forecasts are then not needed.
   [[gnu::cold]] void bound_leverages();
