@@ -262,7 +262,7 @@ TEST_SUITE("slam/nclt_sessions") {
                                    *mapped(drives, std::move(long_chains), {.together = 0.1, .seed = seed}));
       CHECK(chains.wrong > 60);
       CHECK(chains.believed <= (seed == 0 ? 1 : 0));  // one that odometry and fixes support behind the step that failed
-      CHECK(chains.ape < 1.15 * clean.ape);
+      CHECK(chains.ape < 1.15 * clean.ape);  // 1.11 with seed 0, whose one wrong closure is at the end of a drive
     }
   }
 }

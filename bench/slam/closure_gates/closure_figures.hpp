@@ -75,8 +75,8 @@ class ClosureMeasurer {
     figures.overlap = fit.overlap;
     figures.misfit = fit.misfit(figures.noise);
     figures.worst_misfit = fit.worst_misfit(figures.noise);
-    figures.partial_misfit = surface_fit(scan, *submap, T, {.share = 0.8}).worst_misfit(figures.noise);
     const ClosureGate gate{};
+    figures.partial_misfit = gate.misfit(scan, *submap, figures.noise, T);
     AlignResult in_submap = figures.aligned;
     in_submap.T_target_source = T;
     figures.localizability = weakest_direction(in_submap).localizability;

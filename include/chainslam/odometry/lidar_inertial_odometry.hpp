@@ -48,9 +48,8 @@ namespace chainslam {
 /// the
 ///   accelerometer, the gyroscope roughly, the scans alone (`InertialHealth::imu_use`). A sensor that is contradicted
 ///   again and again is left out until it agrees with the scans for a while (`ImuMonitor`).
-/// - The times of scans may be off by some milliseconds each: by how much is learnt (`ScanClock`), and each scan's
-/// error
-///   estimated. Poses are those at the stated times, and frames' clouds lie where the body was then.
+/// - The times of scans may be off by some milliseconds each: by how much is learnt (`ScanClock`), and the error of
+///   each scan estimated. Poses are those at the stated times, and frames' clouds lie where the body was then.
 /// - The accelerometer's noise is learnt from how it differs from the scans' motion over half a second (`AccelNoise`).
 /// - Measurements at the end of their range count for little. What an IMU cannot have measured is rejected
 /// (`ImuCheck`).

@@ -52,8 +52,8 @@ template <class Registration, class Source, class Target, Executor Exec = Serial
                                                const Target& target, const AlignResult& result, double shift,
                                                double distance, const Exec& executor = {}) {
   for (const double side : {shift, -shift}) {
-    const SE3d beside = result.T_target_source * SE3d(SO3d(), scaled(side, weakest_direction(result).direction));
-    const AlignResult again = registration.align(source, target, beside, executor);
+    const SE3d shifted = result.T_target_source * SE3d(SO3d(), scaled(side, weakest_direction(result).direction));
+    const AlignResult again = registration.align(source, target, shifted, executor);
     const SE3d off = result.T_target_source.inverse() * again.T_target_source;
     const bool ended = again.status == AlignStatus::converged || again.status == AlignStatus::degenerate;
     if (!ended || !(off.translation().norm() <= distance)) return false;

@@ -146,8 +146,8 @@ struct LoopCloserOptions {
   double scan_voxel = 0;     ///< metres, of the scan that is aligned; 0: as the keyframe has it
   AlignmentStarts starts{};  ///< where a refused alignment starts again
   ClosureGate gate{};        ///< when an alignment counts as a closure
-  /// Misfit up to which a closure errs by what its covariance says; beyond it, by as many times more. 0: whatever it
-  /// is.
+  /// Misfit up to which a closure errs by what its covariance says; beyond it, by as many times more. 0: by what the
+  /// covariance says, whatever the misfit.
   double usual_misfit = 0.5;
   SubmapOptions submap{};  ///< what the scan is aligned to
 };

@@ -37,9 +37,9 @@ struct MomentaryMotion {
 /// beforehand.
 ///
 /// It is estimated with the state, as Qin and Shen (2018, IROS, "Online temporal calibration for monocular
-/// visual-inertial systems", eq. 5 and 6) shift features by a time offset times their velocity, but anew for each scan.
-/// Equations of the scan's pose are freed of it by the Schur complement, which is the same as measurement noise along
-/// the motion; its own value follows from how the pose then moves.
+/// visual-inertial systems", eq. 5 and 6) shift features by a time offset times their velocity, but separately for each
+/// scan. Equations of the scan's pose are freed of it by the Schur complement, which is the same as measurement noise
+/// along the motion; its own value follows from how the pose then moves.
 class TimeError {
  public:
   /// @param deviation  seconds; 0: the time is exact.
