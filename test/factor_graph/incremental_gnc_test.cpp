@@ -19,6 +19,32 @@ namespace {
 
 using GncSmoother = IncrementalSmoother<SE3d>;
 
+constexpr Key end = 20;
+
+SE3d at(Key key) { return SE3d(SO3d(), {1.0 * key, 0, 0}); }
+SqrtInformation<6> sigma(double value) { return NoiseModel<6>::from_sigma(value).sqrt_information(); }
+
+/// A metre from pose to pose, as they begin, and trusted steps that measure what they like.
+struct SlippingDrive {
+  GncSmoother smoother{SmootherOptions{.patience = 0.0}, NoLag{}};
+  IncrementalGnc<GncSmoother> gnc{smoother};
+  std::vector<Index> steps;
+
+  /// @param length  metres that the step from a key measures.
+  template <class Length>
+  explicit SlippingDrive(const Length& length) {
+    for (Key key = 0; key < end; ++key) smoother.add_value(at(key));
+    smoother.add_prior(0, at(0), NoiseModel<6>::from_sigma(1e-3));
+    for (Key key = 0; key + 1 < end; ++key)
+      steps.push_back(gnc.add({key, key + 1, SE3d(SO3d(), {length(key), 0, 0}), sigma(0.1)},
+                              {.threshold = 28,
+                               .price = 70,
+                               .outlier_weight = 1e-8,
+                               .trusted = true,
+                               .previous = steps.empty() ? gnc.none : steps.back()}));
+  }
+};
+
 }  // namespace
 
 TEST_SUITE("factor_graph/incremental_gnc") {
@@ -185,23 +211,11 @@ TEST_SUITE("factor_graph/incremental_gnc") {
   }
 
   TEST_CASE("an error that trusted steps share, so that none of them shows it, is found when all is decided again") {
-    GncSmoother smoother(SmootherOptions{.patience = 0.0}, NoLag{});
-    IncrementalGnc<GncSmoother> gnc(smoother);
-    constexpr Key end = 20;
-    const auto at = [](Key key) { return SE3d(SO3d(), {1.0 * key, 0, 0}); };
-    const auto sigma = [](double value) { return NoiseModel<6>::from_sigma(value).sqrt_information(); };
-    for (Key key = 0; key < end; ++key) smoother.add_value(at(key));
-    smoother.add_prior(0, at(0), NoiseModel<6>::from_sigma(1e-3));
-    std::vector<Index> steps;
-    for (Key key = 0; key + 1 < end; ++key) {
-      const double slip = key >= 9 && key < 12 ? -1.3 : 0.0;  // 13 standard deviations, as odometry among traffic
-      steps.push_back(gnc.add({key, key + 1, SE3d(SO3d(), {1 + slip, 0, 0}), sigma(0.1)},
-                              {.threshold = 28,
-                               .price = 70,
-                               .outlier_weight = 1e-8,
-                               .trusted = true,
-                               .previous = steps.empty() ? gnc.none : steps.back()}));
-    }
+    // Slips of 13 standard deviations, as odometry among traffic.
+    SlippingDrive drive([](Key key) { return key >= 9 && key < 12 ? -0.3 : 1.0; });
+    GncSmoother& smoother = drive.smoother;
+    IncrementalGnc<GncSmoother>& gnc = drive.gnc;
+    const std::vector<Index>& steps = drive.steps;
     for (const Key held : {2, 4, 16, 18}) gnc.add({0, held, at(held), sigma(0.02)}, {.threshold = 1e6});
     for (const Key weakly : {9, 10, 11, 12}) smoother.add(BetweenFactor<SE3d>{0, weakly, at(weakly), sigma(0.5)});
     CHECK(gnc.update().last.ok());
@@ -226,21 +240,10 @@ TEST_SUITE("factor_graph/incremental_gnc") {
   }
 
   TEST_CASE("where nothing says which steps failed between two that are held, all of them share the error") {
-    GncSmoother smoother(SmootherOptions{.patience = 0.0}, NoLag{});
-    IncrementalGnc<GncSmoother> gnc(smoother);
-    constexpr Key end = 20;
-    const auto at = [](Key key) { return SE3d(SO3d(), {1.0 * key, 0, 0}); };
-    const auto sigma = [](double value) { return NoiseModel<6>::from_sigma(value).sqrt_information(); };
-    for (Key key = 0; key < end; ++key) smoother.add_value(at(key));
-    smoother.add_prior(0, at(0), NoiseModel<6>::from_sigma(1e-3));
-    std::vector<Index> steps;
-    for (Key key = 0; key + 1 < end; ++key)  // slips between 4 and 16, by as much everywhere
-      steps.push_back(gnc.add({key, key + 1, SE3d(SO3d(), {key >= 4 && key < 16 ? 0.5 : 1.0, 0, 0}), sigma(0.1)},
-                              {.threshold = 28,
-                               .price = 70,
-                               .outlier_weight = 1e-8,
-                               .trusted = true,
-                               .previous = steps.empty() ? gnc.none : steps.back()}));
+    SlippingDrive drive([](Key key) { return key >= 4 && key < 16 ? 0.5 : 1.0; });  // by as much everywhere
+    GncSmoother& smoother = drive.smoother;
+    IncrementalGnc<GncSmoother>& gnc = drive.gnc;
+    const std::vector<Index>& steps = drive.steps;
     const OutlierTest closure{.threshold = 40, .outlier_weight = 1e-8};
     for (const Key held : {2, 3, 4, 16, 17, 18}) gnc.add({0, held, at(held), sigma(0.02)}, closure);
     CHECK(gnc.update().last.ok());
