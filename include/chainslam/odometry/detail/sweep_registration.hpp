@@ -77,9 +77,9 @@ struct SweepRegistration {
     return attempt.match_ratio() < options_.poor_match_ratio * usual_match_ratio_;
   }
   [[nodiscard]] Guess predicted(double error) const { return {.state = state(), .error = error}; }
-  /// The end of the way as an attempt has found it.
+  /// The end of the way as an attempt has found it, and the way bent by what went wrong on it.
   [[nodiscard]] Guess again(const Attempt& found) const {
-    return {.state = found.filter.state(), .error = options_.min_error, .bend = correction(found)};
+    return {.state = found.filter.state(), .error = options_.min_error, .bend = motion_.arisen(correction(found))};
   }
   /// Where a scan lies that was straightened with the mounting of before: where the LiDAR is now.
   [[nodiscard]] SE3d scan_pose(const InertialState& x) const {
