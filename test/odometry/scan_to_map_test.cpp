@@ -113,9 +113,7 @@ TEST_SUITE("odometry/scan_to_map") {
     const std::vector<Eigen::Vector3f> rows{
         {0, -1, 0}, {0.01F, -0.5F, 0}, {0, 0, 0.01F}, {0.6F, 0, 0}, {0.6F, 0.5F, 0}};
     const auto normal_of = [&](const std::vector<Eigen::Vector3f>& points) {
-      chainslam::detail::FormerNeighbors<float, 5> none;
-      return chainslam::detail::match_plane<5>(KdTree<float>(points), Eigen::Vector3d(0.1, 0, 0), rule, none, {})
-          .normal;
+      return chainslam::detail::match_plane<5>(KdTree<float>(points), Eigen::Vector3d(0.1, 0, 0), rule).normal;
     };
     CHECK(normal_of(ring).norm() == 0);
     CHECK(std::abs(normal_of(rows).z()) > 0.99F);

@@ -19,6 +19,7 @@
 #include "chainslam/odometry/detail/moved_distance.hpp"
 #include "chainslam/odometry/detail/plane_matches.hpp"
 #include "chainslam/odometry/detail/pose_information.hpp"
+#include "chainslam/odometry/detail/scan_planes.hpp"
 #include "chainslam/search/concepts.hpp"
 #include "chainslam/search/voxel_map.hpp"
 
@@ -162,8 +163,7 @@ template <Cloud Scan, NearestNeighborSearch Map, Executor E>
 ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d& guess, double guess_error,
                                    const E& executor) const {
   ScanMatch match{.T_map_body = guess};
-  std::vector<detail::FormerNeighbors<typename Map::Scalar, neighbors>> found;
-  std::vector<detail::MatchedPlane> planes;
+  detail::ScanPlanes<typename Map::Scalar, neighbors> planes(scan, guess.translation());
   detail::CoarseToFine schedule(guess_error, *this);
   double moved = 0;  // metres at the lever arm, since planes were looked up
   bool stale = true;
@@ -173,14 +173,12 @@ ScanMatch ScanToMap<Kernel>::align(const Scan& scan, const Map& map, const SE3d&
     if (stale) {
       if (settled && matchings++ == max_matchings) break;
       const detail::PlaneRule rule = plane_rule(schedule.error());
-      detail::match_planes<neighbors>(scan, map, match.T_map_body, rule, found, planes, executor);
+      planes.match(scan, map, match.T_map_body, rule, executor);
       moved = 0;
     }
     const double unit = std::max(residual_scale, 0.5 * schedule.error());
-    const auto in_gate = [&](double range) { return std::max(gate * std::sqrt(range), schedule.error()); };
     const auto weight = [&](double squared_residual) { return kernel.weight(squared_residual / (unit * unit)); };
-    const detail::PlaneEquations sum =
-        detail::plane_equations(scan, planes, match.T_map_body, in_gate, weight, executor);
+    const detail::PlaneEquations sum = planes.equations(match.T_map_body, {gate, schedule.error()}, weight, executor);
     ++match.iterations;
     match.matches = sum.matches;
     match.weight = sum.weight;

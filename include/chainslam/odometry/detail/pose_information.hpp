@@ -7,7 +7,7 @@
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/types.hpp"
-#include "chainslam/odometry/detail/plane_matches.hpp"
+#include "chainslam/odometry/detail/plane_equations.hpp"
 
 namespace chainslam::detail {
 

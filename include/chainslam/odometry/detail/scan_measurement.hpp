@@ -4,15 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <vector>
 
 #include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/odometry/detail/coarse_to_fine.hpp"
 #include "chainslam/odometry/detail/moved_distance.hpp"
-#include "chainslam/odometry/detail/plane_matches.hpp"
 #include "chainslam/odometry/detail/pose_information.hpp"
 #include "chainslam/odometry/detail/scan_clock.hpp"
+#include "chainslam/odometry/detail/scan_planes.hpp"
 #include "chainslam/odometry/ieskf.hpp"
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/inertial_motion_options.hpp"
@@ -41,8 +40,8 @@ struct ScanPrior {
 /// Without any IMU nothing tells it from a change of speed.
 ///
 /// Directions in which planes say no more than their own noise are left out of what `linearize` returns. Neighbours are
-/// looked up again where the pose has moved or come to rest, starting from those found before; a plane is fitted again
-/// only if they changed.
+/// looked up again where the pose has moved or come to rest, of points that may have others now; a plane is fitted
+/// again only if they changed.
 template <Cloud Scan, NearestNeighborSearch Map, class Kernel, Executor E>
 class ScanMeasurement {
  public:
@@ -57,6 +56,7 @@ class ScanMeasurement {
         options_(options),
         prior_(prior),
         executor_(executor),
+        planes_(scan, T_odom_body(prior.state).translation()),
         schedule_(options.coarse_to_fine ? prior.error : 0.0, rule),
         time_error_(prior.time_deviation) {}
 
@@ -118,8 +118,7 @@ class ScanMeasurement {
   ScanMeasurementOptions options_;
   ScanPrior prior_;
   const E& executor_;
-  std::vector<detail::FormerNeighbors<typename Map::Scalar, Rule::neighbors>> neighbors_;
-  std::vector<detail::MatchedPlane> planes_;
+  detail::ScanPlanes<typename Map::Scalar, Rule::neighbors> planes_;
   detail::CoarseToFine schedule_;
   double lever_ = 1;  ///< metres: range of the matched points
   SE3d T_matched_;    ///< where planes were looked up
@@ -140,15 +139,14 @@ Linearization<InertialState> ScanMeasurement<Scan, Map, Kernel, E>::linearize(co
   const bool looked_up = wants_planes(T, renew);
   if (looked_up) {
     const detail::PlaneRule plane = rule_.plane_rule(schedule_.error(), options_.planes);
-    detail::match_planes<Rule::neighbors>(scan_, map_, T, plane, neighbors_, planes_, executor_);
+    planes_.match(scan_, map_, T, plane, executor_);
     T_matched_ = T;
     ++matchings_;
     if (!schedule_.coarse()) ++fine_matchings_;
   }
   const double unit = std::max(rule_.residual_scale, 0.5 * schedule_.error());
-  const auto in_gate = [&](double range) { return std::max(rule_.gate * std::sqrt(range), schedule_.error()); };
   const auto weight = [&](double squared) { return rule_.kernel.weight(squared / (unit * unit)); };
-  const detail::PlaneEquations sum = detail::plane_equations(scan_, planes_, T, in_gate, weight, executor_);
+  const detail::PlaneEquations sum = planes_.equations(T, {rule_.gate, schedule_.error()}, weight, executor_);
   ++match_.iterations;
   match_.matches = sum.matches;
   match_.weight = sum.weight;

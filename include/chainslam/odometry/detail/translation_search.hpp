@@ -106,9 +106,8 @@ std::vector<SE3d> TranslationSearch::operator()(const Scan& scan, const Map& map
   const auto each_plane = [&](const SE3d& T, auto&& take) {
     const Eigen::Matrix3d R = T.rotation().matrix();
     for (const Eigen::Vector3d& p : some) {
-      FormerNeighbors<typename Map::Scalar, neighbors> found;
       const Eigen::Vector3d moved = sum_of(product(R, p), T.translation());
-      const MatchedPlane plane = match_plane(map, moved, rule, found, {});
+      const MatchedPlane plane = match_plane<neighbors>(map, moved, rule);
       const Eigen::Vector3d normal = converted<double>(plane.normal);
       if (normal.squaredNorm() == 0) continue;
       const double distance = normal.dot(difference_of(moved, converted<double>(plane.anchor)));
