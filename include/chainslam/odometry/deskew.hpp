@@ -130,7 +130,11 @@ template <Executor E = Serial>
   executor.for_chunks(to_index(sweep.size()), grain, [&](Index begin, Index end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
       const Eigen::Vector3d p = converted<double>(sweep.positions[i]);
-      const double wanted = timed ? sweep.time_offsets[i] * knots_per_second : last;
+      if (!timed) {
+        corrected.positions[i] = converted<float>(sum_of(product(knots.back().R, p), knots.back().t));
+        continue;
+      }
+      const double wanted = sweep.time_offsets[i] * knots_per_second;
       const double place = wanted > 0 ? std::min(wanted, last) : 0.0;  // NaN counts as the sweep's begin
       const auto k = std::min(static_cast<std::size_t>(place), knots.size() - 2);
       const double share = place - static_cast<double>(k);

@@ -210,7 +210,8 @@ std::optional<Frame> LidarOdometry<Map, Kernel>::start(Sweep sweep, const E& exe
   return frame;
 }
 
-/// The sweep's points, undistorted by a constant twist.
+/// The sweep's points, undistorted by a constant twist; those for the map and for registration by their positions
+/// alone.
 template <class Map, class Kernel>
 template <Executor E>
 auto LidarOdometry<Map, Kernel>::corrected(const Sweep& sweep, const Vector6d& twist, const E& executor) const
@@ -219,8 +220,8 @@ auto LidarOdometry<Map, Kernel>::corrected(const Sweep& sweep, const Vector6d& t
   scan.twist = twist;
   const SweepMotion motion = motion_.sweep_motion(sweep.begin, sweep.end, twist);
   scan.cloud = deskew(sweep.points, motion, options_.T_body_lidar, executor);
-  scan.map_points = voxel_downsample(scan.cloud, options_.map_voxel);
-  scan.points = voxel_downsample(scan.map_points, options_.scan_voxel);
+  scan.map_points = voxel_downsample(scan.cloud.positions, options_.map_voxel);
+  scan.points = voxel_downsample(scan.map_points.positions, options_.scan_voxel);
   return scan;
 }
 
