@@ -86,10 +86,13 @@ class BucketedVoxels {
   static constexpr Index none = -1;
   static constexpr int max_reach = 8;
 
-  /// Squared distances from a query to the blocks around its own, for each axis and step.
-  struct BlockGaps {
-    std::array<std::array<Scalar, 2 * max_reach + 1>, 3> squared;
+  /// Squared distances along an axis from a query to the blocks on either side of its own, of those that are near.
+  struct NearSteps {
+    std::array<Scalar, 2 * max_reach + 1> squared;
+    std::array<int, 2 * max_reach + 1> step;  ///< ascending
+    std::size_t count = 0;
   };
+  using NearBlocks = std::array<NearSteps, 3>;
 
   [[nodiscard]] Eigen::Vector3d in_blocks(const Vector& p) const {
     Eigen::Vector3d scaled = zeros<Eigen::Vector3d>();
@@ -101,14 +104,14 @@ class BucketedVoxels {
     return {whole.min().head<Dim>(), whole.max().head<Dim>()};
   }
   [[nodiscard]] bool has_nearer_than_spacing(const Vector& point) const;
-  [[nodiscard]] BlockGaps block_gaps(const Eigen::Vector3d& scaled, const Cell& cell) const;
+  [[nodiscard]] NearBlocks near_blocks(const Eigen::Vector3d& scaled, const Cell& cell, Scalar bound) const;
   [[nodiscard]] Block& block_at(const Cell& cell);
   template <class Erase>
   void erase_in(std::size_t place, Erase&& erase);
 
   template <class Collector>
   void search_ring(int ring, const Vector& query, const Eigen::Vector3d& scaled, const Cell& center,
-                   const BlockGaps& gaps, Collector& found) const;
+                   const NearBlocks& near, Collector& found) const;
   template <class Collector>
   void search_voxels(const Block& block, std::uint64_t voxels, const Slabs& slabs, const Vector& query,
                      Collector& found) const;
@@ -186,47 +189,56 @@ void BucketedVoxels<ScalarType, Dim>::search(const Vector& query, Collector& fou
     if (!(found.bound() > 0)) return;
     const std::uint64_t others = block.occupied() & ~(std::uint64_t{1} << voxel);
     const Slabs slabs(scaled, *center, block_size_);
-    search_voxels(block, others & Block::around(voxel), slabs, query, found);
-    search_voxels(block, others & ~Block::around(voxel), slabs, query, found);
+    // Those on the query's side of its voxel first, since the nearest soon leave no room for others.
+    const auto half = static_cast<Scalar>(0.5 * options_.voxel_size);
+    const std::uint64_t beside = slabs.nearer_than(half * half), around = Block::around(voxel);
+    search_voxels(block, others & beside, slabs, query, found);
+    search_voxels(block, others & around & ~beside & slabs.nearer_than(found.bound()), slabs, query, found);
+    search_voxels(block, others & ~around & slabs.nearer_than(found.bound()), slabs, query, found);
   }
-  const BlockGaps gaps = block_gaps(scaled, *center);
-  for (int ring = 1; ring <= options_.reach; ++ring) search_ring(ring, query, scaled, *center, gaps, found);
+  const NearBlocks near = near_blocks(scaled, *center, found.bound());
+  for (int ring = 1; ring <= options_.reach; ++ring) search_ring(ring, query, scaled, *center, near, found);
 }
 
 template <class ScalarType, int Dim>
-auto BucketedVoxels<ScalarType, Dim>::block_gaps(const Eigen::Vector3d& scaled, const Cell& cell) const -> BlockGaps {
+auto BucketedVoxels<ScalarType, Dim>::near_blocks(const Eigen::Vector3d& scaled, const Cell& cell, Scalar bound) const
+    -> NearBlocks {
   const std::array<std::int32_t, 3> own{cell.x, cell.y, cell.z};
-  BlockGaps gaps;
+  NearBlocks near;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const GapAlongAxis<Scalar> gap(scaled[static_cast<Eigen::Index>(axis)], own[axis], block_size_);
-    for (int step = -options_.reach; step <= options_.reach; ++step)
-      gaps.squared[axis][static_cast<std::size_t>(step + max_reach)] =
-          gap.squared(static_cast<Scalar>(step), static_cast<Scalar>(step + 1));
+    const int reach = axis < Dim ? options_.reach : 0;
+    NearSteps& steps = near[axis];
+    for (int step = -reach; step <= reach; ++step) {
+      const Scalar squared = gap.squared(static_cast<Scalar>(step), static_cast<Scalar>(step + 1));
+      steps.squared[steps.count] = squared;
+      steps.step[steps.count] = step;
+      steps.count += squared < bound ? 1 : 0;
+    }
   }
-  return gaps;
+  return near;
 }
 
 template <class ScalarType, int Dim>
 template <class Collector>
 void BucketedVoxels<ScalarType, Dim>::search_ring(int ring, const Vector& query, const Eigen::Vector3d& scaled,
-                                                  const Cell& center, const BlockGaps& gaps, Collector& found) const {
-  const auto gap = [&](std::size_t axis, int step) {
-    return gaps.squared[axis][static_cast<std::size_t>(step + max_reach)];
-  };
-  const int layers = Dim == 3 ? ring : 0;
-  for (int dz = -layers; dz <= layers; ++dz) {
-    const Scalar gap_z = gap(2, dz);
-    if (!(gap_z < found.bound())) continue;
-    for (int dy = -ring; dy <= ring; ++dy) {
-      const Scalar gap_yz = gap_z + gap(1, dy);
-      if (!(gap_yz < found.bound())) continue;
-      const bool whole_row = std::abs(dz) == ring || std::abs(dy) == ring;
-      for (int dx = -ring; dx <= ring; dx += whole_row ? 1 : 2 * ring) {
-        if (!(gap_yz + gap(0, dx) < found.bound())) continue;
-        const Index neighbor = table_.find(shifted(center, dx, dy, dz));
+                                                  const Cell& center, const NearBlocks& near, Collector& found) const {
+  const auto& [xs, ys, zs] = near;
+  for (std::size_t k = 0; k < zs.count; ++k) {
+    if (std::abs(zs.step[k]) > ring) continue;
+    for (std::size_t j = 0; j < ys.count; ++j) {
+      const Scalar gap_yz = zs.squared[k] + ys.squared[j];
+      if (std::abs(ys.step[j]) > ring || !(gap_yz < found.bound())) continue;
+      const bool whole_row = std::abs(zs.step[k]) == ring || std::abs(ys.step[j]) == ring;
+      for (std::size_t i = 0; i < xs.count; ++i) {
+        const int from_center = std::abs(xs.step[i]);
+        if (from_center > ring || (!whole_row && from_center < ring)) continue;
+        if (!(gap_yz + xs.squared[i] < found.bound())) continue;
+        const Index neighbor = table_.find(shifted(center, xs.step[i], ys.step[j], zs.step[k]));
         if (neighbor == none) continue;
         const Block& block = blocks_[static_cast<std::size_t>(neighbor)];
-        search_voxels(block, block.occupied(), Slabs(scaled, block.cell(), block_size_), query, found);
+        const Slabs slabs(scaled, block.cell(), block_size_);
+        search_voxels(block, block.occupied() & slabs.nearer_than(found.bound()), slabs, query, found);
       }
     }
   }

@@ -128,8 +128,23 @@ class VoxelSlabs {
     const auto v = static_cast<std::size_t>(voxel);
     return squared_[0][v & 3] + squared_[1][(v >> 2) & 3] + squared_[2][v >> 4];
   }
+  /// The voxels whose slabs are all nearer than `bound`: those nearer, and some in the corners about them.
+  [[nodiscard]] std::uint64_t nearer_than(Scalar bound) const {
+    const std::uint64_t xs = bits_below(0, bound), ys = bits_below(1, bound), zs = bits_below(2, bound);
+    return (xs * 0x1111'1111'1111'1111U) & (spread(ys, 4) * 0xfU * 0x0001'0001'0001'0001U) & (spread(zs, 16) * 0xffffU);
+  }
 
  private:
+  [[nodiscard]] std::uint64_t bits_below(std::size_t axis, Scalar bound) const {
+    std::uint64_t bits = 0;
+    for (std::size_t i = 0; i < 4; ++i) bits |= static_cast<std::uint64_t>(squared_[axis][i] < bound) << i;
+    return bits;
+  }
+  /// Four bits, `apart` places from one another.
+  [[nodiscard]] static std::uint64_t spread(std::uint64_t bits, int apart) {
+    return (bits & 1U) | (bits & 2U) << (apart - 1) | (bits & 4U) << 2 * (apart - 1) | (bits & 8U) << 3 * (apart - 1);
+  }
+
   std::array<std::array<Scalar, 4>, 3> squared_;
 };
 

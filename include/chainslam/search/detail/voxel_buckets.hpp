@@ -1,12 +1,16 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <bit>
 #include <cstddef>
 #include <utility>
 #include <vector>
 
 #include "chainslam/core/types.hpp"
+#include "chainslam/search/detail/pack.hpp"
 #include "chainslam/search/detail/point_lanes.hpp"
+#include "chainslam/search/detail/small_nearest.hpp"
 #include "chainslam/search/detail/voxel_block.hpp"
 
 namespace chainslam::detail {
@@ -16,6 +20,7 @@ template <class Scalar, int Dim>
 struct VoxelBucket {
   using Vector = Eigen::Matrix<Scalar, Dim, 1>;
   static constexpr int lanes = 8;
+  static_assert(lanes == pack_width);
 
   Lanes<Scalar, lanes, Dim> points;
   Index next = -1;
@@ -67,8 +72,25 @@ class VoxelBuckets {
   /// Offers the chain's points to `found`.
   template <class Collector>
   void search(Index bucket, const Vector& query, Collector& found) const {
-    for (; bucket != none; bucket = at(bucket).next)
-      scan(at(bucket).points, query.data(), found, [bucket](int lane) { return bucket * Bucket::lanes + lane; });
+    for (; bucket != none; bucket = at(bucket).next) {
+      const auto& columns = at(bucket).points.columns;
+      Pack<Scalar> sum = Pack<Scalar>::all(0);
+      for (std::size_t axis = 0; axis < static_cast<std::size_t>(Dim); ++axis) {
+        const Pack<Scalar> d =
+            Pack<Scalar>::load(columns[axis].data()) - Pack<Scalar>::all(query[static_cast<Eigen::Index>(axis)]);
+        sum = axis == 0 ? d * d : sum + d * d;
+      }
+      unsigned near = sum.below(found.bound());
+      if (near == 0) continue;
+      alignas(64) std::array<Scalar, pack_width> distances;
+      sum.store(distances.data());
+      for (; near != 0; near &= near - 1) {
+        const int lane = std::countr_zero(near);
+        const Scalar distance = distances[static_cast<std::size_t>(lane)];
+        if (refuses_cheaply<Collector> || distance < found.bound())  // which may have come nearer
+          found.offer(bucket * Bucket::lanes + lane, distance);
+      }
+    }
   }
 
   /// Calls `visit(index, position)` for every point of the chain.
