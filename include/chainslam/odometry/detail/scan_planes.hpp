@@ -25,13 +25,13 @@
 
 namespace chainslam::detail {
 
-/// The nearest `Count` points of a map to a place that moves, as long as the map stays the same. Eight are kept, of
-/// which the nearest are chosen wherever no other point can have come nearer; the map is searched again only elsewhere.
+/// The nearest `Count` points of a map to a place that moves, as long as the map stays the same. Two more are kept, and
+/// the nearest chosen of them wherever no other point can have come nearer; the map is searched again only elsewhere.
 template <class Scalar, std::size_t Count>
 class KeptNeighbors {
  public:
-  static constexpr std::size_t kept = 8, asked = Count + 2;
-  static_assert(Count > 0 && Count < kept);
+  static constexpr std::size_t kept = 8, asked = Count + 2;  ///< in registers of `kept`
+  static_assert(Count > 0 && asked <= kept);
   using Vector = Eigen::Matrix<Scalar, 3, 1>;
   enum class Change { none, same, others };
 
