@@ -193,7 +193,7 @@ template <class Scalar, std::size_t Neighbors>
 template <Cloud Scan, NearestNeighborSearch Map, Executor E>
 void ScanPlanes<Scalar, Neighbors>::match(const Scan& scan, const Map& map, const SE3d& T_map_body,
                                           const PlaneRule& rule, const E& executor) {
-  using Change = typename KeptNeighbors<Scalar, Neighbors>::Change;
+  using Found = typename KeptNeighbors<Scalar, Neighbors>::Change;
   const Eigen::Matrix3d R = T_map_body.rotation().matrix();
   const Eigen::Vector3d& t = T_map_body.translation();
   const auto max_distance = static_cast<Scalar>(rule.max_neighbor_distance);
@@ -204,9 +204,9 @@ void ScanPlanes<Scalar, Neighbors>::match(const Scan& scan, const Map& map, cons
     const auto take = [&](std::size_t point, const MatchedPlane& plane) { set(point, plane); };
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
       const SearchVector<Map> p = converted<Scalar>(Eigen::Vector3d(sum_of(product(R, position(scan, i)), t)));
-      const Change change = kept_[i].find(map, p, max_distance);
-      if (change == Change::none) set(i, {});
-      if (change != Change::others) continue;
+      const Found found = kept_[i].find(map, p, max_distance);
+      if (found == Found::none) set(i, {});
+      if (found != Found::others) continue;
       if (rule.form == PlaneForm::intercept) {
         set(i, intercept_plane_of(kept_[i], rule));
         continue;
