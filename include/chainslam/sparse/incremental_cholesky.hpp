@@ -66,7 +66,7 @@ class IncrementalCholesky {
     /// Newest variables that are eliminated last, since the next terms are likely to touch them.
     Index late_variables = 10;
     /// Variables nearest to the newest in the graph that are eliminated late, where many are ordered: what comes next
-    /// will touch these, and then not what lies beyond.
+    /// will touch these, and then not what lies beyond. More (as the square root) in systems of above 50 000 variables.
     Index near_variables = 100;
     /// Fronts of more multiplications a variable are reordered whenever they are refactorized,
     double reorder_work = 20000.0;
@@ -292,8 +292,8 @@ class IncrementalCholesky {
 
   /// Sorts the affected variables: those that are to be eliminated late behind the others.
   void sort_affected();
-  /// Lists the variables nearest to the newest in the graph.
-  void list_near();
+  /// Lists so many variables nearest to the newest in the graph.
+  void list_near(Index count);
 
   void affect(Index variable) {
     if (is_fixed(variable)) tree_.set_node_of(variable, -1);

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+
 #include "chainslam/core/table.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
 
@@ -100,11 +103,13 @@ template <int BlockSize>
 void IncrementalCholesky<BlockSize>::sort_affected() {
   std::sort(affected_.begin(), affected_.end());
   const Index newest = size() - options_.late_variables;
-  if (to_index(affected_.size()) <= options_.near_variables / 4) {
+  // What lies beyond them grows as a planar graph's separators.
+  const auto near = static_cast<Index>(options_.near_variables * std::sqrt(std::max(1.0, size() / 50000.0)));
+  if (to_index(affected_.size()) <= near / 4) {
     late_ = static_cast<Index>(std::lower_bound(affected_.begin(), affected_.end(), newest) - affected_.begin());
     return;
   }
-  list_near();
+  list_near(near);
   detail::Table<Index> late;
   late_ = 0;
   for (const Index variable : affected_) {
@@ -120,16 +125,16 @@ void IncrementalCholesky<BlockSize>::sort_affected() {
 
 /// Breadth first.
 template <int BlockSize>
-void IncrementalCholesky<BlockSize>::list_near() {
+void IncrementalCholesky<BlockSize>::list_near(Index count) {
   is_near_.resize(size());
   near_.clear();
   const auto reach = [&](Index variable) {
-    if (is_near_[variable] != 0 || near_.size() >= options_.near_variables) return;
+    if (is_near_[variable] != 0 || near_.size() >= count) return;
     is_near_[variable] = 1;
     near_.push_back(variable);
   };
   reach(size() - 1);
-  for (Offset k = 0; k < near_.size() && near_.size() < options_.near_variables; ++k) {
+  for (Offset k = 0; k < near_.size() && near_.size() < count; ++k) {
     for (Index s = terms_.first(near_[k]); s != -1; s = terms_.slot(s).next) {
       for (const auto& slot : terms_.slots(terms_.slot(s).term)) reach(slot.variable);
     }
@@ -198,6 +203,7 @@ void IncrementalCholesky<BlockSize>::create_nodes() {
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::substitute(Index node) {
   const Front front = tree_.front(node);
+  front.prefetch();
   const std::span<const Index> variables = tree_.variables(node);
   const auto columns = static_cast<std::size_t>(front.columns());
   const Offset own = Offset{front.columns()} * BlockSize;

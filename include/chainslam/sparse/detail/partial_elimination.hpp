@@ -41,6 +41,7 @@ class PartialElimination {
   /// @param late        columns from this one on are eliminated after the others.
   /// @param block_size  scalar columns of a column.
   void plan(Index late, int block_size) {
+    late_ = late;
     list_elements();
     const BlockPattern pattern(size_, edges_.all());
     order_ = QuotientGraph(pattern, elements_.all(), late).eliminate();
@@ -138,11 +139,14 @@ class PartialElimination {
 
   [[nodiscard]] Index row_count(Index k) const { return to_index(found_start_[Offset{k} + 1] - found_start_[k]); }
 
-  /// As in `SupernodeJoiner`, but any child may join.
+  /// As in `SupernodeJoiner`, but any child may join; and large fronts are left apart, so that changes of the columns
+  /// eliminated last, as the next ones mostly are, do not reach all.
   void join_children(Index k, int block_size) {
     for (Index child = first_child_[k]; child != -1; child = next_[child]) {
       const Offset below = count_[k] + row_count(k);
       const Offset columns = count_[k] + count_[child];
+      if (columns * block_size > most_joined) continue;
+      if (count_[child] * block_size > most_joined_late && order_[child] < late_ && order_[k] >= late_) continue;
       const Offset zeros = zeros_[k] + zeros_[child] + count_[child] * (below - row_count(child));
       const Offset height = columns + row_count(k);
       const double share =
@@ -183,7 +187,11 @@ class PartialElimination {
     for (Index k = 0; k < size_; ++k) columns_[fronts_[front_of_[k]].first_column + next_[front_of_[k]]++] = order_[k];
   }
 
+  static constexpr Offset most_joined = 144;      ///< scalar columns of a front that joins of others
+  static constexpr Offset most_joined_late = 48;  ///< that a front brings which joins one of late columns
+
   Index size_ = 0;
+  Index late_ = 0;
   Table<BlockCoordinate> edges_;
   Table<Index> element_columns_;
   Table<Offset> element_ends_;
