@@ -111,27 +111,6 @@ TEST_SUITE("odometry/inertial_motion") {
           doctest::Approx(velocity_variance(0, 0.02, ImuUse::gyroscope)).scale(0).epsilon(1e-3));
   }
 
-  TEST_CASE("a correction counts for the way as far as the way made the pose uncertain") {
-    const auto arisen = [](double deviation_before, ImuUse use) {
-      detail::InertialMotion motion = moving();
-      put(motion, 0, deviation_before);
-      motion.predict(at(begin_time + interval), use);
-      return motion.arisen(Vector6d::Ones());
-    };
-    const Vector6d known = arisen(1e-6, ImuUse::none), measured = arisen(0.1, ImuUse::all);
-    CHECK((known - Vector6d::Ones()).norm() < 1e-3);
-    CHECK(measured[0] < 0.15);
-    CHECK(measured[3] < 0.01);
-    InertialState::Jacobian before = zeros<InertialState::Jacobian>(), after = before;
-    for (int i = 0; i < 3; ++i) {
-      const int p = inertial_offset<Inertial::position> + i, R = inertial_offset<Inertial::rotation> + i;
-      before(p, p) = 0.3, after(p, p) = 0.4;
-      before(R, R) = 2e-4, after(R, R) = 1e-4;  // less than before: nothing arose
-    }
-    const Vector6d part = detail::arisen(before, after, {1, 2, 3, 4, 5, 6});
-    CHECK((part - (Vector6d() << 0.25, 0.5, 0.75, 0, 0, 0).finished()).norm() < 1e-12);
-  }
-
   TEST_CASE("errors of the gyroscope and the accelerometer are found apart") {
     const Eigen::Vector3d gyro_error(0.02, -0.03, 0.05), accel_error(0.5, 1, -0.7);
     detail::InertialMotion gyro = moving({.gyro = gyro_error}), accel = moving({.accel = accel_error});

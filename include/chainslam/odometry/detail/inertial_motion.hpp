@@ -14,7 +14,6 @@
 #include "chainslam/odometry/detail/imu_monitor.hpp"
 #include "chainslam/odometry/detail/imu_record.hpp"
 #include "chainslam/odometry/detail/mounting.hpp"
-#include "chainslam/odometry/detail/way.hpp"
 #include "chainslam/odometry/ieskf.hpp"
 #include "chainslam/odometry/imu_alignment.hpp"
 #include "chainslam/odometry/imu_process.hpp"
@@ -151,15 +150,11 @@ class InertialMotion {
   /// at the end of the way, is spread over the way.
   [[nodiscard]] SweepMotion sweep_motion(Timestamp begin, const Vector6d& correction) const;
 
-  /// The part of a correction of the predicted pose that arose on the way; tangents.
-  [[nodiscard]] Vector6d arisen(const Vector6d& correction) const {
-    return detail::arisen(before_.covariance(), filter_.covariance(), correction);
-  }
   /// The twist at the begin of the way, per second, body frame, had the body moved on evenly but for a correction.
   /// @param velocity_change  m/s, odom frame. @param rate_change  rad/s, body frame.
   [[nodiscard]] Vector6d twist_at_begin(const Eigen::Vector3d& velocity_change,
                                         const Eigen::Vector3d& rate_change) const {
-    const WayKnot& knot = way_.front();
+    const Knot& knot = way_.front();
     Vector6d twist = zeros<Vector6d>();
     set_block(twist, 0, 0, knot.T_odom_body.rotation().inverse() * sum_of(knot.velocity, velocity_change));
     set_block(twist, 3, 0, sum_of(knot.rate, rate_change));
@@ -184,10 +179,24 @@ class InertialMotion {
   [[nodiscard]] double measured_share() const { return measured_share_; }
 
  private:
+  /// The body's motion from some time on, until the next.
+  struct Knot {
+    Timestamp time;
+    SE3d T_odom_body;
+    Eigen::Vector3d velocity, acceleration;  ///< odom
+    Eigen::Vector3d rate;                    ///< body
+
+    [[nodiscard]] SE3d pose(double dt) const {
+      const Eigen::Vector3d mean_velocity = sum_of(velocity, scaled(0.5 * dt, acceleration));
+      return SE3d(T_odom_body.rotation() * SO3d::exp(scaled(dt, rate)),
+                  sum_of(T_odom_body.translation(), scaled(dt, mean_velocity)));
+    }
+  };
+
   [[nodiscard]] SE3d way_at(Timestamp time) const {
-    const auto later = std::upper_bound(way_.begin(), way_.end(), time,
-                                        [](Timestamp t, const WayKnot& knot) { return t < knot.time; });
-    const WayKnot& knot = later == way_.begin() ? way_.front() : *(later - 1);
+    const auto later =
+        std::upper_bound(way_.begin(), way_.end(), time, [](Timestamp t, const Knot& knot) { return t < knot.time; });
+    const Knot& knot = later == way_.begin() ? way_.front() : *(later - 1);
     return knot.pose(to_seconds(time - knot.time));
   }
   /// What leaves rate and velocity as they are.
@@ -230,7 +239,7 @@ class InertialMotion {
   Filter before_;    ///< before the last prediction, ...
   Timestamp begin_;  ///< and its time
   ImuUse use_ = ImuUse::all;
-  std::vector<WayKnot> way_;                              ///< from the last scan to this
+  std::vector<Knot> way_;                                 ///< from the last scan to this
   Eigen::Vector3d mean_rate_ = zeros<Eigen::Vector3d>();  ///< rad/s, body frame, between the last two scans
   double measured_share_ = 0;
   Index followed_ = 0;

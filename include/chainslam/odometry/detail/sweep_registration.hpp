@@ -77,9 +77,9 @@ struct SweepRegistration {
     return attempt.match_ratio() < options_.poor_match_ratio * usual_match_ratio_;
   }
   [[nodiscard]] Guess predicted(double error) const { return {.state = state(), .error = error}; }
-  /// The end of the way as an attempt has found it, and the way bent by what went wrong on it.
+  /// The end of the way as an attempt has found it.
   [[nodiscard]] Guess again(const Attempt& found) const {
-    return {.state = found.filter.state(), .error = options_.min_error, .bend = motion_.arisen(correction(found))};
+    return {.state = found.filter.state(), .error = options_.min_error, .bend = correction(found)};
   }
   /// Where a scan lies that was straightened with the mounting of before: where the LiDAR is now.
   [[nodiscard]] SE3d scan_pose(const InertialState& x) const {
@@ -240,7 +240,7 @@ auto SweepRegistration<Map, Kernel>::resting_or(AttemptPtr moving, const Sweep& 
   return moving;
 }
 
-/// Takes the scan; once more if that left it skewed.
+/// Takes the scan; once more if that left it skewed, unless it then matches less.
 template <class Map, class Kernel>
 template <Executor E>
 auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& executor) -> AttemptPtr {
@@ -256,9 +256,12 @@ auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& exe
   constexpr double lever = 20;  // metres: points that far off
   const Guess bent = again(*found);
   const double share = to_seconds(sweep.end - sweep.begin) / std::max(motion_.interval(), 1e-3);
-  if (believable(*found) && std::min(share, 1.0) * moved_distance(bent.bend, lever) > options_.redeskew_distance)
-    found = attempt(sweep, bent, executor);
-  return found;
+  if (!believable(*found) || std::min(share, 1.0) * moved_distance(bent.bend, lever) <= options_.redeskew_distance)
+    return found;
+  AttemptPtr other = attempt(sweep, bent, executor);
+  // What was off before the way does not bend it.
+  const bool worse = motion_.knew_velocity() && other->match.weight < found->match.weight;
+  return worse ? std::move(found) : std::move(other);
 }
 
 /// The second scan, and the first by the motion that it shows, in turn until that motion stays.
