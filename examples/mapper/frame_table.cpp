@@ -55,8 +55,8 @@ std::string row(const FrameRecord& frame) {
   std::snprintf(text, sizeof text, "%d,%lld,%s,%d,%d,%s,%d,%d,%d,%d,%.6g,%.9g,%.9g,%.9g,%.12g,%.12g,%.12g,%.12g",
                 frame.session.value, static_cast<long long>(frame.time.nanoseconds()), name_of(health.status),
                 health.map_restarted, health.after_gap, name_of(health.imu_use), health.doubtful(), health.points,
-                health.matches, health.iterations, health.residual_rms, t.x(), t.y(), t.z(), q.x(), q.y(), q.z(),
-                q.w());
+                health.matches, health.iterations, static_cast<float>(health.residual_rms), t.x(), t.y(), t.z(), q.x(),
+                q.y(), q.z(), q.w());
   std::string line = text;
   for (const float entry : frame.covariance.upper()) {
     std::snprintf(text, sizeof text, ",%.6g", static_cast<double>(entry));
