@@ -52,6 +52,7 @@ std::string row(const FrameRecord& frame) {
   const Eigen::Vector3d& t = frame.T_odom_body.translation();
   const auto& q = frame.T_odom_body.rotation().quaternion();
   char text[512];
+  // The residual as map files keep it, so that exports of a map give the same table.
   std::snprintf(text, sizeof text, "%d,%lld,%s,%d,%d,%s,%d,%d,%d,%d,%.6g,%.9g,%.9g,%.9g,%.12g,%.12g,%.12g,%.12g",
                 frame.session.value, static_cast<long long>(frame.time.nanoseconds()), name_of(health.status),
                 health.map_restarted, health.after_gap, name_of(health.imu_use), health.doubtful(), health.points,

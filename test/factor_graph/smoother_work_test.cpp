@@ -61,7 +61,7 @@ TEST_SUITE("factor_graph/smoother_work") {
   }
 
   // 2.2e9 multiplications where large fronts joined the variables that are eliminated last.
-  TEST_CASE("a closure in a small town of many streets' length does not factorize its separators anew") {
+  TEST_CASE("a closure in a small town of many streets' length does not refactorize its separators") {
     const WalkWork work = work_of({.sessions = 3, .keyframes = 2000, .blocks = 2, .seed = 1});
     CHECK(work.multiplications < 1.6e9);
     CHECK(work.cost_over_optimum < 1.00005);

@@ -66,7 +66,7 @@ struct ResidualGate {
 
 /// Sums of `PlaneEquations` in lanes, with rows of J in the map's axes: [n; q x n] for a point at q from the body.
 ///
-/// Sums of one chunk of points are taken in float, lane by lane, as many for any width of registers.
+/// Sums of one chunk of points are taken in float, lane by lane, in the same order for any width of registers.
 class PlaneSums {
  public:
   /// @param weight  `double weight(double squared_residual)`.

@@ -34,8 +34,8 @@ struct PlaneRule {
   PlaneForm form = PlaneForm::centred;
 };
 
-/// Points of one ring and a single one beside it make an exact plane of nothing. The leverage of a point, its diagonal
-/// entry of the regression's hat matrix, is 1 where the plane hangs on that point alone.
+/// Points of one ring and one of another fit a plane exactly, and show nothing of it. The leverage of a point, its
+/// diagonal entry of the regression's hat matrix, is 1 where the plane depends on that point alone.
 inline constexpr double max_leverage = 0.95;
 
 /// The points' plane of least squares as it will be used, or none if they are uneven or on one line.

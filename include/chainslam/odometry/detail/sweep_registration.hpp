@@ -259,7 +259,7 @@ auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& exe
   if (!believable(*found) || std::min(share, 1.0) * moved_distance(bent.bend, lever) <= options_.redeskew_distance)
     return found;
   AttemptPtr other = attempt(sweep, bent, executor);
-  // What was off before the way does not bend it.
+  // A correction of errors from before this way skews the scan, which then matches less.
   const bool worse = motion_.knew_velocity() && other->match.weight < found->match.weight;
   return worse ? std::move(found) : std::move(other);
 }

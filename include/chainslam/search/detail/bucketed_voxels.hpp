@@ -191,9 +191,9 @@ void BucketedVoxels<ScalarType, Dim>::search(const Vector& query, Collector& fou
     const Slabs slabs(scaled, *center, block_size_);
     // Those on the query's side of its voxel first, since the nearest soon leave no room for others.
     const auto half = static_cast<Scalar>(0.5 * options_.voxel_size);
-    const std::uint64_t beside = slabs.nearer_than(half * half), around = Block::around(voxel);
-    search_voxels(block, others & beside, slabs, query, found);
-    search_voxels(block, others & around & ~beside & slabs.nearer_than(found.bound()), slabs, query, found);
+    const std::uint64_t near_side = slabs.nearer_than(half * half), around = Block::around(voxel);
+    search_voxels(block, others & near_side, slabs, query, found);
+    search_voxels(block, others & around & ~near_side & slabs.nearer_than(found.bound()), slabs, query, found);
     search_voxels(block, others & ~around & slabs.nearer_than(found.bound()), slabs, query, found);
   }
   const NearBlocks near = near_blocks(scaled, *center, found.bound());
