@@ -283,13 +283,14 @@ TEST_SUITE("program/presets") {
     const ScratchFolder scratch("presets");
     const std::string sets = recorded_town(scratch);
     if (!spared("paper")) {
+      // Exact for one recording: with odometry alone at 0.375 m, errors were 0.365 and 0.083 m, 0.352 and 0.101 m.
       const Found paper = mapped_by_preset(scratch, sets, "paper");
       CHECK(paper.merges == 2);
       CHECK(paper.merge_closures == 2);
       CHECK(paper.direct == 47);
-      CHECK(paper.chained == 6);
-      CHECK(std::abs(paper.error - 0.365) < 0.005);  // odometry alone 0.375 m
-      CHECK(std::abs(paper.between - 0.083) < 0.005);
+      CHECK(paper.chained == 7);
+      CHECK(std::abs(paper.error - 0.409) < 0.005);  // odometry alone 0.370 m
+      CHECK(std::abs(paper.between - 0.069) < 0.005);
       CHECK(paper.rule_kept);
     }
     if (!spared("released")) {
@@ -298,8 +299,8 @@ TEST_SUITE("program/presets") {
       CHECK(released.merge_closures == 2);
       CHECK(released.direct == 35);
       CHECK(released.chained == 0);  // j itself seldom knows another session: `best` asks its neighbours, too
-      CHECK(std::abs(released.error - 0.352) < 0.005);
-      CHECK(std::abs(released.between - 0.101) < 0.005);
+      CHECK(std::abs(released.error - 0.389) < 0.005);
+      CHECK(std::abs(released.between - 0.076) < 0.005);
       CHECK(released.rule_kept);
     }
     if (spared("best")) return;
