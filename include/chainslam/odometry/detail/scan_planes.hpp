@@ -152,8 +152,7 @@ class ScanPlanes {
   /// @param scan    n points, body frame, all finite.
   /// @param origin  in the map's frame, metres: somewhere near the scan.
   template <Cloud Scan>
-  ScanPlanes(const Scan& scan, const Eigen::Vector3d& origin)
-      : origin_(converted<double>(converted<Scalar>(origin))), kept_(cloud_size(scan)) {
+  ScanPlanes(const Scan& scan, const Eigen::Vector3d& origin) : origin_(on_grid(origin)), kept_(cloud_size(scan)) {
     blocks_.resize((kept_.size() + PlaneBlock::width - 1) / PlaneBlock::width);
     for (std::size_t i = 0; i < kept_.size(); ++i)
       blocks_[i / PlaneBlock::width].set_point(i % PlaneBlock::width, position(scan, i));
@@ -171,6 +170,11 @@ class ScanPlanes {
   }
 
  private:
+  /// Rounded to what float holds exactly, up to 16 km: g++ 12 may leave out a rounding to float and back.
+  [[nodiscard]] static Eigen::Vector3d on_grid(const Eigen::Vector3d& p) {
+    constexpr double steps = 1024;  // in a metre
+    return {std::round(steps * p[0]) / steps, std::round(steps * p[1]) / steps, std::round(steps * p[2]) / steps};
+  }
   void set(std::size_t point, const MatchedPlane& plane) {
     blocks_[point / PlaneBlock::width].set_plane(point % PlaneBlock::width, plane);
   }
