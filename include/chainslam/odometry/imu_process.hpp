@@ -94,6 +94,12 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
   return covariance(v, v) + covariance(v + 1, v + 1) + covariance(v + 2, v + 2);
 }
 
+/// Whether scans have observed the velocity.
+[[nodiscard]] inline bool knows_velocity(const InertialState::Jacobian& covariance) {
+  constexpr double known = 2;  // m/s
+  return velocity_variance(covariance) < known * known;
+}
+
 /// Makes variances those of `deviation` at least, ...
 inline void raise(InertialState::Jacobian& covariance, int begin, int end, double deviation) {
   for (int i = begin; i < end; ++i) covariance(i, i) = std::max(covariance(i, i), deviation * deviation);

@@ -42,6 +42,7 @@ struct ScanClockOptions {
 struct ImuMonitorOptions {
   double max_pose_nis = 4;        ///< of a scan against its prediction, per direction seen; infinite: never excluded
   double max_contradictions = 3;  ///< that many scans lately, each fading by `fading` with every scan
+  double max_odd_scans = 2.5;     ///< so many lately that a contradiction is blamed on, not on the IMU; 0: none
   double fading = 0.85;           ///< factor of earlier contradictions, per scan
   double memory = 1;              ///< seconds, of the mean errors below
   double max_rate_error = 0.03;   ///< rad/s: a bias and more; ...
@@ -86,6 +87,8 @@ struct InertialMotionOptions {
   double max_free = 1.0;          ///< seconds that may be continued so; beyond, the body may be anywhere near
   double lost_position = 2.0;     ///< metres, deviation after that, and of a prediction that scans contradict
   double lost_rotation = 0.2;     ///< radians, deviation of the latter
+  double odd_position = 0.5;      ///< metres, deviation of a single scan from where the IMU's motion leads
+  double odd_rotation = 0.1;      ///< radians, the same
   double lidar_position = 0;      ///< metres, deviation of the extrinsic calibration; 0: known
   double lidar_rotation = 0.005;  ///< radians about each axis; a third of a degree off is usual, and observable
   Index mounting_after = 3;       ///< scans, from which on it is estimated: the first make a crooked map

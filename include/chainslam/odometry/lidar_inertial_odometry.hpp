@@ -44,10 +44,11 @@ namespace chainslam {
 ///   of the first frame, returned before that, is undistorted by the gyroscope alone.
 /// - Without measurements for 0.25 s, and without an IMU at all, velocity and rate stay as they were, held by the
 ///   scans alone; after more than a second without either, velocity and position are as good as unknown.
-/// - Where scan and prediction contradict each other, less of the IMU is used for that interval: the gyroscope without
-/// the
-///   accelerometer, the gyroscope roughly, the scans alone (`InertialHealth::imu_use`). A sensor that is contradicted
-///   again and again is left out until it agrees with the scans for a while (`ImuMonitor`).
+/// - Where scan and prediction contradict each other, a scan's time may be wrong, or its registration: it is taken for
+///   where it lies, but velocity and biases are kept. If that comes again and again or does not help, less of the IMU
+///   is used for that interval: the gyroscope without the accelerometer, the gyroscope roughly, the scans alone
+///   (`InertialHealth::imu_use`). A sensor that is contradicted again and again is left out until it agrees with the
+///   scans for a while (`ImuMonitor`).
 /// - The times of scans may be off by some milliseconds each: by how much is learnt (`ScanClock`), and the error of
 ///   each scan estimated. Poses are those at the stated times, and frames' clouds lie where the body was then.
 /// - The accelerometer's noise is learnt from how it differs from the scans' motion over half a second (`AccelNoise`).
@@ -237,6 +238,8 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
   motion_.filter() = attempt.filter;
   tilt_correction_.follow(state());
   motion_.follow();
+  monitor_.count(attempt.odd);
+  counts_.odd_scans += attempt.odd ? 1 : 0;
   watch_imu(attempt, scanned_at);
   if (motion_.bound_mounting(options_.max_mounting_position, options_.max_mounting_rotation)) ++counts_.mounting_resets;
   map_.extend(attempt.clouds.map, T_odom_scan);

@@ -47,6 +47,10 @@ class ImuMonitor {
   [[nodiscard]] bool enabled() const { return std::isfinite(options_.max_pose_nis); }
   [[nodiscard]] double max_pose_nis() const { return options_.max_pose_nis; }  ///< the bound of the options
 
+  /// Whether a contradiction counts as the scan's fault: of its time, or of a registration to a wrong place.
+  [[nodiscard]] bool blames_scans() const { return odd_scans_ < options_.max_odd_scans; }
+  /// Takes whether a scan was such an odd one.
+  void count(bool odd) { odd_scans_ = options_.fading * odd_scans_ + (odd ? 1 : 0); }
   /// Takes what a scan could be predicted from, and what was measured on the way to it.
   void follow(ImuUse used, const ImuComparison& comparison);
   /// Whether all is used from now on, but was not before. Gravity's direction is then `up()`.
@@ -70,7 +74,7 @@ class ImuMonitor {
   Sensor gyroscope_, accelerometer_;
   Eigen::Vector3d mean_rate_error_ = Eigen::Vector3d::Zero(), mean_accel_error_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d mean_up_ = Eigen::Vector3d::Zero();
-  double mean_rate_ = 0, up_time_ = 0;
+  double mean_rate_ = 0, up_time_ = 0, odd_scans_ = 0;
   bool back_to_all_ = false;
 };
 

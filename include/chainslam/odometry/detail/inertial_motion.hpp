@@ -83,12 +83,15 @@ class InertialMotion {
     }
     filter_.reset(filter_.state(), covariance);
   }
-  /// Whether scans have observed the velocity.
-  [[nodiscard]] static bool knows_velocity(const Filter& filter) {
-    constexpr double known = 2;  // m/s
-    return velocity_variance(filter.covariance()) < known * known;
+  /// Leaves the pose to the scan, but not the velocity: it is an odd scan, the next one is not.
+  void doubt_place() {
+    InertialState::Jacobian covariance = filter_.covariance();
+    raise<Inertial::position>(covariance, options_.odd_position);
+    raise<Inertial::rotation>(covariance, options_.odd_rotation);
+    filter_.reset(filter_.state(), covariance);
   }
-  [[nodiscard]] bool knew_velocity() const { return knows_velocity(before_); }  ///< before the prediction
+  /// Whether scans had observed the velocity.
+  [[nodiscard]] bool knew_velocity() const { return knows_velocity(before_.covariance()); }
   /// The predicted state with the body moved by a tangent of its pose, and as much faster or slower.
   [[nodiscard]] InertialState moved(const Vector6d& step) const {
     InertialState x = state();
@@ -102,7 +105,7 @@ class InertialMotion {
   }
   /// What was measured on the way, against the state; interval 0 if not all was, or the velocity is not known.
   [[nodiscard]] ImuComparison comparison() const {
-    if (!knows_velocity(before_) || !knows_velocity(filter_)) return {};
+    if (!knew_velocity() || !knows_velocity(filter_.covariance())) return {};
     return detail::compare_imu(imu_, begin_, before_.state(), time_, state(), options_.process.gravity);
   }
   /// What is learnt of the accelerometer's noise: it takes what follows from each scan.
@@ -275,8 +278,7 @@ inline ImuStart InertialMotion::start(Timestamp time) {
   time_ = time;
   started_ = true;
   const auto none = zeros<Eigen::Vector3d>();
-  way_.clear();
-  way_.push_back({time, T_odom_body(x), none, none, none});
+  way_ = {{time, T_odom_body(x), none, none, none}};
   return start;
 }
 
@@ -327,8 +329,7 @@ inline void InertialMotion::forget_velocity() {
   const double dt = to_seconds(time_ - begin_);
   const Eigen::Vector3d velocity = divided(difference_of(end.translation(), begin.translation()), dt);
   const Eigen::Vector3d rate = divided(begin.rotation().local(end.rotation()), dt);
-  way_.clear();
-  way_.push_back({begin_, begin, velocity, zeros<Eigen::Vector3d>(), rate});
+  way_ = {{begin_, begin, velocity, zeros<Eigen::Vector3d>(), rate}};
   const double on_the_way = options_.start_speed * options_.start_speed;
   const double since = options_.free_accel * options_.free_accel * dt;
   set_translation(R3d(velocity), std::sqrt(on_the_way + since),

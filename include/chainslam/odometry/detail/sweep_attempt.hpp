@@ -37,6 +37,7 @@ struct SweepAttempt {
   double pose_nis = 0;
   SE3d own_pose;          ///< of the sweep, body frame, by its matches alone
   double time_error = 0;  ///< seconds that the sweep was taken later than stated
+  bool odd = false;       ///< it lies elsewhere than its prediction, which is nevertheless kept
 
   [[nodiscard]] double match_ratio() const {
     return static_cast<double>(match.matches) / std::max<double>(1, to_index(clouds.points.size()));

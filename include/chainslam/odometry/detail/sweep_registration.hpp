@@ -189,9 +189,9 @@ auto SweepRegistration<Map, Kernel>::at_unknown_velocity(const Sweep& sweep, con
   return best;
 }
 
-/// Takes the scan from a prediction that it does not contradict: from less and less of the IMU's measurements. Where
-/// that leaves fewer matches than scans had before, the pose may be that of another place that looks alike: the most
-/// matches decide.
+/// Takes the scan from a prediction that it does not contradict: first as if it were an odd one, then from less and
+/// less of the IMU's measurements. Where that leaves fewer matches than scans had before, the pose may be that of
+/// another place that looks alike: the most matches decide.
 template <class Map, class Kernel>
 template <Executor E>
 auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& executor) -> AttemptPtr {
@@ -203,6 +203,16 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
     choice.offer(std::move(found), motion_.use(), fits, agrees);
   };
   offer(motion_.knew_velocity() ? attempt(sweep, executor) : at_unknown_velocity(sweep, executor));
+  if (!choice.best && motion_.knew_velocity() && motion_.use() != ImuUse::none && monitor_.blames_scans()) {
+    const InertialMotion::Filter predicted_filter = motion_.filter();
+    motion_.doubt_place();
+    offer(attempt(sweep, executor));
+    if (choice.best) {
+      choice.best->odd = true;
+      return std::move(choice.best);
+    }
+    motion_.filter() = predicted_filter;
+  }
   for (const ImuUse use : {ImuUse::gyroscope, ImuUse::rough_gyroscope, ImuUse::none}) {
     if (choice.best && !poor(*choice.best)) break;
     if (use <= motion_.use() || (use != ImuUse::none && motion_.measured_share() == 0)) continue;
@@ -256,7 +266,9 @@ auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& exe
   constexpr double lever = 20;  // metres: points that far off
   const Guess bent = again(*found);
   const double share = to_seconds(sweep.end - sweep.begin) / std::max(motion_.interval(), 1e-3);
-  if (!believable(*found) || std::min(share, 1.0) * moved_distance(bent.bend, lever) <= options_.redeskew_distance)
+  constexpr double most = 2;  // a way much shorter than the sweep does not show how that moved
+  if (!believable(*found) || found->odd || share > most ||
+      std::min(share, 1.0) * moved_distance(bent.bend, lever) <= options_.redeskew_distance)
     return found;
   AttemptPtr other = attempt(sweep, bent, executor);
   // A correction of errors from before this way skews the scan, which then matches less.
