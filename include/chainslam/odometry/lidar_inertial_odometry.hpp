@@ -285,7 +285,7 @@ void LidarInertialOdometry<Map, Kernel>::watch_imu(const Attempt& attempt, const
   detail::ImuComparison comparison = motion_.comparison();
   comparison.speed_deviation =
       std::sqrt(detail::AccelNoise::by_time_error(way_off.norm()) * velocity_variance(covariance()));
-  monitor_.follow(measured ? motion_.use() : before, comparison);
+  monitor_.follow(measured ? motion_.use() : before, attempt.odd ? detail::ImuComparison{} : comparison);
   if (attempt.match.degenerate_directions == 0) {
     scan_clock_.follow(comparison, scanned_at, velocity);
     motion_.learned_noise().follow(comparison, attempt.own_pose.translation(), way_off);
