@@ -42,7 +42,8 @@ struct ScanClockOptions {
 struct ImuMonitorOptions {
   double max_pose_nis = 4;        ///< of a scan against its prediction, per direction seen; infinite: never excluded
   double max_contradictions = 3;  ///< that many scans lately, each fading by `fading` with every scan
-  double max_odd_scans = 2.5;     ///< so many lately that a contradiction is blamed on, not on the IMU; 0: none
+  double odd_distance = 0.1;      ///< metres off the prediction, from which on a contradiction may be the scan's fault
+  double max_odd_scans = 2.5;     ///< that many such scans lately: beyond, it is the IMU's
   double fading = 0.85;           ///< factor of earlier contradictions, per scan
   double memory = 1;              ///< seconds, of the mean errors below
   double max_rate_error = 0.03;   ///< rad/s: a bias and more; ...

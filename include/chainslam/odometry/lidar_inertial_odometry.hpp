@@ -238,8 +238,8 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
   motion_.filter() = attempt.filter;
   tilt_correction_.follow(state());
   motion_.follow();
-  monitor_.count(attempt.odd);
-  counts_.odd_scans += attempt.odd ? 1 : 0;
+  monitor_.count_odd(attempt.odd);
+  counts_.odd_scans += attempt.is_odd() ? 1 : 0;
   watch_imu(attempt, scanned_at);
   if (motion_.bound_mounting(options_.max_mounting_position, options_.max_mounting_rotation)) ++counts_.mounting_resets;
   map_.extend(attempt.clouds.map, T_odom_scan);
@@ -285,7 +285,7 @@ void LidarInertialOdometry<Map, Kernel>::watch_imu(const Attempt& attempt, const
   detail::ImuComparison comparison = motion_.comparison();
   comparison.speed_deviation =
       std::sqrt(detail::AccelNoise::by_time_error(way_off.norm()) * velocity_variance(covariance()));
-  monitor_.follow(measured ? motion_.use() : before, attempt.odd ? detail::ImuComparison{} : comparison);
+  monitor_.follow(measured ? motion_.use() : before, attempt.is_odd() ? detail::ImuComparison{} : comparison);
   if (attempt.match.degenerate_directions == 0) {
     scan_clock_.follow(comparison, scanned_at, velocity);
     motion_.learned_noise().follow(comparison, attempt.own_pose.translation(), way_off);

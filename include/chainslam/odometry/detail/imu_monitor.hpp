@@ -47,10 +47,17 @@ class ImuMonitor {
   [[nodiscard]] bool enabled() const { return std::isfinite(options_.max_pose_nis); }
   [[nodiscard]] double max_pose_nis() const { return options_.max_pose_nis; }  ///< the bound of the options
 
-  /// Whether a contradiction counts as the scan's fault: of its time, or of a registration to a wrong place.
-  [[nodiscard]] bool blames_scans() const { return odd_scans_ < options_.max_odd_scans; }
-  /// Takes whether a scan was such an odd one.
-  void count(bool odd) { odd_scans_ = options_.fading * odd_scans_ + (odd ? 1 : 0); }
+  /// Whether a scan that lies off its prediction is the one that is wrong: its time, or its registration. After that
+  /// scans lie as predicted or back; a sensor that fails goes on to lead the other way.
+  /// @param off  metres, odom.
+  [[nodiscard]] bool blames_scan(const Eigen::Vector3d& off) const {
+    return off.norm() >= options_.odd_distance && odd_scans_ < options_.max_odd_scans && !(last_odd_.dot(off) > 0);
+  }
+  /// Takes by how much a scan was such an odd one; zero if it was not.
+  void count_odd(const Eigen::Vector3d& off) {
+    odd_scans_ = options_.fading * odd_scans_ + (off.norm() > 0 ? 1 : 0);
+    last_odd_ = off;
+  }
   /// Takes what a scan could be predicted from, and what was measured on the way to it.
   void follow(ImuUse used, const ImuComparison& comparison);
   /// Whether all is used from now on, but was not before. Gravity's direction is then `up()`.
@@ -75,6 +82,7 @@ class ImuMonitor {
   Eigen::Vector3d mean_rate_error_ = Eigen::Vector3d::Zero(), mean_accel_error_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d mean_up_ = Eigen::Vector3d::Zero();
   double mean_rate_ = 0, up_time_ = 0, odd_scans_ = 0;
+  Eigen::Vector3d last_odd_ = Eigen::Vector3d::Zero();
   bool back_to_all_ = false;
 };
 

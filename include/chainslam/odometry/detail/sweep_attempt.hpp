@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <memory>
 #include <utility>
@@ -37,8 +38,10 @@ struct SweepAttempt {
   double pose_nis = 0;
   SE3d own_pose;          ///< of the sweep, body frame, by its matches alone
   double time_error = 0;  ///< seconds that the sweep was taken later than stated
-  bool odd = false;       ///< it lies elsewhere than its prediction, which is nevertheless kept
+  /// By how much it lies elsewhere than its prediction, which is nevertheless kept: metres, odom; zero if it does not.
+  Eigen::Vector3d odd = zeros<Eigen::Vector3d>();
 
+  [[nodiscard]] bool is_odd() const { return odd.norm() > 0; }
   [[nodiscard]] double match_ratio() const {
     return static_cast<double>(match.matches) / std::max<double>(1, to_index(clouds.points.size()));
   }

@@ -54,6 +54,8 @@ struct SweepRegistration {
   template <Executor E>
   [[nodiscard]] AttemptPtr consistent(const Sweep& sweep, const E& executor);
   template <Executor E>
+  [[nodiscard]] AttemptPtr taken_as_odd(const Sweep& sweep, const E& executor);
+  template <Executor E>
   [[nodiscard]] AttemptPtr resting_or(AttemptPtr moving, const Sweep& sweep, const E& executor);
   template <Executor E>
   [[nodiscard]] AttemptPtr registered(const Sweep& sweep, const E& executor);
@@ -203,16 +205,8 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
     choice.offer(std::move(found), motion_.use(), fits, agrees);
   };
   offer(motion_.knew_velocity() ? attempt(sweep, executor) : at_unknown_velocity(sweep, executor));
-  if (!choice.best && motion_.knew_velocity() && motion_.use() != ImuUse::none && monitor_.blames_scans()) {
-    const InertialMotion::Filter predicted_filter = motion_.filter();
-    motion_.doubt_place();
-    offer(attempt(sweep, executor));
-    if (choice.best) {
-      choice.best->odd = true;
-      return std::move(choice.best);
-    }
-    motion_.filter() = predicted_filter;
-  }
+  if (!choice.best && motion_.knew_velocity() && motion_.use() != ImuUse::none)
+    if (AttemptPtr odd = taken_as_odd(sweep, executor)) return odd;
   for (const ImuUse use : {ImuUse::gyroscope, ImuUse::rough_gyroscope, ImuUse::none}) {
     if (choice.best && !poor(*choice.best)) break;
     if (use <= motion_.use() || (use != ImuUse::none && motion_.measured_share() == 0)) continue;
@@ -233,6 +227,24 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
   if (!believable(*doubted))
     motion_.restore(before);  // it may be the scan that is at fault: the IMU carries the motion on
   return doubted;
+}
+
+/// Takes the scan for where it lies, and keeps the motion that was predicted; nothing if that does not help or has been
+/// done too often.
+template <class Map, class Kernel>
+template <Executor E>
+auto SweepRegistration<Map, Kernel>::taken_as_odd(const Sweep& sweep, const E& executor) -> AttemptPtr {
+  const InertialMotion::Filter before = motion_.filter();
+  motion_.doubt_place();
+  AttemptPtr found = attempt(sweep, executor);
+  const Eigen::Vector3d off = difference_of(found->filter.state().template get<Inertial::position>().value(),
+                                            state().template get<Inertial::position>().value());
+  if (!contradicted(*found) && monitor_.blames_scan(off)) {
+    found->odd = off;
+    return found;
+  }
+  motion_.filter() = before;
+  return nullptr;
 }
 
 /// Takes the scan as if the body stood still, as the IMU's quiet measurements allow: but they are as quiet at a steady
@@ -267,7 +279,7 @@ auto SweepRegistration<Map, Kernel>::registered(const Sweep& sweep, const E& exe
   const Guess bent = again(*found);
   const double share = to_seconds(sweep.end - sweep.begin) / std::max(motion_.interval(), 1e-3);
   constexpr double most = 2;  // a way much shorter than the sweep does not show how that moved
-  if (!believable(*found) || found->odd || share > most ||
+  if (!believable(*found) || found->is_odd() || share > most ||
       std::min(share, 1.0) * moved_distance(bent.bend, lever) <= options_.redeskew_distance)
     return found;
   AttemptPtr other = attempt(sweep, bent, executor);
