@@ -198,7 +198,9 @@ std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
 /// else what costs no more than its linearization, since its fronts are due.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_waiting(bool exact) {
-  Index budget = exact ? size() : std::max<Index>(options_.largest_relinearization, 0);
+  // Each such update recomputes the largest separators, however few variables it takes.
+  const double most = options_.largest_relinearization * std::max(1.0, size() / 50000.0);
+  Index budget = exact ? size() : static_cast<Index>(std::clamp(most, 0.0, static_cast<double>(size())));
   detail::Table<Key> due;
   if (exact || impatient()) due = waiting_;
   due.append(far_.all());
