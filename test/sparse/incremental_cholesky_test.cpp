@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -184,6 +185,55 @@ IncrementalCholesky<1> chain(Index size, bool tied) {
     if (k > 0) solver.jacobian(term)[1] = 1.0;
     solver.residual(term)[0] = -1.0;
   }
+  return solver;
+}
+
+/// Adds a term of unit Jacobians, or what is close to them, on some variables.
+template <int B>
+Index add_unit_term(IncrementalCholesky<B>& solver, std::span<const Index> variables) {
+  const Index term = solver.add_term(variables, B);
+  double* jacobian = solver.jacobian(term);
+  for (int row = 0; row < B; ++row) {
+    for (std::size_t k = 0; k < variables.size(); ++k) {
+      for (int column = 0; column < B; ++column) *jacobian++ = column == row ? 1.0 / static_cast<double>(k + 1) : 0.0;
+    }
+  }
+  std::fill_n(solver.residual(term), B, 1.0);
+  return term;
+}
+
+/// A clique, as a separator is: each variable has a term of its own, the newest one's is the last.
+IncrementalCholesky<6> clique_of(Index size) {
+  IncrementalCholesky<6> solver({.forgotten_share = 0.0});
+  std::vector<Index> all;
+  for (Index k = 0; k < size; ++k) all.push_back(solver.add_variable());
+  add_unit_term<6>(solver, all);
+  for (const Index variable : all) add_unit_term<6>(solver, std::array{variable});
+  REQUIRE(solver.factorize().ok());
+  solver.solve();
+  return solver;
+}
+
+/// Multiplications of an update in which only a term's numbers change.
+double work_of_change(IncrementalCholesky<6>& solver, Index term) {
+  solver.begin();
+  solver.reset_work();
+  solver.change_term(term);
+  REQUIRE(solver.factorize().ok());
+  solver.solve();
+  return solver.work().multiplications;
+}
+
+/// A square of variables, each tied to its neighbours; the newest is a corner.
+IncrementalCholesky<1> square_of(Index side) {
+  IncrementalCholesky<1> solver;
+  for (Index k = 0; k < side * side; ++k) solver.add_variable();
+  for (Index k = 0; k < side * side; ++k) {
+    add_unit_term<1>(solver, std::array{k});
+    if (k % side > 0) add_unit_term<1>(solver, std::array{k, k - 1});
+    if (k >= side) add_unit_term<1>(solver, std::array{k, k - side});
+  }
+  REQUIRE(solver.factorize().ok());
   return solver;
 }
 
@@ -415,6 +465,40 @@ TEST_SUITE("sparse/incremental_cholesky") {
       most = std::max(most, solver.work().reordered);
     }
     CHECK(most < 100);
+  }
+
+  // 720 scalar columns. As one front, the change costs 6e7 multiplications, in pieces of up to 288 columns 4e6; smaller
+  // pieces leave more to each other: 8.5 MB in pieces of 72.
+  TEST_CASE(
+      "a large separator is kept in pieces that changes of the newest do not reach, but not in more than it takes") {
+    auto solver = clique_of(120);
+    work_of_change(solver, 120);  // keeps from now on what the pieces leave
+    CHECK(work_of_change(solver, 120) < 1e5);
+    Index next = 0;  // a variable of the piece below the newest's
+    while (solver.tree()[solver.tree().node_of(next)].parent != solver.tree().node_of(119)) ++next;
+    CHECK(work_of_change(solver, next + 1) < 2e6);
+    CHECK(solver.tree().used_bytes() < 7000000);
+  }
+
+  TEST_CASE("fronts of up to 48 scalar columns join that of the variables eliminated last, larger ones do not") {
+    const auto small = clique_of(10 + 8), large = clique_of(10 + 9);
+    CHECK(small.tree().node_of(0) == small.tree().node_of(17));
+    CHECK(large.tree().node_of(0) != large.tree().node_of(18));
+  }
+
+  // The first 14 diagonals before the corner have 105 variables, the first 15 have 120: 100 would not reach so far.
+  TEST_CASE("near the newest, 134 variables of 90 000 are eliminated after all others, as the square root grows") {
+    constexpr Index side = 300;
+    const auto solver = square_of(side);
+    const auto distance = [](Index k) { return 2 * (side - 1) - k % side - k / side; };
+    Index below_others = 0;
+    for (Index k = 0; k < side * side; ++k) {
+      if (distance(k) >= 15) continue;
+      for (Index node = solver.tree().node_of(k); node != -1; node = solver.tree()[node].parent) {
+        for (const Index above : solver.tree().columns(node)) below_others += distance(above) > 15 ? 1 : 0;
+      }
+    }
+    CHECK(below_others == 0);
   }
 
   TEST_CASE("an empty system has an empty solution") {
