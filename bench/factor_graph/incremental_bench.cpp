@@ -194,7 +194,25 @@ void feed(benchmark::State& state, const std::vector<Step<Pose>>& steps, Habit h
   }
 }
 
-/// Feeds a generated walk and times its last 5000 steps, in which it has its full size.
+/// What some steps of a growing graph took, in the thread's time.
+struct Share {
+  double seconds = 0.0, longest = 0.0;
+  Index steps = 0;
+  Offset closures = 0;
+
+  void add(double taken, std::size_t closed) {
+    seconds += taken;
+    longest = std::max(longest, taken);
+    ++steps;
+    closures += static_cast<Offset>(closed);
+  }
+  [[nodiscard]] double mean_us() const { return 1e6 * seconds / steps; }
+  [[nodiscard]] double closures_per_step() const { return static_cast<double>(closures) / steps; }
+  [[nodiscard]] double us_per_closure() const { return mean_us() / closures_per_step(); }
+};
+
+/// Feeds a generated walk and times its last 5000 steps, in which it has its full size; and its last tenth beside all,
+/// a step and a closure, since the town fills up and later steps come with more closures.
 void growth(benchmark::State& state) {
   const auto poses = static_cast<Index>(state.range(0));
   for (auto _ : state) {
@@ -202,8 +220,7 @@ void growth(benchmark::State& state) {
     const double before = resident_megabytes();
     test::StreetWalk walk(test::StreetWalkOptions::of_size(poses, 1));
     IncrementalSmoother<SE3d> smoother;
-    double total = 0.0, longest = 0.0;
-    Index timed = 0;
+    Share all, tenth, last;
     while (!walk.done()) {
       const test::StreetWalk::Step step = walk.next();
       const double start = bench::ThreadTime::now();
@@ -214,15 +231,18 @@ void growth(benchmark::State& state) {
       for (const auto& closure : step.closures)
         smoother.add_between(closure.from, key, closure.T_from_to, test::StreetWalk::closure_noise());
       if (!smoother.update().ok()) throw std::runtime_error("an update failed");
-      if (key < poses - 5000) continue;
       const double seconds = bench::ThreadTime::now() - start;
-      total += seconds;
-      longest = std::max(longest, seconds);
-      ++timed;
+      all.add(seconds, step.closures.size());
+      if (key >= poses - poses / 10) tenth.add(seconds, step.closures.size());
+      if (key >= poses - 5000) last.add(seconds, step.closures.size());
     }
-    state.SetIterationTime(total);
-    state.counters["mean_us"] = 1e6 * total / timed;
-    state.counters["max_ms"] = 1e3 * longest;
+    state.SetIterationTime(last.seconds);
+    state.counters["mean_us"] = last.mean_us();
+    state.counters["max_ms"] = 1e3 * last.longest;
+    state.counters["all_s"] = all.seconds;
+    state.counters["tenth_over_mean"] = tenth.mean_us() / all.mean_us();
+    state.counters["closures_tenth_over_mean"] = tenth.closures_per_step() / all.closures_per_step();
+    state.counters["per_closure_tenth_over_mean"] = tenth.us_per_closure() / all.us_per_closure();
     state.counters["factors"] = static_cast<double>(smoother.factor_count());
     state.counters["rss_mb"] = resident_megabytes() - before;
   }
