@@ -3,7 +3,9 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <iterator>
 #include <nlohmann/json.hpp>
@@ -14,12 +16,14 @@
 #include <vector>
 
 #include "chainslam/core/error.hpp"
+#include "chainslam/io/atomic_file.hpp"
 #include "chainslam/io/map_archive.hpp"
 #include "chainslam/io/trajectory_file.hpp"
 #include "datasets/dataset.hpp"
 #include "graph/drawn_world.hpp"
 #include "graph/graph_errors.hpp"
 #include "mapper/options.hpp"
+#include "support/interrupt.hpp"
 #include "support/progress.hpp"
 #include "support/statistics.hpp"
 #include "table_file.hpp"
@@ -36,6 +40,7 @@ struct Arguments {
   std::vector<std::string> overrides;
   int seeds = 20;
   int growth = 0;  ///< sessions of one world, timed
+  TownOptions town;
 };
 
 /// A recording, wherever the truth is known.
@@ -137,7 +142,7 @@ json figures_of(const GraphBackEnd& back_end, const SampledScans& scans) {
 }
 
 json run_seed(std::uint64_t seed, const Measured& measured, const mapper::BackEndParts& parts) {
-  DrawnWorld world(seed, measured, parts, measured.drives.size());
+  DrawnWorld world(seed, measured, parts, visits(measured.drives.size(), measured.drives, {}, Rng(seed)));
   for (std::size_t i = 0; i < measured.drives.size(); ++i) world.drive();
   static_cast<void>(world.back_end().finish());
   json figures = figures_of(world.back_end(), world.scans());
@@ -145,25 +150,93 @@ json run_seed(std::uint64_t seed, const Measured& measured, const mapper::BackEn
   return figures;
 }
 
-/// What each of many sessions costs that drive the same streets again.
-json run_growth(int sessions, const Measured& measured, const mapper::BackEndParts& parts) {
-  DrawnWorld world(1, measured, parts, static_cast<std::size_t>(sessions));
-  json rows = json::array();
-  for (int session = 1; session <= sessions; ++session) {
-    std::vector<double> milliseconds = world.drive();
-    double total = 0;
-    for (const double one : milliseconds) total += one;
-    const support::Spread spread = support::spread_of(milliseconds);
-    const SlamMap& map = world.back_end().map();
-    rows.push_back({{"session", session},
-                    {"keyframes", map.keyframes.size()},
-                    {"closures", map.closures.size()},
-                    {"keyframe_mean_ms", total / static_cast<double>(milliseconds.size())},
-                    {"keyframe_p99_ms", spread.p99},
-                    {"keyframe_max_ms", spread.max},
-                    {"peak_memory_bytes", support::peak_memory()}});
+/// What keyframes cost, each `milliseconds`.
+json cost_of(std::vector<double> milliseconds) {
+  double total = 0;
+  for (const double one : milliseconds) total += one;
+  const double mean = total / static_cast<double>(milliseconds.size());
+  const support::Spread spread = support::spread_of(std::move(milliseconds));
+  return {{"keyframe_mean_ms", mean}, {"keyframe_p99_ms", spread.p99}, {"keyframe_max_ms", spread.max}};
+}
+
+/// Writes JSON as it grows, so that what is done is kept whatever happens.
+class GrowingFile {
+ public:
+  GrowingFile(fs::path path, json& document) : path_(std::move(path)), document_(document) {}
+
+  /// Writes the document as it is, unless that was done a moment ago.
+  void update() {
+    constexpr auto moment = std::chrono::seconds(2);
+    const auto now = std::chrono::steady_clock::now();
+    if (now - written_ < moment) return;
+    written_ = now;
+    AtomicFile file(path_);
+    file.write(document_.dump(1) + "\n");
+    file.commit();
   }
-  return rows;
+
+ private:
+  fs::path path_;
+  json& document_;
+  std::chrono::steady_clock::time_point written_{};
+};
+
+/// Bytes of a map's file, which is written for that.
+std::uintmax_t file_size_of(const SlamMap& map, fs::path path) {
+  path += ".map";
+  fs::remove(path);
+  save_map(path, map);
+  const std::uintmax_t size = fs::file_size(path);
+  fs::remove(path);
+  return size;
+}
+
+/// The first of 1, 2 and 5 times a power of ten that exceeds a number; 1000 at least.
+Index next_size(Index keyframes) {
+  for (Index power = 1000;; power *= 10)
+    for (const Index factor : {1, 2, 5})
+      if (factor * power > keyframes) return factor * power;
+}
+
+Index count_of(const SlamMap& map, ClosureKind kind) {
+  return static_cast<Index>(std::ranges::count(map.closures, kind, &LoopClosure::kind));
+}
+
+/// What each of many sessions costs, and the last fifth of the keyframes when there are 1000, 2000, 5000 and so on.
+/// Ctrl-C ends it after the present session.
+void run_growth(const Arguments& arguments, const Measured& measured, const mapper::BackEndParts& parts, json& result) {
+  const support::Interrupt interrupt("\nfinishing the session; press again to stop at once\n");
+  support::Progress progress;
+  GrowingFile file(arguments.out, result);
+  const Rng rng(1);
+  const auto sessions = static_cast<std::size_t>(arguments.growth);
+  DrawnWorld world(1, measured, parts, visits(sessions, measured.drives, arguments.town, rng.fork(3)));
+  std::vector<double> all;
+  Index size = next_size(0);
+  for (int session = 1; session <= arguments.growth && !interrupt.requested(); ++session) {
+    const std::vector<double> milliseconds = world.drive();
+    all.insert(all.end(), milliseconds.begin(), milliseconds.end());
+    const SlamMap& map = world.back_end().map();
+    json row = cost_of(milliseconds);
+    row.update({{"session", session},
+                {"keyframes", map.keyframes.size()},
+                {"closures", map.closures.size()},
+                {"peak_memory_bytes", support::peak_memory()}});
+    result["growth"].push_back(row);
+    if (to_index(all.size()) >= size) {
+      row.update(cost_of(std::vector<double>(all.end() - size / 5, all.end())));
+      row["map_bytes"] = file_size_of(map, arguments.out);
+      result["sizes"].push_back(row);
+      size = next_size(to_index(all.size()));
+    }
+    file.update();
+    progress.update({.stage = "growth",
+                     .done = session,
+                     .total = arguments.growth,
+                     .keyframes = to_index(map.keyframes.size()),
+                     .direct_closures = count_of(map, ClosureKind::direct),
+                     .chained_closures = count_of(map, ClosureKind::chained)});
+  }
 }
 
 Measured measure(const Arguments& arguments) {
@@ -197,10 +270,11 @@ json run(const Arguments& arguments) {
                 {"closures", statistics_of(measured.attempts.closures)},
                 {"merges", statistics_of(measured.attempts.merges)}}},
               {"seeds", json::array()},
-              {"growth", json::array()}};
+              {"growth", json::array()},
+              {"sizes", json::array()}};
   for (int seed = 1; seed <= arguments.seeds; ++seed)
     result["seeds"].push_back(run_seed(static_cast<std::uint64_t>(seed), measured, options.back_end));
-  if (arguments.growth > 0) result["growth"] = run_growth(arguments.growth, measured, options.back_end);
+  if (arguments.growth > 0) run_growth(arguments, measured, options.back_end, result);
   return result;
 }
 
@@ -218,6 +292,13 @@ int main(int count, char** words) {
   app.add_option("--seeds", arguments.seeds, "drawn worlds")->check(CLI::Range(0, 100000))->capture_default_str();
   app.add_option("--growth", arguments.growth, "also time so many sessions of one drawn world")
       ->check(CLI::Range(0, 10000));
+  app.add_option("--passes", arguments.town.passes,
+                 "these in a town that grows with them, at most so many at one place; 0: all at one place")
+      ->check(CLI::Range(0, 1000))
+      ->capture_default_str();
+  app.add_option("--spacing", arguments.town.spacing, "of places of the town, as a share of the drives' extent")
+      ->check(CLI::Range(0.05, 10.0))
+      ->capture_default_str();
   CLI11_PARSE(app, count, words);
   return bench::write_table("graph_seeds", arguments.out, [&] { return experiments::run(arguments).dump(1) + "\n"; });
 }

@@ -3,7 +3,10 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <memory>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "graph/attempts.hpp"
@@ -11,6 +14,7 @@
 #include "graph/graph_errors.hpp"
 #include "graph/sampled_closer.hpp"
 #include "graph/sampled_drives.hpp"
+#include "graph/town.hpp"
 
 namespace chainslam::experiments {
 namespace {
@@ -114,7 +118,7 @@ struct DrawnWorld {
     scans->attempts = attempts;
     scans->rng = Rng(seed).fork(9);
     for (int session = 0; session < 2; ++session)
-      for (const SE3d& pose : rounds(400).poses) scans->truth.push_back(pose);
+      for (const SE3d& pose : rounds(400).poses) scans->add(pose);
     return {scans, {}, {}};
   }
   [[nodiscard]] GraphErrors errors() const { return graph_errors(back_end.map(), scans->truth); }
@@ -335,6 +339,49 @@ TEST_SUITE("experiments/graph_seeds") {
         0);
     CHECK(DrawnWorld(attempts, {}).errors().ape.rmse == world.errors().ape.rmse);
     CHECK(DrawnWorld(attempts, {}, 2).errors().ape.rmse != world.errors().ape.rmse);
+  }
+
+  TEST_CASE("a town grows with its sessions, and none of its places is driven more often than it may be") {
+    const std::vector<MeasuredDrive> drives{two_rounds(), two_rounds()};
+    const std::vector<Visit> all = visits(600, drives, {.passes = 10, .spacing = 0.5}, Rng(1));
+    std::map<std::pair<double, double>, int> passes, before;
+    double late = 0;  // sessions that drive where the first half has driven
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      CHECK(all[i].drive == i % 2);
+      const std::pair place{all[i].offset.x(), all[i].offset.y()};
+      CHECK(std::abs(std::remainder(place.first, 0.5 * 2 * radius)) < 0.1);
+      ++passes[place];
+      if (i < 300) ++before[place];
+      if (i >= 300 && before.contains(place)) ++late;
+    }
+    CHECK(passes.size() > 60);
+    CHECK(passes.size() <= 90);
+    for (const auto& [place, count] : passes) {
+      CHECK(count <= 10);
+      CHECK(std::max(std::abs(place.first), std::abs(place.second)) <= 5 * 0.5 * 2 * radius + 1);  // one of a square
+    }
+    CHECK(late > 50);
+    for (const Visit& visit : visits(20, drives, {}, Rng(1))) CHECK(visit.offset.isZero(0));
+  }
+
+  TEST_CASE("a drive that is moved has its fixes where it is") {
+    const MeasuredDrive drive = with_fixes(two_rounds());
+    const Eigen::Vector3d offset(300, -200, 0);
+    const std::optional<Eigen::Matrix3d> R = R_ecef_truth({drive});
+    REQUIRE(R);
+    const MeasuredDrive there = moved(drive, offset, R);
+    CHECK(moved(drive, offset, std::nullopt).legs[7].fixes.empty());
+    const auto off = [](const MeasuredDrive& one) {
+      return Eigen::Vector3d(one.legs[7].fixes.front().position_ecef - one.legs[200].fixes.front().position_ecef);
+    };
+    CHECK((off(there) - off(drive)).norm() < 1e-6);
+    CHECK((there.legs[7].fixes.front().position_ecef - drive.legs[7].fixes.front().position_ecef - *R * offset).norm() <
+          1e-6);
+    CHECK((there.truth.poses[7].translation() - drive.truth.poses[7].translation() - offset).norm() < 1e-9);
+    CHECK(moved(drive, Eigen::Vector3d::Zero(), R).truth.poses[7].translation() == drive.truth.poses[7].translation());
+    // What goes up by the truth goes up on the Earth.
+    const Eigen::Vector3d up = drive.legs[7].fixes.front().position_ecef.normalized();
+    CHECK(std::abs((*R * Eigen::Vector3d::UnitZ()).dot(up)) > 0.9999);
   }
 
   TEST_CASE("an alignment far from its guess is implausible, as the gate of the settings has it") {

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "chainslam/core/random.hpp"
@@ -11,6 +14,7 @@
 #include "graph/drawn_session.hpp"
 #include "graph/sampled_closer.hpp"
 #include "graph/sampled_drives.hpp"
+#include "graph/town.hpp"
 #include "mapper/presets.hpp"
 
 namespace chainslam::experiments {
@@ -28,17 +32,20 @@ struct Measured {
 /// recorded, the back end that the settings describe maps it.
 class DrawnWorld {
  public:
-  /// @param sessions  as many, which drive the measured paths in turn.
-  DrawnWorld(std::uint64_t seed, const Measured& measured, const mapper::BackEndParts& parts, std::size_t sessions)
+  /// @param visits  the sessions, in their order.
+  DrawnWorld(std::uint64_t seed, const Measured& measured, const mapper::BackEndParts& parts, std::vector<Visit> visits)
       : rng_(seed),
         measured_(measured),
-        scans_(scans(rng_, measured, sessions)),
+        visits_(std::move(visits)),
+        R_ecef_truth_(R_ecef_truth(measured.drives)),
+        scans_(scans(rng_, measured, visits_)),
         back_end_(parts.back_end, SampledCloser(scans_, parts.closures, parts.candidates), ChainedCloser(parts.chain),
                   SampledMerger(scans_, parts.merge, parts.gnss.radius), parts.outliers) {}
 
   /// Maps the next session. @returns milliseconds of each keyframe.
   std::vector<double> drive() {
-    const MeasuredDrive& drive = measured_.drives[session_ % measured_.drives.size()];
+    const Visit& visit = visits_[session_];
+    const MeasuredDrive drive = moved(measured_.drives[visit.drive], visit.offset, R_ecef_truth_);
     const DrawnOdometry drawn = drawn_odometry(drive.truth, measured_.errors, rng_.fork(2).fork(session_));
     return map_session(back_end_, drive, drawn, "session " + std::to_string(++session_));
   }
@@ -47,19 +54,21 @@ class DrawnWorld {
   [[nodiscard]] const SampledScans& scans() const { return *scans_; }
 
  private:
-  static std::shared_ptr<SampledScans> scans(const Rng& rng, const Measured& measured, std::size_t sessions) {
+  static std::shared_ptr<SampledScans> scans(const Rng& rng, const Measured& measured,
+                                             const std::vector<Visit>& visits) {
     auto scans = std::make_shared<SampledScans>();
     scans->attempts = measured.attempts;
     scans->rng = rng.fork(1);
-    for (std::size_t i = 0; i < sessions; ++i) {
-      const std::vector<SE3d>& poses = measured.drives[i % measured.drives.size()].truth.poses;
-      scans->truth.insert(scans->truth.end(), poses.begin(), poses.end());
-    }
+    for (const Visit& visit : visits)
+      for (const SE3d& pose : measured.drives[visit.drive].truth.poses)
+        scans->add(SE3d(pose.rotation(), pose.translation() + visit.offset));
     return scans;
   }
 
   Rng rng_;
   const Measured& measured_;
+  std::vector<Visit> visits_;
+  std::optional<Eigen::Matrix3d> R_ecef_truth_;
   std::shared_ptr<SampledScans> scans_;
   GraphBackEnd back_end_;
   std::size_t session_ = 0;

@@ -1,6 +1,9 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <cmath>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -16,13 +19,34 @@ namespace chainslam::experiments {
 
 /// What stands for scans: true poses, and what alignments came to in a run with scans.
 struct SampledScans {
-  std::vector<SE3d> truth;  ///< T_truth_body by keyframe
+  static constexpr double cell = 10.0;  ///< metres, of a grid in the plane
+
+  std::vector<SE3d> truth;                                           ///< T_truth_body by keyframe
+  std::map<std::pair<Index, Index>, std::vector<KeyframeId>> cells;  ///< where these are, in their order
   Attempts attempts;
   Rng rng;  ///< of closures
 
   /// Equal pairs of keyframes get equal alignments, whatever else is tried, so that two back ends can be compared.
   [[nodiscard]] Rng of_pair(KeyframeId from, KeyframeId to) const {
     return rng.fork(static_cast<std::uint64_t>(from.value)).fork(static_cast<std::uint64_t>(to.value));
+  }
+  void add(const SE3d& T_truth_body) {
+    cells[cell_of(T_truth_body.translation())].push_back(KeyframeId{to_index(truth.size())});
+    truth.push_back(T_truth_body);
+  }
+  [[nodiscard]] static std::pair<Index, Index> cell_of(const Eigen::Vector3d& position) {
+    return {static_cast<Index>(std::floor(position.x() / cell)), static_cast<Index>(std::floor(position.y() / cell))};
+  }
+  /// Calls visit(id) for keyframes up to `end`, all of those within a radius of a position among them.
+  template <class Visit>
+  void for_each_near(const Eigen::Vector3d& position, double radius, Index end, Visit&& visit) const {
+    const auto [x, y] = cell_of(position);
+    const auto reach = static_cast<Index>(std::ceil(radius / cell));
+    for (Index i = x - reach; i <= x + reach; ++i)
+      for (Index j = y - reach; j <= y + reach; ++j)
+        if (const auto found = cells.find({i, j}); found != cells.end())
+          for (const KeyframeId id : found->second)
+            if (id.value < end) visit(id);
   }
   [[nodiscard]] SE3d T_true(KeyframeId from, KeyframeId to) const {
     return truth[static_cast<std::size_t>(from.value)].inverse() * truth[static_cast<std::size_t>(to.value)];
@@ -142,15 +166,17 @@ class SampledMerger {
     path_end_.reset();
   }
 
+  [[nodiscard]] const SE3d& at(KeyframeId id) const { return scans_->truth[static_cast<std::size_t>(id.value)]; }
+
   [[nodiscard]] std::optional<KeyframeId> nearest(const SlamMap& map, const Session& session, KeyframeId query) const {
     std::optional<KeyframeId> found;
     double least = radius_;
-    for (Index i = 0; i < session.first_keyframe; ++i) {
-      const Keyframe& other = map.keyframes[static_cast<std::size_t>(i)];
-      if (map.sessions[static_cast<std::size_t>(other.session.value)].frame == session.frame) continue;
-      const double distance = scans_->T_true(KeyframeId{i}, query).translation().norm();
-      if (distance < least) found = KeyframeId{i}, least = distance;
-    }
+    scans_->for_each_near(at(query).translation(), radius_, session.first_keyframe, [&](KeyframeId id) {
+      const Keyframe& other = map.keyframes[static_cast<std::size_t>(id.value)];
+      if (map.sessions[static_cast<std::size_t>(other.session.value)].frame == session.frame) return;
+      const double distance = (at(id).translation() - at(query).translation()).norm();
+      if (distance < least || (found && distance == least && id < *found)) found = id, least = distance;
+    });
     return found;
   }
 
