@@ -199,10 +199,10 @@ class IncrementalCholesky {
     return solution_.range(Offset{variable} * BlockSize, Offset{variable} * BlockSize + BlockSize);
   }
   /// E^T H^-1 E with the matrix H of the last `factorize`. E has `BlockSize` rows for each of `variables`, none of
-  /// which is fixed; both are column-major. Costs the ways from there to the root, and a number for each variable.
+  /// which is fixed; both are column-major. Costs the ways from there to the root.
   [[gnu::cold]] void inverse_product(std::span<const Index> variables, const double* E, Index columns,
                                      double* product) const {
-    detail::PathSolver<BlockSize>(tree_, size(), variables).inverse_product(variables, E, columns, product);
+    detail::PathSolver<BlockSize>(tree_, variables).inverse_product(variables, E, columns, product);
   }
   /// Calls visit(node, Z, stride) for each front of `tree`: Z is H^-1 among its variables, column-major.
   void for_each_inverse(auto&& visit) const { detail::TreeInverse<BlockSize>(tree_, size()).run(visit); }

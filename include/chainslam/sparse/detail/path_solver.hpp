@@ -1,7 +1,9 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <span>
+#include <utility>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -10,18 +12,56 @@
 
 namespace chainslam::detail {
 
+/// Rows of few of many variables, by their numbers: memory and time are those of the few.
+class RowMap {
+ public:
+  /// The row of a variable, -1 if it has none.
+  [[nodiscard]] Index operator[](Index variable) const { return slots_[slot_of(variable)].row; }
+
+  /// Gives a variable without a row one.
+  void add(Index variable, Index row) {
+    if (2 * ++count_ > slots_.size()) grow();
+    slots_[slot_of(variable)] = {variable, row};
+  }
+
+ private:
+  static constexpr Offset smallest = 64;
+
+  struct Slot {
+    Index variable = -1, row = -1;
+  };
+
+  /// Where it is, or may be put.
+  [[nodiscard]] Offset slot_of(Index variable) const {
+    const auto mask = static_cast<std::uint32_t>(slots_.size() - 1);
+    std::uint32_t slot = static_cast<std::uint32_t>(variable) * 0x9e3779b1U;
+    for (slot ^= slot >> 15U;; ++slot) {
+      const Slot& at = slots_[Offset{slot & mask}];
+      if (at.variable == variable || at.variable == -1) return Offset{slot & mask};
+    }
+  }
+
+  [[gnu::cold]] void grow() {
+    const Table<Slot> before = std::exchange(slots_, Table<Slot>(2 * slots_.size()));
+    for (const Slot& one : before)
+      if (one.variable != -1) slots_[slot_of(one.variable)] = one;
+  }
+
+  Table<Slot> slots_{smallest};  ///< a power of two, half of them free at least
+  Offset count_ = 0;
+};
+
 /// Substitutes right-hand sides that touch few variables: only the fronts from there to the roots take part.
 template <int B>
 class PathSolver {
  public:
-  /// @param size       number of variables in the tree
   /// @param variables  that the right-hand sides touch; all are eliminated in the tree.
-  PathSolver(const FrontTree<B>& tree, Index size, std::span<const Index> variables) : tree_(tree), row_(size, -1) {
+  PathSolver(const FrontTree<B>& tree, std::span<const Index> variables) : tree_(tree) {
     for (const Index variable : variables) {
       const Offset begin = nodes_.size();
       for (Index node = tree.node_of(variable); node != -1 && !seen(node); node = tree[node].parent) {
         nodes_.push_back(node);
-        for (const Index column : tree.columns(node)) row_[column] = rows_++;
+        for (const Index column : tree.columns(node)) row_.add(column, rows_++);
       }
       std::reverse(nodes_.data() + begin, nodes_.data() + nodes_.size());
     }
@@ -68,20 +108,22 @@ class PathSolver {
   void substitute(double* X) const {
     const Offset height = Offset{rows_} * B;
     Table<double> gathered, solved;
+    Table<Offset> places;  // of the front's variables in X
     for (Offset k = nodes_.size(); k-- > 0;) {
       const std::span<const Index> variables = tree_.variables(nodes_[k]);
       const auto front = tree_.front(nodes_[k]);
       gathered.resize(front.stride() * N);
       solved.resize(Offset{front.columns()} * B * N);
+      places.clear();
+      for (const Index variable : variables) places.push_back(Offset{row_[variable]} * B);
       double* in_front = gathered.data();
       for (int column = 0; column < N; ++column)
-        for (const Index variable : variables)
-          in_front = std::copy_n(X + column * height + Offset{row_[variable]} * B, B, in_front);
+        for (const Offset place : places) in_front = std::copy_n(X + column * height + place, B, in_front);
       front.template substitute_forward<N>(gathered.data(), solved.data());
       const double* from = gathered.data();
       for (int column = 0; column < N; ++column)
-        for (const Index variable : variables) {
-          std::copy_n(from, B, X + column * height + Offset{row_[variable]} * B);
+        for (const Offset place : places) {
+          std::copy_n(from, B, X + column * height + place);
           from += B;
         }
     }
@@ -89,7 +131,7 @@ class PathSolver {
 
   const FrontTree<B>& tree_;
   Table<Index> nodes_;  ///< a later way ends below an earlier one's node: parents before children
-  Table<Index> row_;    ///< of each variable eliminated in them, -1 of the others
+  RowMap row_;          ///< of each variable eliminated in them
   Index rows_ = 0;
 };
 
