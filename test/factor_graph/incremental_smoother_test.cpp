@@ -100,6 +100,40 @@ TEST_SUITE("factor_graph/incremental_smoother") {
     });
   }
 
+  TEST_CASE("the cost that is kept is the one that is computed, whatever comes, goes, moves, or is undone") {
+    for_all(20, [](Rng& rng, int size) {
+      Twin twin;
+      Walk walk(rng);
+      const auto check = [&] {
+        const double cost = twin.smoother.cost();
+        CHECK(twin.smoother.current_cost() == doctest::Approx(cost).epsilon(1e-9).scale(1e-9));
+      };
+      for (int k = 0; k < 6 + size / 2; ++k) {
+        walk.step(twin);
+        const bool asks = k % 3 != 1;
+        if (asks) check();
+        if (k % 5 == 3) walk.remove_one(twin);
+        if (k % 7 == 6) walk.fix_one(twin);
+        if (k % 4 == 2) {
+          const FactorId id = twin.smoother.add(twin.betweens.front());
+          twin.smoother.set_weight(id, 0.3);
+        }
+        if (asks) check();
+        REQUIRE(twin.smoother.update().ok());
+        check();
+        if (k % 6 == 5) twin.smoother.move(std::vector<Key>{0, 1}, SE3d(SO3d(), {0.1, 0, 0}));
+        check();
+        if (k % 8 == 7) REQUIRE(twin.smoother.converge().ok());
+        check();
+      }
+      walk.step(twin);
+      REQUIRE(twin.smoother.update().ok());
+      check();
+      twin.smoother.undo();
+      check();
+    });
+  }
+
   TEST_CASE("undo brings back every bit, and leads on to the same bits") {
     for_all(20, [](Rng& rng, int size) {
       Rng other_rng = rng;

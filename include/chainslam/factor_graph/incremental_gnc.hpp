@@ -197,6 +197,12 @@ class IncrementalGnc {
   /// Keys whose estimate the last call changed, some several times.
   [[nodiscard]] std::span<const Key> changed() const { return changed_.all(); }
 
+  /// Candidates that got a weight since the last call.
+  [[nodiscard]] [[gnu::cold]] detail::Table<Index> take_weighed() {
+    for (const Index number : weighed_) candidates_[number].weighed = false;
+    return std::exchange(weighed_, {});
+  }
+
   /// A prior's `from` is none.
   [[nodiscard]] const Candidate& factor(Index number) const { return candidates_[number].factor; }
   /// Squared whitened residual beyond which a candidate is an outlier.
@@ -210,15 +216,7 @@ class IncrementalGnc {
   using Entry = typename detail::CandidateList<Group>::Entry;
   static constexpr double decisive_mu = 1e6;
 
-  [[gnu::cold]] void drop_unsettled() {
-    const auto settled = [&](Index number) { return number < settled_; };
-    watched_.keep_if(settled);
-    unexpected_.keep_if(settled);
-    touched_.keep_if([&](const Ranked& one) { return settled(one.index); });
-    news_ = 0;
-    waiting_.clear();
-    while (candidates_.size() > settled_) candidates_.drop_last();
-  }
+  [[gnu::cold]] void drop_unsettled();
 
   /// Graduated non-convexity, until nothing that was measured is contradicted.
   [[gnu::cold]] void decide(IncrementalGncReport& report);
@@ -228,13 +226,7 @@ class IncrementalGnc {
     return smoother_.contains(one.id) && !(trusting_ && one.trusted && smoother_.weight(one.id) == 1.0);
   }
 
-  [[gnu::cold]] void put(Index number, bool in) {
-    Entry& of = candidates_[number];
-    const Candidate& f = of.factor;
-    const double weight = in ? 1.0 : of.outlier_weight;
-    of.id = f.from == none ? smoother_.add(PriorFactor<Group>{f.to, f.measurement, f.sqrt_information}, weight)
-                           : smoother_.add(f, weight);
-  }
+  [[gnu::cold]] void put(Index number, bool in);
 
   /// Puts what waits into the smoother: as outliers what the graph does not expect.
   [[gnu::cold]] void forecast() {
@@ -308,7 +300,7 @@ class IncrementalGnc {
   /// Tries trusted factors that are out in again, those near each other in their sequence together as well: what speaks
   /// against them may be wrong, and in only because they are out.
   [[gnu::cold]] void try_trusted(IncrementalGncReport& report);
-  [[nodiscard]] [[gnu::cold]] double truncated_squares() const;
+  [[nodiscard]] [[gnu::cold]] double truncated_squares();
   [[nodiscard]] bool is_out(Index number) const {
     return number != none && smoother_.contains(id(number)) && !is_in(number);
   }
@@ -331,9 +323,16 @@ class IncrementalGnc {
            candidates_.votes(leader);
   }
 
-  void set_in(Index number, bool in) {
-    smoother_.set_weight(id(number), in ? 1.0 : candidates_[number].outlier_weight);
+  void note_weighed(Index number) {
+    if (!std::exchange(candidates_[number].weighed, true)) weighed_.push_back(number);
+    if (is_out(number) && !std::exchange(candidates_[number].listed, true)) outliers_.push_back(number);
   }
+  void set_weight(Index number, double weight) {
+    if (trying_) weights_before_.push_back({smoother_.weight(id(number)), number});
+    smoother_.set_weight(id(number), weight);
+    note_weighed(number);
+  }
+  void set_in(Index number, bool in) { set_weight(number, in ? 1.0 : candidates_[number].outlier_weight); }
 
   [[nodiscard]] [[gnu::cold]] bool step(IncrementalGncReport& report) {
     report.last = smoother_.update();
@@ -378,11 +377,15 @@ class IncrementalGnc {
   detail::Table<Index> watched_;   ///< leaders of groups measured since there was last no contradiction
   detail::Table<Ranked> touched_;  ///< leaders of groups that may be tried, measured by this call
   detail::Table<Key> changed_;
-  detail::Table<Key> unmeasured_;     ///< changed since the candidates on them were measured
-  detail::Table<Index> waiting_;      ///< to be put into the smoother by the next update
-  detail::Table<Index> unexpected_;   ///< leaders of groups
-  Index news_ = 0;                    ///< how many of these are new
-  detail::Table<Index> vouched_for_;  ///< leaders
+  detail::Table<Key> unmeasured_;         ///< changed since the candidates on them were measured
+  detail::Table<Index> waiting_;          ///< to be put into the smoother by the next update
+  detail::Table<Index> unexpected_;       ///< leaders of groups
+  Index news_ = 0;                        ///< how many of these are new
+  detail::Table<Index> vouched_for_;      ///< leaders
+  detail::Table<Index> weighed_;          ///< since `take_weighed`
+  detail::Table<Index> outliers_;         ///< those that are out, and some that were
+  bool trying_ = false;                   ///< whether what is done may be taken back:
+  detail::Table<Ranked> weights_before_;  ///< weights that candidates had, in the order of changes
   bool trusting_ = true;
   std::uint64_t steps_ = 0;          ///< updates so far
   detail::Table<double> leverages_;  ///< bounds, of each candidate,

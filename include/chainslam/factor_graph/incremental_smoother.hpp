@@ -16,6 +16,7 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/constrained_factor.hpp"
+#include "chainslam/factor_graph/detail/cost_sum.hpp"
 #include "chainslam/factor_graph/detail/factor_pools.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"
@@ -155,6 +156,8 @@ class IncrementalSmoother {
   [[nodiscard]] Values<Group> values() const { return estimates_; }
   /// Sum of the squared whitened residuals (chi^2) of the estimate, through their kernels. Linear in the graph.
   [[nodiscard]] double cost() const { return pools_.cost(estimates_); }
+  /// The same, for who asks often: costs what has changed since the last time.
+  [[nodiscard]] [[gnu::cold]] double current_cost();
   /// Covariance of the estimates of some variables together, as right perturbations, in the order of `keys` (without
   /// repetitions): by the linearized factors of the last update. Fixed variables have none. Costs the way to the root.
   /// @throws std::invalid_argument if a key is unknown.
@@ -239,6 +242,7 @@ class IncrementalSmoother {
   [[nodiscard]] Index begin_term(std::span<const Key> keys, Index rows);
   void note_added(Index term);
   void remove_term(Index term);
+  void recount(Index term);
   void set_alive(Index term, bool alive) {
     const auto place = pools_.place(term);
     pools_.pool(place.type).set_alive(place.slot, alive);
@@ -285,19 +289,9 @@ class IncrementalSmoother {
     for (const auto& slot : solver_.terms().slots(term)) keys.push_back(slot.variable);
   }
 
-  void wait(Key key) {
-    if (waits(key) || solver_.is_fixed(key)) return;
-    waits_at_[key] = static_cast<Index>(waiting_.size());
-    waiting_.push_back(key);
-  }
+  void wait(Key key);
   [[nodiscard]] bool waits(Key key) const { return waits_at_[key] != -1; }
-  void stop_waiting(Key key) {
-    Index& at = waits_at_[key];
-    if (at == -1) return;
-    waiting_[at] = -1;
-    ++left_;
-    at = -1;
-  }
+  void stop_waiting(Key key);
   void find_waiting();
   void relinearize_waiting(bool exact);
   /// Whether all that waits is worth its linearization.
@@ -353,6 +347,7 @@ class IncrementalSmoother {
   detail::Table<double> multipliers_before_;  ///< of constraints that were tightened since the last update
   std::vector<Key> keys_;                     ///< of the term at hand
   detail::Table<double> numbers_;             ///< of the term at hand, or its residual
+  detail::CostSum costs_;                     ///< of `current_cost`
   detail::HeldComponents<Group> components_;
   bool components_outdated_ = false;
   Key oldest_ = 0;  ///< none before it is kept by `SmootherOptions::lag`

@@ -36,6 +36,8 @@ class CandidateList {
     bool trusted = false;   ///< not judged by its residual alone
     bool forecast = false;  ///< whether it is judged by what the graph says without it
     bool watched = false, touched = false, turned = false;  ///< marks of a leader
+    bool weighed = false;                                   ///< whether it got a weight since somebody asked
+    bool listed = false;                                    ///< among outliers
     Index previous = none, next = none;                     ///< in a sequence, such as steps of odometry
     Index leader = none;                                    ///< of its group
     Index members = 0, newest = none;                       ///< of a leader's group

@@ -248,6 +248,13 @@ class FactorPools {
     return sum;
   }
 
+  /// A term's part of that.
+  [[nodiscard]] double cost(Index term, const Values<Group>& values) const {
+    const Place at = place(term);
+    const AnyFactorPool<Group>& of_type = pool(at.type);
+    return of_type.place(at.slot).weight * of_type.cost(at.slot, values);
+  }
+
   /// @param released  places of each type that are taken as if they had been released, in this order.
   void save(ByteSink& out, std::span<const std::vector<Index>> released) const {
     save_pool<First>(out, released);

@@ -15,6 +15,29 @@
 namespace chainslam {
 
 template <class Smoother>
+void IncrementalGnc<Smoother>::put(Index number, bool in) {
+  Entry& of = candidates_[number];
+  const Candidate& f = of.factor;
+  const double weight = in ? 1.0 : of.outlier_weight;
+  of.id = f.from == none ? smoother_.add(PriorFactor<Group>{f.to, f.measurement, f.sqrt_information}, weight)
+                         : smoother_.add(f, weight);
+  note_weighed(number);
+}
+
+template <class Smoother>
+void IncrementalGnc<Smoother>::drop_unsettled() {
+  const auto settled = [&](Index number) { return number < settled_; };
+  watched_.keep_if(settled);
+  unexpected_.keep_if(settled);
+  weighed_.keep_if(settled);
+  outliers_.keep_if(settled);
+  touched_.keep_if([&](const Ranked& one) { return settled(one.index); });
+  news_ = 0;
+  waiting_.clear();
+  while (candidates_.size() > settled_) candidates_.drop_last();
+}
+
+template <class Smoother>
 void IncrementalGnc<Smoother>::measure_changed() {
   for (const Key key : std::exchange(unmeasured_, {}))
     candidates_.for_each_at(key, [&](Index number) {
@@ -82,7 +105,7 @@ void IncrementalGnc<Smoother>::weigh(Index leader, double mu) {
     if (!is_judged(of)) return;
     const double next = weight_of(of, of_group, mu);
     if (std::abs(next - smoother_.weight(of.id)) > 1e-3 || next == of.outlier_weight || next == 1.0)
-      smoother_.set_weight(of.id, next);
+      set_weight(number, next);
   });
 }
 

@@ -88,7 +88,7 @@ bool IncrementalGnc<Smoother>::share_errors() {
     const double each = deviations / static_cast<double>(steps.size());
     const double weight = std::min(Group::dof / (each * each), 1.0);
     if (std::abs(smoother_.weight(id(number)) - weight) < negligible * weight) continue;
-    for (const Index step : steps) smoother_.set_weight(id(step), weight);
+    for (const Index step : steps) set_weight(step, weight);
     any = true;
   }
   return any;
@@ -199,22 +199,21 @@ bool IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, double mar
                                       IncrementalGncReport& report) {
   if (!report.last.ok()) return true;
   const double before = truncated_squares();
-  detail::Table<double> weights;
-  for (Index number = 0; number < candidates_.size(); ++number)
-    weights.push_back(smoother_.contains(id(number)) ? smoother_.weight(id(number)) : 0.0);
+  weights_before_.clear();
+  trying_ = true;
   IncrementalGncReport trial;
   for (const Index leader : leaders) candidates_.for_each_member(leader, [&](Index number) { set_in(number, true); });
   trusting_ = trusting;
   if (step(trial)) decide(trial);
   trusting_ = true;
   try_others(trial, options_.tried_rows);
+  trying_ = false;
   report.steps += trial.steps;
   report.work += trial.work;
   report.last = trial.last;
   if (!trial.last.ok() || truncated_squares() < before - margin) return true;
-  for (Index number = 0; number < candidates_.size(); ++number)
-    if (smoother_.contains(id(number)) && smoother_.weight(id(number)) != weights[number])
-      smoother_.set_weight(id(number), weights[number]);
+  const detail::Table<Ranked> before_trial = std::exchange(weights_before_, {});
+  for (Offset k = before_trial.size(); k-- > 0;) set_weight(before_trial[k].index, before_trial[k].rank);
   if (step(report)) decide(report);
   return false;
 }
@@ -239,11 +238,11 @@ void IncrementalGnc<Smoother>::try_trusted(IncrementalGncReport& report) {
 }
 
 template <class Smoother>
-double IncrementalGnc<Smoother>::truncated_squares() const {
-  double sum = smoother_.cost();
-  for (Index number = 0; number < candidates_.size(); ++number) {
+double IncrementalGnc<Smoother>::truncated_squares() {
+  double sum = smoother_.current_cost();
+  outliers_.keep_if([&](Index number) { return candidates_[number].listed = is_out(number); });
+  for (const Index number : outliers_) {
     const Entry& one = candidates_[number];
-    if (!is_out(number)) continue;
     sum += price(one, follows_one(number)) / candidates_.votes(one.leader);
   }
   return sum;

@@ -86,6 +86,7 @@ void IncrementalSmoother<Group, Extra...>::note_added(Index term) {
   if (term >= to_index(touched_.size())) touched_.resize(Offset{term} + 1, 0);
   if (term >= to_index(off_.size())) off_.resize(Offset{term} + 1, 0.0);
   touched_[term] = 1;  // it will be linearized in any case
+  recount(term);
   changes_.push_back({ChangeKind::factor_added, term, 0.0});
   if (!components_outdated_) tie(term);
 }
@@ -113,9 +114,32 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::remove_term(Index term) {
   ++losses_;
   set_off(term, 0.0);
+  costs_.remove(term);
   solver_.remove_term(term);
   set_alive(term, false);
   changes_.push_back({ChangeKind::factor_removed, term, 0.0});
+}
+
+/// Its cost has changed.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::recount(Index term) {
+  for (const auto& slot : solver_.terms().slots(term)) costs_.change(slot.variable);
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::wait(Key key) {
+  if (waits(key) || solver_.is_fixed(key)) return;
+  waits_at_[key] = static_cast<Index>(waiting_.size());
+  waiting_.push_back(key);
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::stop_waiting(Key key) {
+  Index& at = waits_at_[key];
+  if (at == -1) return;
+  waiting_[at] = -1;
+  ++left_;
+  at = -1;
 }
 
 template <class Group, class... Extra>
@@ -140,6 +164,7 @@ void IncrementalSmoother<Group, Extra...>::set_weight(const FactorId& id, double
   if (weight < before) ++losses_;
   changes_.push_back({ChangeKind::factor_weighed, term, before});
   weigh_term(term, weight);
+  recount(term);
   touch(term);
 }
 

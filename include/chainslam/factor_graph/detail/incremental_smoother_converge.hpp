@@ -75,6 +75,7 @@ double IncrementalSmoother<Group, Extra...>::violation() const {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::tighten() {
   begin();
+  costs_.outdate();
   pools_.for_each([&](const auto& entry) {
     using F = std::remove_cvref_t<decltype(entry.factor)>;
     if constexpr (detail::is_constraint<F>) {

@@ -47,6 +47,16 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
 }
 
 template <class Group, class... Extra>
+double IncrementalSmoother<Group, Extra...>::current_cost() {
+  const auto terms_at = [&](Key key, auto&& visit) {
+    for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next)
+      visit(solver_.terms().slot(k).term);
+  };
+  return costs_.sum([&] { return pools_.terms(); }, terms_at,
+                    [&](Index term) { return pools_.cost(term, estimates_); });
+}
+
+template <class Group, class... Extra>
 Eigen::MatrixXd IncrementalSmoother<Group, Extra...>::covariance(std::span<const Key> keys) const {
   std::vector<Key> free;
   for (const Key key : keys) {

@@ -87,6 +87,7 @@ void IncrementalSmoother<Group, Extra...>::revert() {
   waiting_gap_ = waiting_gap_before_;
   find_waiting();
   solver_.rollback();
+  costs_.outdate();
   ++losses_;
   estimate_all();
   components_outdated_ = true;
@@ -261,6 +262,7 @@ void IncrementalSmoother<Group, Extra...>::set_off(Index term, double off) {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::estimate(Key key) {
   estimates_[key] = origins_[key].retract(matrix_of<Tangent>(solver_.solution(key).data()));
+  costs_.change(key);
 }
 
 /// Moves the point at which a variable's factors are linearized, and its estimate with it.
