@@ -348,11 +348,16 @@ TEST_SUITE("slam/chained_closer") {
         TruthCloser closer;
         closer.truth = std::make_shared<const std::vector<SE3d>>(map.truth);
         LoopClosure direct = closer.align(map.keyframes, KeyframeId{map.j}, KeyframeId{map.current}, SE3d());
-        std::vector<Index> tried;
-        for (const LoopClosure& one :
-             ChainedCloser(options).close(map.keyframes, map.graph, direct, map.loaded, closer))
-          tried.push_back(one.from.value);
-        CHECK(tried == map.candidates(options, map.T(map.current)));
+        PositionIndex index;
+        index.rebuild(map.keyframes);
+        for (const PositionIndex* const known : {static_cast<const PositionIndex*>(nullptr), &std::as_const(index)}) {
+          LoopClosure shared = direct;
+          std::vector<Index> tried;
+          for (const LoopClosure& one :
+               ChainedCloser(options).close(map.keyframes, map.graph, shared, map.loaded, closer, Serial{}, known))
+            tried.push_back(one.from.value);
+          CHECK(tried == map.candidates(options, map.T(map.current)));
+        }
       }
     });
   }

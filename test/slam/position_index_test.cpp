@@ -35,11 +35,30 @@ TEST_SUITE("slam/position_index") {
         index.append(KeyframeId{i}, p);
         if (i % 16 == 0) check();
       }
+      for (int moves = size; moves-- > 0;) {
+        const auto i = static_cast<std::size_t>(rng.uniform_index(static_cast<Index>(poses.size())));
+        poses[i] = SE3d(SO3d(), {rng.uniform(-40, 40), rng.uniform(-40, 40), rng.uniform(-40, 40)});
+        index.move(KeyframeId{static_cast<Index>(i)}, poses[i].translation());
+        check();
+      }
       for (SE3d& pose : poses) pose = SE3d(SO3d(), pose.translation() + Eigen::Vector3d(rng.normal(), 1, 0));
       index.rebuild(keyframes_at(poses));
       check();
       CHECK(index.size() == poses.size());
     });
+  }
+
+  TEST_CASE("only what it holds is moved, wherever positions lie") {
+    PositionIndex index;
+    index.append(KeyframeId{3}, {0, 0, 0});
+    index.append(KeyframeId{8}, {1e12, 0, -1e300});
+    index.move(KeyframeId{5}, {1, 0, 0});
+    CHECK(index.size() == 2);
+    CHECK(index.within({0, 0, 0}, 2).size() == 1);
+    index.move(KeyframeId{8}, {-1, 0, 0});
+    CHECK(index.within({0, 0, 0}, 2).size() == 2);
+    CHECK(index.within({0, 0, 0}, 1e9).size() == 2);  // a radius of many cubes
+    CHECK_FALSE(index.contains(KeyframeId{5}));
   }
 
   TEST_CASE("an empty index finds nothing") { CHECK(PositionIndex().within({0, 0, 0}, 100).empty()); }

@@ -131,8 +131,18 @@ class BackEnd {
     for (const LoopClosure& closure : merger_.withdraw()) graph_.refuse(closure);
   }
 
+  /// All anew: after frames or everything in them have changed.
   [[gnu::cold]] void index_positions() {
     positions_.rebuild(map().keyframes, [&](const Keyframe& one) { return graph_.frame(one) == session().frame; });
+    for (detail::Recheck& one : rechecks_) one.moved_all();
+  }
+  /// Those that an optimization has moved.
+  [[gnu::cold]] void index_moved() {
+    for (const Key key : graph_.moved()) {
+      const Keyframe& moved = keyframe(KeyframeId{key});
+      positions_.move(moved.id, moved.T_map_body.translation());
+      for (detail::Recheck& one : rechecks_) one.move(moved);
+    }
   }
 
   /// Takes what a search tried into the map, and what chaining finds from it.
@@ -144,6 +154,18 @@ class BackEnd {
   /// @param chain  whether to look for more from it. @returns its position among the map's closures.
   template <Executor E>
   Index take(LoopClosure closure, bool chain, const E& executor);
+
+  /// What chaining finds from a closure; its information is shared out.
+  template <Executor E>
+  [[gnu::cold]] std::vector<LoopClosure> chain_from(LoopClosure& direct, const E& executor) {
+    const Index loaded = session().first_keyframe;
+    if constexpr (requires {
+                    chainer_.close(map().keyframes, closure_graph_, direct, loaded, closer_, executor, &positions_);
+                  })
+      return chainer_.close(map().keyframes, closure_graph_, direct, loaded, closer_, executor, &positions_);
+    else
+      return chainer_.close(map().keyframes, closure_graph_, direct, loaded, closer_, executor);
+  }
 
   [[nodiscard]] bool may_close() const {
     return options_.close_before_merge || session().id == SessionId{0} || session().frame != session().id;
@@ -161,6 +183,7 @@ class BackEnd {
     closure_graph_ = ClosureGraph();
     connect_closures(closure_graph_, map(), 0);
     std::erase_if(rechecks_, [&](const detail::Recheck& one) { return one.is_reverted(map()); });
+    index_positions();
     optimize();
     return true;
   }
@@ -203,12 +226,14 @@ class BackEnd {
   }
 
   [[nodiscard]] bool is_due() const { return waiting_.are_due(options_.closures_at_once); }
-  [[gnu::cold]] void optimize() { count_optimization((counts_.last = graph_.optimize()).ok()); }
+  [[gnu::cold]] void optimize() {
+    count_optimization((counts_.last = graph_.optimize()).ok());
+    index_moved();
+  }
   [[gnu::cold]] void count_optimization(bool succeeded) {
     waiting_.clear();
     ++counts_.optimizations;
     counts_.failed_optimizations += succeeded ? 0 : 1;
-    index_positions();
   }
   [[gnu::cold]] void publish_frame() {
     if (map().keyframes.empty()) return;
@@ -225,6 +250,7 @@ class BackEnd {
       counts_.end = graph_.converge();
       if (part()) counts_.end = graph_.converge();
       count_optimization(counts_.end.ok());
+      index_positions();
     }
     publish_frame();
   }
@@ -317,8 +343,7 @@ template <Executor E>
 Index BackEnd<Closer, Chainer, Merger, Outliers>::take(LoopClosure closure, bool chain, const E& executor) {
   std::vector<LoopClosure> chained;
   closure_graph_.resize(to_index(map().keyframes.size()));
-  if (chain)
-    chained = chainer_.close(map().keyframes, closure_graph_, closure, session().first_keyframe, closer_, executor);
+  if (chain) chained = chain_from(closure, executor);
   counts_.alignments += to_index(chained.size());
   waiting_.add(map().keyframes, closure, options_.small_correction);
   const Index position = graph_.accept(closure);
@@ -333,68 +358,19 @@ Index BackEnd<Closer, Chainer, Merger, Outliers>::take(LoopClosure closure, bool
   return position;
 }
 
-template <class Closer, class Chainer, class Merger, class Outliers>
-template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Outliers>::try_merge(KeyframeId query, const E& executor) {
-  if constexpr (!std::same_as<Merger, NoMerging>) {
-    if (std::exchange(held_after_, counts_.optimizations) != counts_.optimizations) part();
-    if (keyframe(query).session != session().id) return;
-    std::vector<LoopClosure> accepted;
-    for (const LoopClosure& closure : merger_.attempt(map(), query, closer_, executor)) {
-      if (closure.verdict == ClosureVerdict::accepted)
-        accepted.push_back(closure);
-      else
-        graph_.refuse(closure);
-    }
-    if (!accepted.empty()) merge(accepted, executor);
-  }
-}
+}  // namespace chainslam
 
-template <class Closer, class Chainer, class Merger, class Outliers>
-template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Outliers>::merge(const std::vector<LoopClosure>& closures, const E& executor) {
-  const LoopClosure& newest = closures.back();
-  const auto frame = [&](KeyframeId id) { return graph_.frame(keyframe(id)); };
-  if constexpr (requires { merger_.contradicted(map()); })
-    if (frame(newest.from) == frame(newest.to)) part(merger_.contradicted(map()).all());
-  detail::Table<char> joined;  // of each session, whether it is
-  for (const Session& session : map().sessions) joined.push_back(session.frame == frame(newest.from) ? 1 : 0);
-  graph_.join(newest);
-  ++counts_.merges;
-  Index position = -1;
-  for (const LoopClosure& closure : closures)
-    position = take(closure, options_.chain_merges && !closure.sqrt_information.isZero(0), executor);
-  optimize();
-  rechecks_.emplace_back(session(), std::move(joined), position);
-  moved_.moved_together(map().keyframes, session());
-  if (options_.max_alignments > 0) alignments_end_ = counts_.alignments;  // the keyframe has caused enough
-}
-
-template <class Closer, class Chainer, class Merger, class Outliers>
-template <Executor E>
-void BackEnd<Closer, Chainer, Merger, Outliers>::recheck(const E& executor) {
-  if constexpr (!std::same_as<Merger, NoMerging>) {
-    while (!rechecks_.empty() && !spent()) {
-      detail::Recheck& one = rechecks_.front();
-      const std::optional<KeyframeId> id = one.next(map().keyframes, options_.recheck_travel);
-      if (!id) {
-        rechecks_.erase(rechecks_.begin());
-        continue;
-      }
-      auto tried = closer_.search(map().keyframes, one.others(map().keyframes, positions_), *id, executor);
-      if (!take(std::move(tried), one.cause(), options_.chain_in_recheck, executor)) continue;
-      one.pause(options_.recheck_pause);
-      if (is_due()) optimize();
-    }
-  }
-}
+// Bodies of its members.
+#include "chainslam/slam/detail/back_end_merges.hpp"
 
 #ifdef CHAINSLAM_COMPILED
+namespace chainslam {
+
 extern template class BackEnd<>;
 extern template KeyframeId BackEnd<>::add(Keyframe, const Serial&);
 extern template void BackEnd<>::add(const GnssFix&, const Serial&);
 extern template KeyframeId BackEnd<>::add(Keyframe, const ThreadPool&);
 extern template void BackEnd<>::add(const GnssFix&, const ThreadPool&);
-#endif
 
 }  // namespace chainslam
+#endif

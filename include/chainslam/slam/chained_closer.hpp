@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <concepts>
@@ -9,18 +10,42 @@
 #include <vector>
 
 #include "chainslam/core/executor.hpp"
+#include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/slam/adjacency_graph.hpp"
 #include "chainslam/slam/breadth_first_search.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
+#include "chainslam/slam/connected_components.hpp"
 #include "chainslam/slam/slam_map.hpp"
 #include "chainslam/slam/submap.hpp"
 
 namespace chainslam {
 
-/// Keyframes and the accepted closures between them; an edge knows its position among the map's closures.
-using ClosureGraph = AdjacencyGraph<Index>;
+/// Keyframes and the accepted closures between them; an edge knows its position among the map's closures. What is
+/// connected is known without a walk, however large the map.
+class ClosureGraph : public AdjacencyGraph<Index> {
+ public:
+  /// So many keyframes without closures.
+  explicit ClosureGraph(Index nodes = 0) : AdjacencyGraph(nodes), components_(nodes) {}
+
+  Index add_node() = delete;  ///< `resize` adds keyframes
+  /// Adds keyframes until there are `nodes` of them.
+  void resize(Index nodes) {
+    AdjacencyGraph::resize(nodes);
+    components_.resize(nodes);
+  }
+  /// Adds a closure.
+  void add_edge(Index a, Index b, Index closure) {
+    AdjacencyGraph::add_edge(a, b, closure);
+    components_.connect(a, b);
+  }
+  /// Which keyframes closures connect, over any others.
+  [[nodiscard]] const ConnectedComponents& components() const { return components_; }
+
+ private:
+  ConnectedComponents components_;
+};
 
 /// Adds the map's closures that are factors, from a position on.
 [[gnu::cold]] inline void connect_closures(ClosureGraph& graph, const SlamMap& map, Index first) {
@@ -94,17 +119,28 @@ class ChainedCloser {
     return connected(graph, j, {j.value, j.value + 1}, loaded);
   }
 
+  /// Those of `connected`, walking through any session, that lie within `radius` metres of a position; by id. Costs
+  /// what lies there, not what is connected.
+  /// @param index  has the positions of the keyframes.
+  [[nodiscard]] [[gnu::cold]] static std::vector<KeyframeId> connected_near(const ClosureGraph& graph, KeyframeId j,
+                                                                            SubmapRange submap, Index loaded,
+                                                                            const PositionIndex& index,
+                                                                            const Eigen::Vector3d& center,
+                                                                            double radius);
+
   /// Tries keyframes connected with the partner of `direct` against the same scan.
   ///
   /// @param graph   all accepted closures so far.
   /// @param direct  accepted, from a keyframe j to the current keyframe i; its information is shared out over the
   /// group.
   /// @param loaded  N_L; nothing is tried if j is not among these.
+  /// @param index   the positions of the keyframes, if there is one: then only what lies near is looked at.
   /// @returns what was tried, each with its verdict.
   template <ClosureAligner Closer, Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> close(std::span<const Keyframe> keyframes,
                                                              const ClosureGraph& graph, LoopClosure& direct,
-                                                             Index loaded, Closer& closer, const E& executor = {});
+                                                             Index loaded, Closer& closer, const E& executor = {},
+                                                             const PositionIndex* index = nullptr);
 
   [[nodiscard]] const ChainOptions& options() const { return options_; }  ///< its settings
 
@@ -137,7 +173,8 @@ class ChainedCloser {
   template <class Closer>
   [[nodiscard]] [[gnu::cold]] detail::Table<Candidate> candidates(std::span<const Keyframe> keyframes,
                                                                   const ClosureGraph& graph, const LoopClosure& direct,
-                                                                  Index loaded, const Closer& closer);
+                                                                  Index loaded, const Closer& closer,
+                                                                  const PositionIndex* index);
 
   /// What comes through the chain is off by decimetres at most, or wrong: no need to look farther around.
   template <class Closer, class E>
@@ -200,12 +237,38 @@ class ChainedCloser {
   BfsWorkspace workspace_;
 };
 
+inline std::vector<KeyframeId> ChainedCloser::connected_near(const ClosureGraph& graph, KeyframeId j,
+                                                             SubmapRange submap, Index loaded,
+                                                             const PositionIndex& index, const Eigen::Vector3d& center,
+                                                             double radius) {
+  constexpr double rounding = 1e-6;  // metres; who asks measures exactly
+  const ConnectedComponents& components = graph.components();
+  detail::Table<Index> starts(1, j.value), reached(1, components.component_of(j.value));
+  const auto is_among = [](const detail::Table<Index>& some, Index one) {
+    return std::find(some.begin(), some.end(), one) != some.end();
+  };
+  for (Index near = submap.begin; near < submap.end; ++near)
+    if (graph.degree(near) > 0 && !is_among(reached, components.component_of(near))) {
+      starts.push_back(near);
+      reached.push_back(components.component_of(near));
+    }
+  std::vector<KeyframeId> found;
+  index.for_each_near(center, radius + rounding, [&](KeyframeId id, const Eigen::Vector3d& position) {
+    if (id.value >= loaded || graph.degree(id.value) == 0 || is_among(starts, id.value)) return;
+    if (squared_distance<3>(position.data(), center.data()) > (radius + rounding) * (radius + rounding)) return;
+    if (is_among(reached, components.component_of(id.value))) found.push_back(id);
+  });
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
 template <ClosureAligner Closer, Executor E>
 std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
-                                              LoopClosure& direct, Index loaded, Closer& closer, const E& executor) {
+                                              LoopClosure& direct, Index loaded, Closer& closer, const E& executor,
+                                              const PositionIndex* index) {
   std::vector<LoopClosure> tried;
   if (!options_.enabled || direct.from.value >= loaded) return tried;
-  for (const Candidate& candidate : candidates(keyframes, graph, direct, loaded, closer)) {
+  for (const Candidate& candidate : candidates(keyframes, graph, direct, loaded, closer, index)) {
     if (options_.max_alignments > 0 && to_index(tried.size()) >= options_.max_alignments) break;
     LoopClosure closure = aligned(keyframes, candidate, direct.to, closer, executor);
     closure.kind = ClosureKind::chained;
@@ -222,13 +285,17 @@ std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframe
 template <class Closer>
 detail::Table<ChainedCloser::Candidate> ChainedCloser::candidates(std::span<const Keyframe> keyframes,
                                                                   const ClosureGraph& graph, const LoopClosure& direct,
-                                                                  Index loaded, const Closer& closer) {
+                                                                  Index loaded, const Closer& closer,
+                                                                  const PositionIndex* index) {
   const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
   const Keyframe& i = at(direct.to);
   const SE3d T_map_i = options_.guess_through_chain ? at(direct.from).T_map_body * direct.T_from_to : i.T_map_body;
   detail::Table<Candidate> all;
   const SubmapRange submap = submap_range(keyframes, direct.from, options_.reach);
-  for (const KeyframeId k : connected(graph, direct.from, submap, loaded)) {
+  const bool looks_around = index != nullptr && options_.max_distance > 0 && options_.through_current_session;
+  for (const KeyframeId k : looks_around ? connected_near(graph, direct.from, submap, loaded, *index,
+                                                          T_map_i.translation(), options_.max_distance)
+                                         : connected(graph, direct.from, submap, loaded)) {
     if (!closer.eligible(at(k), i) || graph.connected(k.value, i.id.value)) continue;
     const SE3d guess = at(k).T_map_body.inverse() * T_map_i;
     if (options_.max_distance > 0 && !(guess.translation().norm() <= options_.max_distance)) continue;

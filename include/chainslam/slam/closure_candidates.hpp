@@ -15,26 +15,26 @@
 #include "chainslam/core/timestamp.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/lie/so3.hpp"
+#include "chainslam/slam/detail/neighbor_grid.hpp"
 #include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
 
 /// Finds keyframes by their estimated positions in the graph.
 ///
-/// A list that is searched linearly: it is rebuilt whenever the graph has moved and searched once for each attempt to
-/// close a loop, too rarely for the rebuilding of a tree to pay.
+/// A search costs what lies around, and a keyframe that the graph has moved is entered again by itself.
 class PositionIndex {
  public:
-  /// Updates all positions: after the graph has moved them, or after frames were joined.
+  /// Updates all positions: after frames were joined, say.
   /// @param chosen  which keyframes to hold: those whose T_map_body are in one frame.
   template <std::predicate<const Keyframe&> Chosen>
   void rebuild(std::span<const Keyframe> keyframes, Chosen&& chosen) {
     ids_.clear();
-    positions_.clear();
+    grid_.clear();
     for (const Keyframe& keyframe : keyframes)
       if (chosen(keyframe)) append(keyframe.id, keyframe.T_map_body.translation());
   }
-  /// Indexes the positions of all keyframes, in O(n log n).
+  /// Indexes the positions of all keyframes, in O(n).
   void rebuild(std::span<const Keyframe> keyframes) {
     rebuild(keyframes, [](const Keyframe&) { return true; });
   }
@@ -42,7 +42,12 @@ class PositionIndex {
   /// Adds the next keyframe; ids must ascend.
   void append(KeyframeId id, const Eigen::Vector3d& position) {
     ids_.push_back(id);
-    positions_.push_back(position);
+    grid_.add(position);
+  }
+  /// The graph has moved a keyframe. Does nothing if it does not hold it.
+  void move(KeyframeId id, const Eigen::Vector3d& position) {
+    const KeyframeId* const found = std::lower_bound(ids_.begin(), ids_.end(), id);
+    if (found != ids_.end() && *found == id) grid_.move(static_cast<Index>(found - ids_.begin()), position);
   }
 
   /// Lets somebody say how well the graph knows where one keyframe is from another.
@@ -76,23 +81,30 @@ class PositionIndex {
   /// All keyframes within `radius` metres of `center`, nearest first; equal distances by id.
   [[nodiscard]] std::vector<Found> within(const Eigen::Vector3d& center, double radius) const {
     std::vector<Found> found;
-    for (Offset i = 0; i < positions_.size(); ++i) {
-      const Eigen::Vector3d way = positions_[i] - center;
+    for_each_near(center, radius, [&](KeyframeId id, const Eigen::Vector3d& position) {
+      const Eigen::Vector3d way = position - center;
       const double distance = way.norm();
-      if (distance <= radius) found.push_back({ids_[i], distance});
-    }
+      if (distance <= radius) found.push_back({id, distance});
+    });
     sort(found);
     return found;
+  }
+  /// Calls visit(id, position) for all keyframes within the radius, and for some around, in any order.
+  template <class Visit>
+  void for_each_near(const Eigen::Vector3d& center, double radius, Visit&& visit) const {
+    grid_.for_each_near(center, radius, [&](Index i, const Eigen::Vector3d& position) { visit(ids_[i], position); });
   }
 
   /// Whether it holds a keyframe.
   [[nodiscard]] bool contains(KeyframeId id) const { return std::binary_search(ids_.begin(), ids_.end(), id); }
   /// Number of positions.
-  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(positions_.size()); }
+  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(grid_.size()); }
 
  private:
-  detail::Table<KeyframeId> ids_;  // ascending
-  detail::Table<Eigen::Vector3d> positions_;
+  static constexpr double cell = 16.0;  ///< metres: about the radius in which candidates are looked for
+
+  detail::Table<KeyframeId> ids_;  ///< ascending
+  detail::NeighborGrid grid_{cell};
   const void* covariance_ = nullptr;  ///< who says, and how to ask
   Matrix6d (*call_)(const void* callable, KeyframeId from, KeyframeId to) = nullptr;
 };

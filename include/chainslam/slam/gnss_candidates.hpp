@@ -13,6 +13,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/sensor/packet.hpp"
 #include "chainslam/slam/closure_candidates.hpp"
+#include "chainslam/slam/detail/neighbor_grid.hpp"
 #include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
@@ -113,11 +114,6 @@ class GnssCandidates {
 
  private:
   using Found = PositionIndex::Found;  ///< with its distance, as the options measure it
-  /// Where a receiver put a keyframe.
-  struct Fix {
-    KeyframeId id;
-    Eigen::Vector3d position_ecef;
-  };
 
   [[nodiscard]] static const Keyframe& keyframe(const SlamMap& map, KeyframeId id) {
     return map.keyframes[static_cast<std::size_t>(id.value)];
@@ -138,9 +134,13 @@ class GnssCandidates {
   void index_earlier_sessions(const SlamMap& map, SessionId session) {
     if (indexed_for_ == session) return;
     indexed_for_ = session;
+    ids_.clear();
     fixes_.clear();
     for (const Keyframe& one : map.keyframes)
-      if (one.session < session && usable(one)) fixes_.push_back({one.id, one.gnss->position_ecef});
+      if (one.session < session && usable(one)) {
+        ids_.push_back(one.id);
+        fixes_.add(one.gnss->position_ecef);
+      }
   }
 
   template <class Wanted>
@@ -166,22 +166,24 @@ class GnssCandidates {
     const Eigen::Vector3d& center = here.gnss->position_ecef;
     const Eigen::Vector3d up = center.normalized();  // off the vertical by less than 0.2 degrees
     std::vector<Found> found;
-    for (const Fix& fix : fixes_) {
-      const Eigen::Vector3d way = fix.position_ecef - center;
+    const double reach = std::hypot(options_.radius, options_.max_height);
+    fixes_.for_each_near(center, reach, [&](Index i, const Eigen::Vector3d& position) {
+      const Eigen::Vector3d way = position - center;
       const double height = way.dot(up);
       const Eigen::Vector3d climb = height * up;
       const Eigen::Vector3d ground = way - climb;
       const double distance = options_.with_height ? way.norm() : ground.norm();
-      if (distance <= options_.radius && std::abs(height) <= options_.max_height && wanted(keyframe(map, fix.id)))
-        found.push_back({fix.id, distance});
-    }
+      if (distance <= options_.radius && std::abs(height) <= options_.max_height && wanted(keyframe(map, ids_[i])))
+        found.push_back({ids_[i], distance});
+    });
     PositionIndex::sort(found);
     return found;
   }
 
   GnssCandidateOptions options_;
   SessionId indexed_for_;
-  detail::Table<Fix> fixes_;
+  detail::Table<KeyframeId> ids_;     ///< of keyframes that have a fix, ascending,
+  detail::NeighborGrid fixes_{64.0};  ///< and where the receiver put them, Earth-centred
 };
 static_assert(MergeCandidates<GnssCandidates>);
 

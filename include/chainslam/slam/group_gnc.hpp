@@ -82,7 +82,10 @@ class GroupGncFactors {
                            .outlier_weight = options_.outlier_weight,
                            .begins_in = closure.verdict == ClosureVerdict::accepted,
                            .forecast = closure.kind != ClosureKind::merge};  // which several places have confirmed
-    candidates_[position] = gnc_.add(factor, test, follows ? candidates_[closure.cause] : Gnc::none);
+    const Index number = gnc_.add(factor, test, follows ? candidates_[closure.cause] : Gnc::none);
+    candidates_[position] = number;
+    closures_.resize(number + 1, Gnc::none);
+    closures_[number] = position;
   }
 
   /// The keyframe's fix, if it has one, is taken in by the next update.
@@ -142,12 +145,13 @@ class GroupGncFactors {
 
   /// Writes what was decided into the closures' verdicts.
   /// @returns whether an accepted closure is an outlier now.
-  [[nodiscard]] [[gnu::cold]] bool record(SlamMap& map) const {
+  [[nodiscard]] [[gnu::cold]] bool record(SlamMap& map) {
     bool lost = false;
-    for (Index i = 0; i < candidates_.size(); ++i) {
-      if (candidates_[i] == Gnc::none) continue;
-      ClosureVerdict& verdict = map.closures[static_cast<std::size_t>(i)].verdict;
-      const bool in = gnc_.is_in(candidates_[i]);
+    for (const Index number : gnc_.take_weighed()) {
+      const Index closure = number < closures_.size() ? closures_[number] : Gnc::none;
+      if (closure == Gnc::none) continue;
+      ClosureVerdict& verdict = map.closures[static_cast<std::size_t>(closure)].verdict;
+      const bool in = gnc_.is_in(number);
       lost |= !in && verdict == ClosureVerdict::accepted;
       verdict = in ? ClosureVerdict::accepted : ClosureVerdict::inconsistent;
     }
@@ -199,6 +203,7 @@ class GroupGncFactors {
   Index last_step_ = Gnc::none;      ///< of odometry, its number in `gnc_`
   detail::Table<Index> steps_;       ///< of each keyframe the number of the step that leads to it, or none
   detail::Table<Index> candidates_;  ///< of each closure its number in `gnc_`, none if it is never judged
+  detail::Table<Index> closures_;    ///< of each number in `gnc_` the closure's position, none if it is another factor
 };
 
 }  // namespace chainslam

@@ -112,6 +112,8 @@ class MapGraph {
   /// Takes in what was added, and moves the keyframes to the optimum, as near as the smoother's tolerances say. If that
   /// fails they stay, and what was added waits for the next time.
   [[gnu::cold]] UpdateReport optimize();
+  /// Keyframes that the last one moved, some several times.
+  [[nodiscard]] std::span<const Key> moved() const { return moved_.all(); }
   /// Whether the last one left something to the next (`MapGraphOptions::largest_work`).
   [[nodiscard]] bool is_unfinished() const { return unfinished_; }
 
@@ -134,6 +136,7 @@ class MapGraph {
 
   void take(std::span<const Key> keys) {
     for (const Key key : keys) keyframe(key).T_map_body = smoother()[key];
+    moved_.append(keys);
   }
 
   /// What nothing holds, with closures that wait for a forecast taken in: without them there may be nothing to foresee.
@@ -153,6 +156,7 @@ class MapGraph {
   SlamMap map_;
   std::optional<Factors> factors_;  ///< never empty; optional so that `rebuild` can replace them in place
   detail::Table<FactorId> priors_;  ///< of each session
+  detail::Table<Key> moved_;        ///< by the last optimization
   bool unfinished_ = false;
   bool may_part_ = false;  ///< whether something that held frames together was lost since `part` looked
   mutable std::mutex changing_;
@@ -305,6 +309,7 @@ void MapGraph<Outliers>::load(const SlamMap& other) {
 template <class Outliers>
 UpdateReport MapGraph<Outliers>::optimize() {
   UpdateReport report;
+  moved_.clear();
   hold_upright();
   report.variables = floating();
   if (!report.variables.empty()) report.status = UpdateStatus::unconstrained;
@@ -345,56 +350,16 @@ ConvergeReport MapGraph<Outliers>::converge() {
   return report;
 }
 
-template <class Outliers>
-void MapGraph<Outliers>::remeasure() {
-  const auto pose = [&](KeyframeId id) { return map_.keyframes[static_cast<std::size_t>(id.value)].T_map_body; };
-  for (OdometryMeasurement& step : map_.odometry) step.T_from_to = pose(step.from).inverse() * pose(step.to);
-  for (LoopClosure& closure : map_.closures) closure.T_from_to = pose(closure.from).inverse() * pose(closure.to);
-  rebuild();
-}
+}  // namespace chainslam
 
-template <class Outliers>
-void MapGraph<Outliers>::hold_upright() {
-  if constexpr (decides) {
-    const Change change(*this);
-    for (const SessionId id : factors_->hold_upright(map_)) {
-      Session& frame = map_.sessions[static_cast<std::size_t>(id.value)];
-      frame.prior_sqrt_information = leaning_anchor(frame.prior, options_.anchor, options_.gravity.start_deviation);
-      if (factors_->smoother().contains(priors_[id.value])) factors_->smoother().remove(priors_[id.value]);
-      add_prior(frame);
-    }
-  }
-}
-
-template <class Outliers>
-void MapGraph<Outliers>::rebuild() {
-  factors_.emplace(options_, outliers_);
-  for (const Keyframe& one : map_.keyframes) factors_->wait(one);
-  priors_.assign(to_index(map_.sessions.size()), {});
-  add_to_smoother(0, 0, 0, 0);
-}
-
-template <class Outliers>
-void MapGraph<Outliers>::add_to_smoother(Index sessions, Index keyframes, Index odometry, Index closures) {
-  const auto from = [](const auto& list, Index first) {
-    return std::span(list).subspan(static_cast<std::size_t>(first));
-  };
-  for (const Keyframe& keyframe : from(map_.keyframes, keyframes)) factors_->smoother().add_value(keyframe.T_map_body);
-  for (const Session& session : from(map_.sessions, sessions)) add_prior(session);
-  for (const OdometryMeasurement& step : from(map_.odometry, odometry)) factors_->add(step);
-  for (Index i = closures; i < to_index(map_.closures.size()); ++i) factors_->add_closure(map_, i);
-}
-
-template <class Outliers>
-void MapGraph<Outliers>::add_prior(const Session& session) {
-  if (session.keyframes == 0 || session.prior_sqrt_information.isZero(0)) return;
-  priors_[session.id.value] = factors_->smoother().add(
-      PriorFactor<SE3d>{session.first_keyframe, session.prior, session.prior_sqrt_information});
-}
+// Bodies of its members.
+#include "chainslam/slam/detail/map_graph_building.hpp"
 
 #ifdef CHAINSLAM_COMPILED
+namespace chainslam {
+
 extern template class IncrementalGnc<IncrementalSmoother<SE3d>>;
 extern template class MapGraph<>;
-#endif
 
 }  // namespace chainslam
+#endif

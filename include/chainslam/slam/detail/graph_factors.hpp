@@ -218,8 +218,8 @@ class GnssFactors {
       if (session.frame != id) continue;
       std::array<detail::Table<Ranked>, 3> off;
       double independent = 0;  // fixes
-      for (std::size_t k = 0; k < of.size(); ++k) {
-        if (of[k] < session.first_keyframe || of[k] >= session.end_keyframe()) continue;
+      const auto first = std::lower_bound(of.begin(), of.end(), session.first_keyframe) - of.begin();
+      for (auto k = static_cast<std::size_t>(first); k < of.size() && of[k] < session.end_keyframe(); ++k) {
         independent += 1 / correlated(map, of[k]);
         const Eigen::Vector3d there = *on_earth_[id.value].T_frame_ecef * fixed[k].ecef;
         for (std::size_t axis = 0; axis < 3; ++axis)

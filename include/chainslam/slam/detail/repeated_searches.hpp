@@ -30,11 +30,18 @@ class Recheck {
         end_(session.end_keyframe()) {}
 
   /// Where the keyframes are that the session is to be closed with. @param index  says how well they are known.
-  [[nodiscard]] [[gnu::cold]] PositionIndex others(std::span<const Keyframe> keyframes,
-                                                   PositionIndex index = {}) const {
-    index.rebuild(keyframes, [&](const Keyframe& there) { return joined_[there.session.value] != 0; });
-    return index;
+  [[nodiscard]] [[gnu::cold]] const PositionIndex& others(std::span<const Keyframe> keyframes,
+                                                          const PositionIndex& index = {}) {
+    if (std::exchange(outdated_, false)) {
+      others_ = index;
+      others_.rebuild(keyframes, [&](const Keyframe& there) { return joined_[there.session.value] != 0; });
+    }
+    return others_;
   }
+  /// The graph has moved a keyframe.
+  void move(const Keyframe& keyframe) { others_.move(keyframe.id, keyframe.T_map_body.translation()); }
+  /// The graph has moved any keyframes.
+  void moved_all() { outdated_ = true; }
   [[nodiscard]] Index cause() const { return cause_; }  ///< the closure that led to it, by its position
   /// Whether what led to it was reverted.
   [[nodiscard]] bool is_reverted(const SlamMap& map) const {
@@ -59,6 +66,8 @@ class Recheck {
 
  private:
   detail::Table<char> joined_;
+  PositionIndex others_;
+  bool outdated_ = true;  ///< whether `others_` is to be made again
   Index cause_ = -1;
   Index first_ = 0, next_ = 0, end_ = 0;  ///< keyframes
   double travelled_ = 0;                  ///< metres since the last search
