@@ -282,6 +282,7 @@ class IncrementalSmoother {
   [[nodiscard]] std::vector<Key> find_floating();
   [[nodiscard]] std::vector<Key> find_all_floating();
   void tie(Index term);
+  void hold(Index term);
   [[nodiscard]] [[gnu::cold]] std::vector<FreePart> open_parts() const;
   /// Of a term, in the order of its factor.
   void list_keys(Index term, std::vector<Key>& keys) const {

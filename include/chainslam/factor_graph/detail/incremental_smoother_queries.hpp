@@ -47,6 +47,44 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
 }
 
 template <class Group, class... Extra>
+std::vector<Key> IncrementalSmoother<Group, Extra...>::find_all_floating() {
+  components_.clear();
+  for (Key key = 0; key < size(); ++key) components_.add_variable();
+  // First what is connected: then one prior is enough for a part, and the others need not be looked at.
+  const detail::Table<Index> terms = pools_.terms();
+  for (const Index term : terms) {
+    list_keys(term, keys_);
+    components_.connect(keys_);
+  }
+  for (Key key = 0; key < size(); ++key) {
+    if (solver_.is_fixed(key)) components_.hold(key);
+  }
+  for (const Index term : terms) hold(term);
+  std::vector<Key> floating = components_.floating();
+  components_outdated_ = !floating.empty();
+  return floating;
+}
+
+/// Tells `components_` what a factor ties together, and holds.
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::tie(Index term) {
+  list_keys(term, keys_);
+  components_.connect(keys_);
+  hold(term);
+}
+
+template <class Group, class... Extra>
+void IncrementalSmoother<Group, Extra...>::hold(Index term) {
+  if (!traits(term).holds_in_place) return;
+  list_keys(term, keys_);
+  if (keys_.empty() || components_.is_held(keys_.front())) return;
+  const auto place = pools_.place(term);
+  numbers_.resize(solver_.terms().size(term));
+  pools_.pool(place.type).linearize(place.slot, origins_, detail::Kernels::left_out, numbers_.data());
+  components_.hold(keys_, solver_.terms().rows(term), numbers_.data(), origins_);
+}
+
+template <class Group, class... Extra>
 double IncrementalSmoother<Group, Extra...>::current_cost() {
   const auto terms_at = [&](Key key, auto&& visit) {
     for (Index k = solver_.terms().first(key); k != -1; k = solver_.terms().slot(k).next)

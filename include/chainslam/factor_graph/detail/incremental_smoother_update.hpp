@@ -156,31 +156,6 @@ std::vector<Key> IncrementalSmoother<Group, Extra...>::find_floating() {
   return floating;
 }
 
-template <class Group, class... Extra>
-std::vector<Key> IncrementalSmoother<Group, Extra...>::find_all_floating() {
-  components_.clear();
-  for (Key key = 0; key < size(); ++key) components_.add_variable();
-  for (const Index term : pools_.terms()) tie(term);
-  for (Key key = 0; key < size(); ++key) {
-    if (solver_.is_fixed(key)) components_.hold(key);
-  }
-  std::vector<Key> floating = components_.floating();
-  components_outdated_ = !floating.empty();
-  return floating;
-}
-
-/// Tells `components_` what a factor ties together, and holds.
-template <class Group, class... Extra>
-void IncrementalSmoother<Group, Extra...>::tie(Index term) {
-  list_keys(term, keys_);
-  components_.connect(keys_);
-  if (keys_.empty() || !traits(term).holds_in_place || components_.is_held(keys_.front())) return;
-  const auto place = pools_.place(term);
-  numbers_.resize(solver_.terms().size(term));
-  pools_.pool(place.type).linearize(place.slot, origins_, detail::Kernels::left_out, numbers_.data());
-  components_.hold(keys_, solver_.terms().rows(term), numbers_.data(), origins_);
-}
-
 /// What the factors leave open, at the estimates.
 template <class Group, class... Extra>
 std::vector<FreePart> IncrementalSmoother<Group, Extra...>::open_parts() const {
