@@ -10,6 +10,7 @@
 
 #include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
+#include "corrected_sweep.hpp"
 #include "datasets/dataset.hpp"
 #include "simulator/town_drive.hpp"
 #include "slam/closure_gates/known_drive.hpp"
@@ -102,23 +103,6 @@ struct Meeting {
     if (const auto folder = test::real_data(name + "/" + name))
       meetings.push_back(follow_dataset({.name = name, .sensor = "HDL-64E", .place = name}, *folder, picking));
   return meetings;
-}
-
-/// A simulated sweep in the body frame at its end, corrected by the true motion.
-[[nodiscard]] inline PointCloud<float> corrected_sweep(const simulator::TownDrive& drive, Index index,
-                                                       const SE3d& T_body_lidar) {
-  constexpr double step = 5e-4;  // seconds: 5 mm at 10 m/s
-  const LidarScan scan = drive.scan(index);
-  const SE3d T_body_map = drive.truth(scan.end).inverse();
-  std::vector<SE3d> poses;  // T_body_lidar at every step
-  for (double t = 0; t <= to_seconds(scan.end - scan.time) + step; t += step)
-    poses.push_back(T_body_map * drive.truth(scan.time + seconds(t)) * T_body_lidar);
-  PointCloud<float> cloud;
-  for (std::size_t i = 0; i < scan.cloud.size(); ++i) {
-    const auto at = static_cast<std::size_t>(static_cast<double>(scan.cloud.time_offsets[i]) / step);
-    cloud.positions.push_back((poses[at] * scan.cloud.positions[i].cast<double>()).cast<float>());
-  }
-  return cloud;
 }
 
 /// Keyframes of a simulated session. Scans are corrected by the true motion and odometry's drift is drawn, since
