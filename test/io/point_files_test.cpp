@@ -305,6 +305,22 @@ TEST_SUITE("io/ply") {
     CHECK(!std::filesystem::exists(folder / "c.ply"));
   }
 
+  TEST_CASE("points written one by one are the file of their cloud; another number of them leaves the old file") {
+    const TemporaryFolder folder;
+    for (const std::size_t count : {0U, 1U, 500U}) {
+      PointCloud<float> cloud;
+      cloud.positions = full_cloud(count).positions;
+      const auto each = [&](const auto& take) {
+        for (const Eigen::Vector3f& position : cloud.positions) take(position);
+      };
+      write_ply(folder / "whole.ply", cloud);
+      write_ply(folder / "single.ply", count, each);
+      CHECK(read_bytes(folder / "single.ply") == read_bytes(folder / "whole.ply"));
+      CHECK_THROWS_AS(write_ply(folder / "single.ply", count + 1, each), std::invalid_argument);
+      CHECK(read_bytes(folder / "single.ply") == read_bytes(folder / "whole.ply"));
+    }
+  }
+
   TEST_CASE("damaged headers and rows are named, and cost no memory") {
     const std::string xyz = "property float x\nproperty float y\nproperty float z\n";
     CHECK(says(ply_error(""), "no 'ply'"));

@@ -247,4 +247,25 @@ inline void write_ply(const FileTarget& target, const PointCloud<float>& cloud, 
   file.commit();
 }
 
+/// Writes points one by one, for clouds that are larger than memory, as `write_ply` does a cloud of positions.
+/// @param count  how many. @param for_each  calls its argument with the position of each, metres.
+/// @throws std::invalid_argument if they are more or fewer; IoError if it cannot be written. The old file then stays.
+template <class ForEach>
+void write_ply(const FileTarget& target, std::size_t count, const ForEach& for_each) {
+  AtomicFile file(target);
+  file.write("ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(count) +
+             "\nproperty float x\nproperty float y\nproperty float z\nend_header\n");
+  std::size_t written = 0;
+  std::vector<std::byte> record;
+  for_each([&](const Eigen::Vector3f& position) {
+    record.clear();
+    for (int k = 0; k < 3; ++k) append_bytes(record, position[k]);
+    file.write(record);
+    ++written;
+  });
+  if (written != count)
+    throw std::invalid_argument("write_ply: " + std::to_string(written) + " points, not " + std::to_string(count));
+  file.commit();
+}
+
 }  // namespace chainslam
