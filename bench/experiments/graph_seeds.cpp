@@ -37,6 +37,7 @@ using nlohmann::json;
 struct Arguments {
   fs::path map, out;
   std::vector<fs::path> sets;
+  std::vector<fs::path> more;  ///< recordings of the same world that the map does not have
   std::vector<std::string> overrides;
   int seeds = 20;
   int growth = 0;  ///< sessions of one world, timed
@@ -260,7 +261,7 @@ Measured measure(const Arguments& arguments) {
 json run(const Arguments& arguments) {
   mapper::MapperOptions options;
   mapper::configure(options, arguments.map / "config.toml", arguments.overrides);
-  const Measured measured = measure(arguments);
+  Measured measured = measure(arguments);
   constexpr double degrees = 180 / std::numbers::pi;
   json result{{"statistics",
                {{"step_rms_m", root_mean_square(measured.errors, 0, 3)},
@@ -274,6 +275,7 @@ json run(const Arguments& arguments) {
               {"sizes", json::array()}};
   for (int seed = 1; seed <= arguments.seeds; ++seed)
     result["seeds"].push_back(run_seed(static_cast<std::uint64_t>(seed), measured, options.back_end));
+  for (const fs::path& set : arguments.more) measured.drives.push_back(read_drive(set));
   if (arguments.growth > 0) run_growth(arguments, measured, options.back_end, result);
   return result;
 }
@@ -299,6 +301,7 @@ int main(int count, char** words) {
   app.add_option("--spacing", arguments.town.spacing, "of places of the town, as a share of the drives' extent")
       ->check(CLI::Range(0.05, 10.0))
       ->capture_default_str();
+  app.add_option("--more", arguments.more, "recordings of further sessions, to drive in --growth after the SETs");
   CLI11_PARSE(app, count, words);
   return bench::write_table("graph_seeds", arguments.out, [&] { return experiments::run(arguments).dump(1) + "\n"; });
 }
