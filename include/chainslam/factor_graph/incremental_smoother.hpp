@@ -156,7 +156,7 @@ class IncrementalSmoother {
   [[nodiscard]] Values<Group> values() const { return estimates_; }
   /// Sum of the squared whitened residuals (chi^2) of the estimate, through their kernels. Linear in the graph.
   [[nodiscard]] double cost() const { return pools_.cost(estimates_); }
-  /// The same, for who asks often: costs what has changed since the last time.
+  /// The same, for who asks often: costs what has changed since the last time. Rounding adds up over the calls.
   [[nodiscard]] [[gnu::cold]] double current_cost();
   /// Covariance of the estimates of some variables together, as right perturbations, in the order of `keys` (without
   /// repetitions): by the linearized factors of the last update. Fixed variables have none. Costs the way to the root.

@@ -131,7 +131,7 @@ class BackEnd {
     for (const LoopClosure& closure : merger_.withdraw()) graph_.refuse(closure);
   }
 
-  /// All anew: after frames or everything in them have changed.
+  /// Enters all keyframes again: after frames or everything in them have changed.
   [[gnu::cold]] void index_positions() {
     positions_.rebuild(map().keyframes, [&](const Keyframe& one) { return graph_.frame(one) == session().frame; });
     for (detail::Recheck& one : rechecks_) one.moved_all();
