@@ -235,7 +235,7 @@ std::string recorded_town(const ScratchFolder& scratch) {
     if (!fs::exists(set)) {
       const ProgramResult result =
           run_program(scratch.path(), "odometry simulate:town-sessions/small/" + std::string(session) +
-                                          " --set preset=paper" + change + " --out " + quoted(set));
+                                          "/3 --set preset=paper" + change + " --out " + quoted(set));
       CAPTURE(result.errors);
       REQUIRE(result.exit_code == 0);
     }
@@ -283,24 +283,25 @@ TEST_SUITE("program/presets") {
     const ScratchFolder scratch("presets");
     const std::string sets = recorded_town(scratch);
     if (!spared("paper")) {
-      // Exact for one recording: with odometry alone at 0.375 m, errors were 0.365 and 0.083 m, 0.352 and 0.101 m.
+      // Exact for one recording. What the released code merges is not verified: with seed 1, it is wrong by 47 m if
+      // odometry's sums are rounded otherwise.
       const Found paper = mapped_by_preset(scratch, sets, "paper");
       CHECK(paper.merges == 2);
       CHECK(paper.merge_closures == 2);
-      CHECK(paper.direct == 47);
-      CHECK(paper.chained == 7);
-      CHECK(std::abs(paper.error - 0.409) < 0.005);  // odometry alone 0.370 m
-      CHECK(std::abs(paper.between - 0.069) < 0.005);
+      CHECK(paper.direct == 49);
+      CHECK(paper.chained == 3);
+      CHECK(std::abs(paper.error - 0.257) < 0.005);  // odometry alone 0.275 m
+      CHECK(std::abs(paper.between - 0.066) < 0.005);
       CHECK(paper.rule_kept);
     }
     if (!spared("released")) {
       const Found released = mapped_by_preset(scratch, sets, "released");
       CHECK(released.merges == 2);
       CHECK(released.merge_closures == 2);
-      CHECK(released.direct == 35);
+      CHECK(released.direct == 34);
       CHECK(released.chained == 0);  // j itself seldom knows another session: `best` asks its neighbours, too
-      CHECK(std::abs(released.error - 0.389) < 0.005);
-      CHECK(std::abs(released.between - 0.076) < 0.005);
+      CHECK(std::abs(released.error - 0.262) < 0.005);
+      CHECK(std::abs(released.between - 0.073) < 0.005);
       CHECK(released.rule_kept);
     }
     if (spared("best")) return;
