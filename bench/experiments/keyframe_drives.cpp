@@ -1,6 +1,6 @@
 // Recordings of odometry of many long simulated sessions, for maps of tens of thousands of keyframes: scans are
 // simulated at keyframes alone and corrected by the true motion, and odometry's drift is drawn. See README.md
-// beside this file.
+// in this folder.
 
 #include <CLI/CLI.hpp>
 #include <cstdint>

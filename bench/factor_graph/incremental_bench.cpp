@@ -211,8 +211,8 @@ struct Share {
   [[nodiscard]] double us_per_closure() const { return mean_us() / closures_per_step(); }
 };
 
-/// Feeds a generated walk and times its last 5000 steps, in which it has its full size; and its last tenth beside all,
-/// a step and a closure, since the town fills up and later steps come with more closures.
+/// Feeds a generated walk and times its last 5000 steps, in which it has its full size; and compares its last tenth
+/// with all, by step and by closure, since the town fills up and later steps come with more closures.
 void growth(benchmark::State& state) {
   const auto poses = static_cast<Index>(state.range(0));
   for (auto _ : state) {

@@ -55,7 +55,7 @@ inline double extent(const std::vector<MeasuredDrive>& drives) {
 
 }  // namespace detail
 
-/// Where the sessions of a town drive. With every so many sessions a place is opened beside the others; each session
+/// Where the sessions of a town drive. With every so many sessions a place is opened next to the others; each session
 /// drives one that is drawn from all that are open and not full. So the town is driven everywhere all the time, a third
 /// of it has still to come, and what lies around a keyframe stays as dense however large the town becomes.
 inline std::vector<Visit> visits(std::size_t sessions, const std::vector<MeasuredDrive>& drives,
