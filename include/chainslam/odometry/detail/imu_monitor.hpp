@@ -51,8 +51,10 @@ class ImuMonitor {
   /// scans lie as predicted or back; a sensor that fails goes on to lead the other way.
   /// @param off  metres, odom.
   [[nodiscard]] bool blames_scan(const Eigen::Vector3d& off) const {
-    return off.norm() >= options_.odd_distance && odd_scans_ < options_.max_odd_scans && !(last_odd_.dot(off) > 0);
+    return may_blame_scans() && off.norm() >= options_.odd_distance && !(last_odd_.dot(off) > 0);
   }
+  /// Whether few enough were wrong lately.
+  [[nodiscard]] bool may_blame_scans() const { return odd_scans_ < options_.max_odd_scans; }
   /// Takes by how much a scan was such an odd one; zero if it was not.
   void count_odd(const Eigen::Vector3d& off) {
     odd_scans_ = options_.fading * odd_scans_ + (off.norm() > 0 ? 1 : 0);

@@ -90,7 +90,7 @@ class InertialMotion {
     raise<Inertial::rotation>(covariance, options_.odd_rotation);
     filter_.reset(filter_.state(), covariance);
   }
-  /// Whether scans had observed the velocity.
+  /// Whether scans had observed the velocity before the prediction.
   [[nodiscard]] bool knew_velocity() const { return knows_velocity(before_.covariance()); }
   /// The predicted state with the body moved by a tangent of its pose, and as much faster or slower.
   [[nodiscard]] InertialState moved(const Vector6d& step) const {

@@ -205,7 +205,7 @@ auto SweepRegistration<Map, Kernel>::consistent(const Sweep& sweep, const E& exe
     choice.offer(std::move(found), motion_.use(), fits, agrees);
   };
   offer(motion_.knew_velocity() ? attempt(sweep, executor) : at_unknown_velocity(sweep, executor));
-  if (!choice.best && motion_.knew_velocity() && motion_.use() != ImuUse::none)
+  if (!choice.best && motion_.knew_velocity() && motion_.use() != ImuUse::none && monitor_.may_blame_scans())
     if (AttemptPtr odd = taken_as_odd(sweep, executor)) return odd;
   for (const ImuUse use : {ImuUse::gyroscope, ImuUse::rough_gyroscope, ImuUse::none}) {
     if (choice.best && !poor(*choice.best)) break;
