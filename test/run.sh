@@ -108,7 +108,7 @@ run_programs() {
       say "passed" "$label $module: $ok tests ($seconds s)"
     else
       failures+=("$label $module: see $log; repeat with $build/$folder/test/test_$module")
-      { grep -aE -A 12 'ERROR|FATAL|Sanitizer|seed' "$log" || tail -n 20 "$log"; } | sed -n 1,60p
+      { grep -aE -B 5 -A 8 'ERROR|FATAL|Sanitizer' "$log" || tail -n 20 "$log"; } | sed -n 1,60p
       say "FAILED" "$label $module: $bad of $((ok + bad)), exit code $status"
     fi
   done

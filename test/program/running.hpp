@@ -4,8 +4,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <csignal>
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <thread>
@@ -16,6 +18,9 @@
 namespace chainslam::test {
 
 using Clock = std::chrono::steady_clock;
+
+/// Seconds after which a program that is to end at once hangs: a machine under load takes one or two.
+constexpr double hung = 10;
 
 /// The program, running beside the test; its errors go to a file.
 class Running {
@@ -78,6 +83,13 @@ class Running {
 
 inline double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// Within a second in the median: single moments of load do not show in it.
+inline bool mostly_within_a_second(std::vector<double> seconds) {
+  const auto middle = seconds.begin() + static_cast<std::ptrdiff_t>(seconds.size() / 2);
+  std::nth_element(seconds.begin(), middle, seconds.end());
+  return *middle < 1;
 }
 
 inline void sleep_for(double seconds) { std::this_thread::sleep_for(std::chrono::duration<double>(seconds)); }
