@@ -101,14 +101,14 @@ inline constexpr int inertial_offset = InertialState::offset<Part>();
 }
 
 /// Makes variances those of `deviation` at least, ...
-inline void raise(InertialState::Jacobian& covariance, int begin, int end, double deviation) {
+inline void raise_to(InertialState::Jacobian& covariance, int begin, int end, double deviation) {
   for (int i = begin; i < end; ++i) covariance(i, i) = std::max(covariance(i, i), deviation * deviation);
 }
 /// ... those of a part.
 template <Inertial::Part Part>
-inline void raise(InertialState::Jacobian& covariance, double deviation) {
+inline void raise_to(InertialState::Jacobian& covariance, double deviation) {
   constexpr int begin = inertial_offset<Part>;
-  raise(covariance, begin, begin + InertialState::Part<Part>::dof, deviation);
+  raise_to(covariance, begin, begin + InertialState::Part<Part>::dof, deviation);
 }
 
 /// Makes variances those of `deviation`, correlated with nothing, ...

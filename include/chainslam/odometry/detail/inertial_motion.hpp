@@ -73,7 +73,7 @@ class InertialMotion {
   void doubt_motion() {
     constexpr int p = inertial_offset<Inertial::position>, v = inertial_offset<Inertial::velocity>;
     InertialState::Jacobian covariance = filter_.covariance();
-    raise<Inertial::rotation>(covariance, options_.lost_rotation);
+    raise_to<Inertial::rotation>(covariance, options_.lost_rotation);
     const double variance = options_.lost_position * options_.lost_position, dt = std::max(interval(), 1e-2);
     for (int i = 0; i < 3; ++i) {
       covariance(p + i, p + i) += variance;
@@ -86,8 +86,8 @@ class InertialMotion {
   /// Leaves the pose to the scan, but not the velocity: it is an odd scan, the next one is not.
   void doubt_place() {
     InertialState::Jacobian covariance = filter_.covariance();
-    raise<Inertial::position>(covariance, options_.odd_position);
-    raise<Inertial::rotation>(covariance, options_.odd_rotation);
+    raise_to<Inertial::position>(covariance, options_.odd_position);
+    raise_to<Inertial::rotation>(covariance, options_.odd_rotation);
     filter_.reset(filter_.state(), covariance);
   }
   /// Whether scans had observed the velocity before the prediction.
@@ -313,9 +313,9 @@ inline void InertialMotion::integrate(Timestamp time, ImuUse use) {
 
 inline void InertialMotion::predict_again(ImuUse use) {
   InertialState::Jacobian covariance = before_.covariance();
-  raise<Inertial::accel_bias>(covariance, options_.start_accel_bias);
-  raise<Inertial::up>(covariance, options_.start_up);
-  if (use >= ImuUse::rough_gyroscope) raise<Inertial::gyro_bias>(covariance, options_.start_gyro_bias);
+  raise_to<Inertial::accel_bias>(covariance, options_.start_accel_bias);
+  raise_to<Inertial::up>(covariance, options_.start_up);
+  if (use >= ImuUse::rough_gyroscope) raise_to<Inertial::gyro_bias>(covariance, options_.start_gyro_bias);
   const Timestamp time = time_;
   filter_.reset(before_.state(), covariance);
   time_ = begin_;
