@@ -202,6 +202,14 @@ int run(const MapArguments& arguments, SessionWorkers* workers) {
   support::StageTimes times;
   InputJournal input(folder.path() / inputs_name, configuration, saved.references);
   MapJournal journal(folder.path() / map_name, {.parameters = configuration, .scan_cache = scans});
+  auto synced = start - std::chrono::seconds(1);
+  // The map follows from its inputs, which are on the disk: a sync a second costs the back end little time.
+  const auto update = [&](const SlamMap& map) {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - synced < std::chrono::seconds(1)) return journal.append(map);
+    journal.update(map);
+    synced = now;
+  };
   const MappingRun mapping_run{.options = options,
                                .threads = to_index(arguments.threads),
                                .stop = interrupt.token(),
@@ -214,7 +222,7 @@ int run(const MapArguments& arguments, SessionWorkers* workers) {
                                      for (const MapInput& one : inputs) input.append(one);
                                      input.commit();
                                    },
-                               .journal = [&](const SlamMap& map) { journal.update(map); }};
+                               .journal = update};
   if (workers != nullptr) workers->begin(datasets, arguments.data, mapping_run, folder.target());
   MappingResult mapping = map_or_say_what_is_left(datasets, std::move(saved.maps), mapping_run, folder, input);
   support::return_free_memory();  // the back end's

@@ -47,7 +47,11 @@ class MeteredBackEnd {
  public:
   MeteredBackEnd(MapperBackEnd& back_end, const MappingRun& run) : back_end_(back_end), run_(run) {}
 
-  void begin_session(std::string name) { back_end_.begin_session(std::move(name)); }
+  /// What the session before has put off is done first.
+  void begin_session(std::string name) {
+    const auto measurement = run_.times.measure("end of session");
+    back_end_.begin_session(std::move(name));
+  }
 
   template <Executor E>
   KeyframeId add(Keyframe keyframe, const E& executor) {
@@ -65,6 +69,7 @@ class MeteredBackEnd {
   void add(const GnssFix& fix, const E& executor) {
     const Index before = back_end_.counts().alignments;
     measured([&] { back_end_.add(fix, executor); });
+    run_.times.add("GNSS fixes", seconds_);
     if (figures_.keyframe_seconds.empty()) return;
     figures_.keyframe_seconds.back() += seconds_;
     figures_.keyframe_alignments.back() += back_end_.counts().alignments - before;
@@ -132,6 +137,7 @@ class SessionMapper {
         threads_(threads),
         back_end_(back_end),
         pipeline_(pipeline),
+        recorded_(dataset.info().has_odometry),
         select_(keyframe_options(dataset.info(), run.options.keyframes)) {
     state_.stage = "mapping " + dataset.info().name;
     state_.total = expected_scans(dataset.info(), run.max_scans);
@@ -144,20 +150,23 @@ class SessionMapper {
                                           .frame = [&](const Frame& frame) { add(frame); },
                                           .scan = [&](const SessionRun& so_far) { show(so_far); }})
                              .run();
+    complete_ = true;
     pass();
     await_recording();
+    show(session);
     return session;
   }
 
  private:
-  /// What is shown is safe, but for the last second.
+  /// What is shown is safe: all of recorded odometry, which comes faster than disks sync, else all but the last second.
   void show(const SessionRun& session) {
-    if (at_risk() > most_at_risk) await_recording();
-    if (at_risk() > most_at_risk) {
+    scans_ = session.scans;
+    if (recorded_ ? !is_recording() : at_risk() > most_at_risk) await_recording();
+    if (!recorded_ && at_risk() > most_at_risk) {
       pass();
       await_recording();
     }
-    state_.done = session.scans;
+    state_.done = recorded_ ? safe_scans_ : scans_;
     state_.keyframes = back_end_.keyframes();
     state_.direct_closures = back_end_.direct_closures();
     state_.chained_closures = back_end_.chained_closures();
@@ -177,15 +186,22 @@ class SessionMapper {
   }
 
   /// What has come goes to the back end, but not before it is safe. While the disk makes it so, odometry goes on: by
-  /// one batch, so that no more than two are at risk.
+  /// one batch, so that no more than two are at risk. Of recorded odometry, batches grow to 16 keyframes or so.
   void pass() {
     if (!frames_.empty()) waiting_.emplace_back(std::exchange(frames_, {}));
+    if (recorded_ && waiting_.size() < batch_ && !complete_) return;
+    batch_ = std::min(2 * batch_, most_in_batch);
     await_recording();
     passed_ = last_;
+    passed_scans_ = scans_;
     recording_ = std::async(std::launch::async, [this, inputs = std::exchange(waiting_, {})]() mutable {
       if (run_.record) run_.record(inputs);
       for (MapInput& input : inputs) pipeline_.push(std::move(input));
     });
+  }
+
+  [[nodiscard]] bool is_recording() const {
+    return recording_.valid() && recording_.wait_for(std::chrono::seconds(0)) != std::future_status::ready;
   }
 
   /// @throws what recording or the back end has thrown.
@@ -198,23 +214,28 @@ class SessionMapper {
       throw IoError(IoError::Kind::output, error.report());
     }
     safe_ = passed_;
+    safe_scans_ = passed_scans_;
   }
 
   /// How far odometry is ahead of what no crash loses.
   [[nodiscard]] Duration at_risk() const { return last_ - safe_; }
 
   static constexpr Duration most_waiting = std::chrono::milliseconds(400), most_at_risk = std::chrono::seconds(1);
+  static constexpr std::size_t most_in_batch = 32;  // inputs: a keyframe comes with the frames up to it
 
   datasets::Dataset& dataset_;
   const MappingRun& run_;
   const ThreadPool& threads_;
   const MeteredBackEnd& back_end_;
   MapperPipeline& pipeline_;
+  bool recorded_, complete_ = false;
+  std::size_t batch_ = 2;  ///< inputs
   KeyframeSelector select_;
-  std::optional<Timestamp> first_;   ///< time of the first frame,
-  Timestamp last_, passed_, safe_;   ///< of the last one, of the last passed on, of the last recorded
-  std::vector<FrameRecord> frames_;  ///< that the back end does not have yet,
-  std::vector<MapInput> waiting_;    ///< and what else it gets before these
+  std::optional<Timestamp> first_;  ///< time of the first frame,
+  Timestamp last_, passed_, safe_;  ///< of the last one, of the last passed on, of the last recorded
+  Index scans_ = 0, passed_scans_ = 0, safe_scans_ = 0;  ///< likewise
+  std::vector<FrameRecord> frames_;                      ///< that the back end does not have yet,
+  std::vector<MapInput> waiting_;                        ///< and what else it gets before these
   support::ProgressState state_;
   std::future<void> recording_;  ///< the batch before
 };

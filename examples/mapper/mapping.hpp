@@ -26,9 +26,10 @@ struct MappingRun {
   Index max_scans = 0;           ///< of each data set; 0: all
   std::uint64_t max_memory = 0;  ///< bytes of the process, at which the run ends as if the data did; 0: any
   support::Progress& progress;
-  support::StageTimes& times;  ///< "read", "odometry", "back end", "final optimization"
+  support::StageTimes& times;  ///< "read", "odometry", "journal", "back end", "GNSS fixes", "end of session" and others
   /// Called with what the back end gets next, before it does, on a thread of its own: once it has returned, no crash
-  /// loses that. At the latest for each 0.4 s of data; the front end is never more than a second ahead.
+  /// loses that. At the latest for each 0.4 s of data, and the front end is never more than a second ahead; of recorded
+  /// odometry, for each 16 keyframes.
   std::function<void(std::span<const MapInput>)> record{};
   /// Called after each step of the back end, on its thread, with the map as it is.
   std::function<void(const SlamMap&)> journal{};

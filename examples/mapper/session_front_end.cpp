@@ -131,6 +131,7 @@ void SessionFrontEnd::note_counts(const LidarOdometryCounts& counts) {
   note(counts.empty_scans, "scans left out: too few usable points");
   note(counts.out_of_order_scans, "scans left out: not later than the one before");
   note(counts.gaps, "gaps in time too long to predict the motion over");
+  note(counts.odd_scans, "scans that jumped off the IMU's motion, by wrong times or registration; the motion was kept");
   session_.imu = counts.imu;
   for (std::string& finding : datasets::imu_findings(counts.imu)) session_.notes.push_back(std::move(finding));
 }

@@ -202,8 +202,12 @@ TEST_SUITE("io/power_cut") {
       for (int i = 0; i < 9; ++i) {
         if (i == 5) growing.begin_session("second");
         growing.add_keyframe();
-        journal.update(growing.map());
         maps.push_back(growing.map());
+        if (i % 3 == 1) {  // acknowledged with the next
+          journal.append(growing.map());
+          continue;
+        }
+        journal.update(growing.map());
         acknowledged.push_back({files.trace().size(), maps.size() - 1});
       }
       growing.merge();
@@ -233,6 +237,38 @@ TEST_SUITE("io/power_cut") {
           CHECK(known);
         });
     CHECK(states >= (full() ? 3000 : 500));
+  }
+
+  TEST_CASE("keyframes that are appended without a sync make the same file, and the next sync is of them, too") {
+    const auto written = [](bool append) {
+      GrowingMap growing(12, 6);
+      const TemporaryFolder folder;
+      const TracedFiles files;
+      MapJournal<TracedFiles> journal(folder / "a", {}, files);
+      const auto count_syncs = [&] {
+        return std::ranges::count(files.trace(), DiskOperation::Kind::sync, &DiskOperation::kind);
+      };
+      std::vector<std::ptrdiff_t> syncs;
+      for (int i = 0; i < 6; ++i) {
+        growing.add_keyframe();
+        if (append && i % 2 == 0)
+          journal.append(growing.map());
+        else
+          journal.update(growing.map());
+        syncs.push_back(count_syncs());
+        CHECK(fs::file_size(journal.partial_path()) == journal.size());
+      }
+      journal.update(growing.map());  // nothing new
+      syncs.push_back(count_syncs());
+      journal.finish(growing.map());
+      return std::pair(read_bytes(folder / "a"), syncs);
+    };
+    const auto [updated, all] = written(false);
+    const auto [appended, some] = written(true);
+    CHECK(updated == appended);
+    for (std::size_t i = 1; i < 6; ++i) CHECK(all[i] > all[i - 1]);
+    CHECK(all[6] == all[5]);
+    for (std::size_t i = 2; i < 6; i += 2) CHECK((some[i] == some[i - 1] && some[i + 1] > some[i]));
   }
 
   TEST_CASE("a power cut while a result is written: the old file or the new one") {

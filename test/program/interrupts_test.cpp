@@ -89,7 +89,7 @@ TEST_SUITE("program/interrupts") {
     write_text(root / "grid.g2o", grid_graph(150));
     write_keyframes(root / "data", 160, true);
     static_cast<void>(run_program(root, "map " + quoted(root / "data") + " --out " + quoted(root / "killed"),
-                                  with_fault("sync:input.cslam:-1:159")));
+                                  with_fault("sync:input.cslam:-1:13")));
     REQUIRE(fs::exists(root / "killed.partial"));
     const std::string out = result.string(), tum = (root / "long.tum").string();
     const std::vector<std::vector<std::string>> verbs = {

@@ -439,7 +439,7 @@ TEST_SUITE("program/messages") {
     static_cast<void>(run_program(scratch.path(),
                                   "map " + quoted(root / "data") + " --load " + quoted(root / "earlier.cslam") +
                                       " --out " + quoted(root / "loaded"),
-                                  with_fault("sync:input.cslam:-1:2")));
+                                  with_fault("sync:input.cslam:-1:1")));
     fs::remove(root / "earlier.cslam");
     fs::create_directories(root / "foreign.partial");
     {

@@ -17,9 +17,9 @@ using namespace chainslam::test;
 
 /// What a run leaves that is cut off before its map is saved.
 JournaledInput unfinished_run(const fs::path& root) {
-  write_keyframes(root / "data", 40, true);
+  write_keyframes(root / "data", 60, true);
   static_cast<void>(run_program(root, "map " + quoted(root / "data") + " --threads 1 --out " + quoted(root / "run"),
-                                with_fault("sync:input.cslam:-1:38")));
+                                with_fault("sync:input.cslam:-1:6")));
   return read_input_journal(root / "run.partial/input.cslam.partial");
 }
 

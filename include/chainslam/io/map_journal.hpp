@@ -61,6 +61,16 @@ class MapJournal {
   /// shrank.
   /// @throws IoError if the disk fails; what had been committed stays.
   void update(const SlamMap& map) {
+    append(map);
+    if (!unsynced_) return;
+    in_doubt_ = true;
+    writer_.file().sync();
+    in_doubt_ = unsynced_ = false;
+  }
+
+  /// The same, but until the next `update` a loss of power may lose it; a crash of the program alone does not.
+  /// @throws as `update`.
+  void append(const SlamMap& map) {
     const Index fresh = counts_.keyframes;
     const Index first_gnss = std::max(Index{0}, fresh - gnss_window);
     const bool all_poses = has_merged(map) || std::int64_t{count(map.keyframes)} * 8 >= std::int64_t{posed_} * 9;
@@ -72,7 +82,8 @@ class MapJournal {
       else
         append_first_poses(map, fresh);
       writer_.append_commit(counts_);
-      writer_.file().sync();
+      writer_.file().flush();
+      unsynced_ = true;
       keep_scans(map);
     }
     in_doubt_ = false;
@@ -324,6 +335,7 @@ class MapJournal {
   Index frames_ = 0;                             ///< written so far
   Index posed_ = 0;                              ///< keyframes that the last whole set of poses has
   bool in_doubt_ = false;                        ///< a call ended by an exception while it wrote
+  bool unsynced_ = false;                        ///< a loss of power may lose what was committed
 };
 
 }  // namespace chainslam

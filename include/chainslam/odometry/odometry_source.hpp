@@ -25,7 +25,8 @@ struct LidarOdometryCounts {
   std::int64_t lost_scans = 0;          ///< frames with status lost
   std::int64_t map_restarts = 0;        ///< the local map was reset
   std::int64_t gyro_scans = 0;          ///< frames whose rotation was predicted by the gyroscope
-  ImuCheckCounts imu{};                 ///< samples rejected, by kind
+  std::int64_t odd_scans = 0;  ///< frames that lie elsewhere than the IMU's motion leads, which was kept: single ones
+  ImuCheckCounts imu{};        ///< samples rejected, by kind
 };
 
 /// The same of `LidarInertialOdometry`.
@@ -33,7 +34,6 @@ struct LidarInertialOdometryCounts : LidarOdometryCounts {
   std::int64_t imu_restarts = 0;         ///< jumps of the IMU's clock back in time
   std::int64_t clipped_imu_samples = 0;  ///< measurements at the end of their range
   std::int64_t unmeasured_scans = 0;     ///< frames to which, for half of the way or more, there were no measurements
-  std::int64_t odd_scans = 0;  ///< frames that lie elsewhere than the IMU's motion leads, which was kept: single ones
   std::int64_t rejected_accelerations = 0;  ///< frames whose scan contradicted the accelerometer, ...
   std::int64_t rejected_rates = 0;          ///< ... and the gyroscope
   std::int64_t evicted_points = 0;          ///< gone from the local map because there were too many

@@ -218,6 +218,9 @@ void MapGraph<Outliers>::append(std::span<const FrameRecord> frames) {
   const bool first = map_.frames.empty() || map_.frames.back().session != session;
   require_sound(frames, first ? nullptr : &map_.frames.back());
   const Change change(*this);
+  // By an eighth at a time, not the double: frames are much of a large map, and twice there while the list grows.
+  if (const std::size_t count = map_.frames.size() + frames.size(); count > map_.frames.capacity())
+    map_.frames.reserve(count + count / 8);
   for (FrameRecord frame : frames) {
     frame.session = session;
     map_.frames.push_back(frame);

@@ -99,6 +99,12 @@ class PartialFile {
       buffer_.insert(buffer_.end(), bytes.begin(), bytes.end());
   }
 
+  /// Gives the system what was written, for readers and against a crash of the program. @throws IoError
+  void flush() {
+    send(buffer_);
+    buffer_.clear();
+  }
+
   /// Makes the disk keep what was written. @throws IoError
   void sync() {
     flush();
@@ -166,11 +172,6 @@ class PartialFile {
                              printable(kept.filename().native()));
     if (const int error = uninterrupted([&] { return files_.rename_new(partial_, kept); }))
       fail("keeping it as " + kept.string(), error);
-  }
-
-  void flush() {
-    send(buffer_);
-    buffer_.clear();
   }
 
   void send(std::span<const std::byte> bytes) {
