@@ -284,6 +284,14 @@ TEST_SUITE("io/scan_file") {
     for (const Keyframe& keyframe : map.keyframes)
       if (keyframe.cloud) CHECK(is_in_memory(keyframe));
     CHECK(same_map(map, random_map(3, 12)));
+
+    MapJournal<UnsyncedFiles> appended(folder / "b", {.scan_cache = cache_of(0)});
+    for (const bool synced : {false, true}) {
+      synced ? appended.update(map) : appended.append(map);
+      for (const Keyframe& keyframe : map.keyframes)
+        if (keyframe.cloud) CHECK(is_in_memory(keyframe) != synced);
+    }
+    CHECK(same_map(map, random_map(3, 12)));
   }
 
   TEST_CASE("a file that cannot be opened once more says what helps") {

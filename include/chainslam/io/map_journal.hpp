@@ -65,6 +65,7 @@ class MapJournal {
     if (!unsynced_) return;
     in_doubt_ = true;
     writer_.file().sync();
+    keep_scans(map);
     in_doubt_ = unsynced_ = false;
   }
 
@@ -84,7 +85,6 @@ class MapJournal {
       writer_.append_commit(counts_);
       writer_.file().flush();
       unsynced_ = true;
-      keep_scans(map);
     }
     in_doubt_ = false;
   }
@@ -238,7 +238,7 @@ class MapJournal {
     return writer_.chunks() != before;
   }
 
-  /// What was committed is read from the file from now on.
+  /// What the disk has taken is read from the file from now on.
   void keep_scans(const SlamMap& map) {
     const auto written = std::exchange(unkept_, {});
     if (!scan_file_) return;
@@ -331,7 +331,7 @@ class MapJournal {
   std::vector<ClosureVerdict> verdicts_;  ///< of closures, as written last
   std::vector<bool> has_gnss_;
   std::shared_ptr<detail::ScanFile> scan_file_;  ///< null: scans stay where they are
-  std::vector<detail::ScanFile::Place> unkept_;  ///< written since the last commit
+  std::vector<detail::ScanFile::Place> unkept_;  ///< written since the last sync
   Index frames_ = 0;                             ///< written so far
   Index posed_ = 0;                              ///< keyframes that the last whole set of poses has
   bool in_doubt_ = false;                        ///< a call ended by an exception while it wrote
