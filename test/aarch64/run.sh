@@ -41,11 +41,12 @@ echo "== the map of a small town"
 same_maps "$build/small" map "$results map.cslam" --set dataset.gnss=none
 emulated "$foreign/examples/chainslam" check "$build/map/map.cslam"
 
-# The fixes' last bit (1e-9 m) is GeographicLib's, which Debian compiles for arm64 with fused products and sums.
-echo "== the map of the embedded town, with fixes and closures: the same odometry, and poses within 1e-8 m"
+# The fixes' last bit (1e-9 m) is GeographicLib's, which Debian compiles for arm64 with fused products and sums. Where it
+# puts a point of a submap into another voxel, alignments differ by some 0.1 mm, and one more or less may be accepted.
+echo "== the map of the embedded town, with fixes and closures: the same odometry, and poses within 2 mm"
 "$native/examples/chainslam" simulate town --out "$build/town"
 same_maps "$build/town" map_of_town "odometry.tum frames.csv"
 [ "$(wc -l <"$build/map_of_town/closures.csv")" -gt 10 ]  # it has closed loops
 paste -d ' ' "$build/map_of_town/trajectory.tum" "$build/map_of_town_emulated/trajectory.tum" |
   awk '{ for (i = 2; i <= 4; ++i) { d = $i - $(i + 8); if (d < 0) d = -d; if (d > most) most = d } }
-       END { print NR " poses, at most " most " m apart"; exit !(NR > 100 && most < 1e-8) }'
+       END { print NR " poses, at most " most " m apart"; exit !(NR > 100 && most < 2e-3) }'
