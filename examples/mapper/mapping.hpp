@@ -29,7 +29,7 @@ struct MappingRun {
   support::StageTimes& times;  ///< "read", "odometry", "journal", "back end", "GNSS fixes", "end of session" and others
   /// Called with what the back end gets next, before it does, on a thread of its own: once it has returned, no crash
   /// loses that. At the latest for each 0.4 s of data, and the front end is never more than a second ahead; of recorded
-  /// odometry, for each 16 keyframes.
+  /// odometry, for at most 16 keyframes.
   std::function<void(std::span<const MapInput>)> record{};
   /// Called after each step of the back end, on its thread, with the map as it is.
   std::function<void(const SlamMap&)> journal{};
