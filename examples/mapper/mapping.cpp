@@ -299,6 +299,9 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
                           const MappingRun& run) {
   MapperBackEnd back_end = make_back_end(run.options.back_end);
   for (SlamMap& map : loaded) back_end.load(std::exchange(map, {}));
+  Index scans = 0;
+  for (const auto& dataset : datasets) scans += expected_scans(dataset->info(), run.max_scans);
+  back_end.reserve_frames(scans);
   MappingResult result;
   const auto first = to_index(back_end.map().sessions.size());
   {

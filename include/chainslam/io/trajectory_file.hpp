@@ -62,6 +62,8 @@ namespace chainslam {
     trajectory.times.push_back(time);
     trajectory.poses.push_back(SE3d(rotation, position));
   }
+  trajectory.times.shrink_to_fit();  // programs keep those of all sessions
+  trajectory.poses.shrink_to_fit();
   return trajectory;
 }
 
