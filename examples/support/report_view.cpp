@@ -34,21 +34,21 @@ struct Points {
 /// The first point in each cell of this size.
 Points first_in_cells(const ReportData& data, double size) {
   Points kept;
-  CellSet cells;
+  CellTable cells;
   for (std::size_t i = 0; i < data.points.size(); ++i) {
     const std::optional<Cell> cell = cell_of(data.points[i].cast<double>() / size);
-    if (!cell || !cells.insert(*cell)) continue;
+    if (!cell || !cells.insert(*cell, 0).second) continue;
     kept.positions.push_back(data.points[i]);
     kept.sessions.push_back(data.point_sessions.empty() ? std::uint8_t{0} : data.point_sessions[i]);
   }
   return kept;
 }
 
-/// How many they are, counted no farther than `enough`.
+/// How many they are, counted no farther than `enough`. Of cells so small most are alone: too sparse for a `CellSet`.
 std::size_t occupied_cells(const ReportData& data, double size, std::size_t enough) {
-  CellSet cells;
+  CellTable cells;
   for (std::size_t i = 0; i < data.points.size() && static_cast<std::size_t>(cells.size()) < enough; ++i)
-    if (const std::optional<Cell> cell = cell_of(data.points[i].cast<double>() / size)) cells.insert(*cell);
+    if (const std::optional<Cell> cell = cell_of(data.points[i].cast<double>() / size)) cells.insert(*cell, 0);
   return static_cast<std::size_t>(cells.size());
 }
 
@@ -56,7 +56,7 @@ std::size_t occupied_cells(const ReportData& data, double size, std::size_t enou
 /// the inverse square of the cell.
 Points thinned(const ReportData& data, std::size_t largest) {
   double size = 0.05;
-  for (std::size_t count; (count = occupied_cells(data, size, 4 * largest + 1)) > largest;) {
+  for (std::size_t count; (count = occupied_cells(data, size, 2 * largest + 1)) > largest;) {
     const double excess = static_cast<double>(count) / static_cast<double>(largest);
     size *= std::max(std::sqrt(excess), 1.1);
   }
