@@ -33,6 +33,7 @@ changed() {
     '"point_to_point"') echo point_to_plane ;;
     '"submaps"') echo scan ;;
     '"scan"') echo submaps ;;
+    '"lidar"') echo imu ;;
     *.* | *e*)
       awk -v key="$1" -v v="$2" 'BEGIN {
         if (key ~ /confidence|edge_length_ratio/) print v / 2

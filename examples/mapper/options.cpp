@@ -172,7 +172,7 @@ std::vector<std::pair<std::string_view, std::string_view>> numbers_of(OdometrySo
 }
 
 void add_odometry(Configuration& configuration, OdometrySourceKind& source, LidarOdometryOptions<>& odometry,
-                  bool& scan_clock) {
+                  FrameClock& clock, bool& scan_clock) {
   configuration.add(
       "odometry.source", source,
       {{"lidar", OdometrySourceKind::lidar},
@@ -201,6 +201,10 @@ void add_odometry(Configuration& configuration, OdometrySourceKind& source, Lida
   configuration.add(
       "odometry.residual_scale", odometry.scan_to_map.residual_scale,
       {.unit = "m", .min = 0.001, .max = 10, .help = "Residuals (distances to planes) beyond this get a low weight."});
+  configuration.add(
+      "odometry.clock", clock, {{"lidar", FrameClock::lidar}, {"imu", FrameClock::imu}},
+      {.help = "Clock of the times of poses. lidar: as the scans are stamped. imu: shifted to the IMU's by the offset "
+               "that imu.calibrate finds, where scans are stamped late or early, but IMU and GNSS agree."});
   configuration.add(
       "odometry.scan_clock", scan_clock,
       {.help = "Estimate by how much the time of each scan is off, by the IMU, and correct pose and points "
@@ -297,8 +301,9 @@ void add_presets(Configuration& configuration, MapperOptions& options) {
        .brings = brings});
   configuration.add(
       "platform", options.platform, {{"nclt", Platform::nclt}, {"mars", Platform::mars}},
-      {.help = "Vehicle: a slow robot (nclt) or a car (mars). Sets keyframe distance and closure interval; with the "
-               "presets paper and released also closure rate, minimum range and IMU noise.",
+      {.help =
+           "Vehicle: a slow robot (nclt) or a car (mars). Sets keyframe distance, closure interval and odometry.clock; "
+           "with the presets paper and released also closure rate, minimum range and IMU noise.",
        .brings = brings});
 }
 
@@ -350,7 +355,7 @@ support::Configuration make_configuration(MapperOptions& options) {
   support::Configuration configuration;
   add_presets(configuration, options);
   add_dataset(configuration, options.dataset);
-  add_odometry(configuration, options.odometry_source, options.odometry, options.scan_clock);
+  add_odometry(configuration, options.odometry_source, options.odometry, options.frame_clock, options.scan_clock);
   add_imu(configuration, options.imu, options.dataset);
   add_keyframes(configuration, options.keyframes);
   add_scan_memory(configuration, options.scan_memory);

@@ -58,6 +58,7 @@ odometry.every                       4
 odometry.voxel_size                  0.5
 odometry.map_radius                  500
 odometry.max_iterations              4
+odometry.clock                       lidar
 imu.gyro_noise                       0.1 0.039547439866570375 0.1 0.039547439866570375
 imu.accel_noise                      0.1 0.06319810123729984 0.1 0.06319810123729984
 imu.gyro_random_walk                 0.01 0.00596992462263972 0.01 0.00596992462263972
@@ -316,7 +317,7 @@ TEST_SUITE("program/presets") {
     CHECK(contains(read_text(out / "report.html"), "not kept: "));
   }
 
-  TEST_CASE("best is the default, whose keyframes and closures go with the platform's pace") {
+  TEST_CASE("best is the default, whose keyframes, closures and clock go with the platform") {
     Settings defaults = printed("");
     CHECK(defaults.at("preset") == "best");
     CHECK(printed("--set preset=paper --set preset=best") == defaults);
@@ -325,6 +326,7 @@ TEST_SUITE("program/presets") {
     defaults["keyframes.distance"] = "10";
     defaults["closures.min_interval"] = "60";
     defaults["closures.min_travel"] = "15";
+    defaults["odometry.clock"] = "imu";
     const Settings mars = printed("--set platform=mars");
     REQUIRE(mars.size() == defaults.size());
     for (const auto& setting : mars)
