@@ -188,7 +188,7 @@ int run(const MapArguments& arguments, SessionWorkers* workers) {
   MapperOptions options;
   configure(options, arguments.config, arguments.overrides);
   Datasets datasets = open_datasets(arguments, options);
-  std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
+  static_cast<void>(read_truths(arguments, datasets));  // what is wrong with them comes before the work
   const std::uint64_t max_memory = memory_bound(arguments.max_memory);
   const auto scans = std::make_shared<ScanCache>(options.scan_memory);
   SavedMaps saved = load_maps(arguments, max_memory, scans);
@@ -226,6 +226,7 @@ int run(const MapArguments& arguments, SessionWorkers* workers) {
   if (workers != nullptr) workers->begin(datasets, arguments.data, mapping_run, folder.target());
   MappingResult mapping = map_or_say_what_is_left(datasets, std::move(saved.maps), mapping_run, folder, input);
   support::return_free_memory();  // the back end's
+  std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     SessionRun& session = mapping.sessions[i];
     session.truth = std::move(truths[i]);

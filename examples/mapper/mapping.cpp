@@ -19,6 +19,7 @@
 #include "chainslam/slam/place_candidates.hpp"
 #include "chainslam/slam/proximity_or_places.hpp"
 #include "session_front_end.hpp"
+#include "support/frame_health.hpp"
 #include "support/summary.hpp"
 
 namespace chainslam::mapper {
@@ -291,12 +292,9 @@ std::shared_ptr<const SlamMap> replay_all(MapperBackEnd& back_end, std::span<con
   return replayed;
 }
 
-}  // namespace
-
-bool memory_is_full(const MappingRun& run) { return run.max_memory > 0 && support::current_memory() > run.max_memory; }
-
-MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets, std::vector<SlamMap> loaded,
-                          const MappingRun& run) {
+/// Maps one data set after the other. Their odometry is left out of the result: the map has it, too.
+MappingResult map_all(std::span<const std::unique_ptr<datasets::Dataset>> datasets, std::vector<SlamMap> loaded,
+                      const MappingRun& run) {
   MapperBackEnd back_end = make_back_end(run.options.back_end);
   for (SlamMap& map : loaded) back_end.load(std::exchange(map, {}));
   Index scans = 0;
@@ -314,6 +312,7 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
       if (run.stop.stop_requested() || result.memory_full) break;
       SessionRun session = SessionMapper(*dataset, run, front_end_threads, metered, pipeline).map();
       session.id = SessionId{first + to_index(result.sessions.size())};
+      session.odometry = {};
       result.sessions.push_back(std::move(session));
       result.failure = result.sessions.back().failure;
       result.memory_full = result.sessions.back().memory_full;
@@ -331,6 +330,18 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
   if (result.figures.failed_optimizations > 0)
     result.notes.push_back(std::to_string(result.figures.failed_optimizations) +
                            " optimizations failed; the previous estimates were kept");
+  return result;
+}
+
+}  // namespace
+
+bool memory_is_full(const MappingRun& run) { return run.max_memory > 0 && support::current_memory() > run.max_memory; }
+
+MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> datasets, std::vector<SlamMap> loaded,
+                          const MappingRun& run) {
+  MappingResult result = map_all(datasets, std::move(loaded), run);
+  for (SessionRun& session : result.sessions)  // once the back end's memory is free
+    session.odometry = support::odometry_of(support::frames_of(*result.map, session.id));
   return result;
 }
 

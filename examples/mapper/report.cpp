@@ -31,14 +31,11 @@ SessionRun run_of(const SlamMap& map, const Session& session) {
   run.name = session.name;
   const std::span<const FrameRecord> frames = support::frames_of(map, session.id);
   run.scans = to_index(frames.size());
-  const auto add = [&](Timestamp time, const SE3d& T_odom_body) {
-    run.odometry.times.push_back(time);
-    run.odometry.poses.push_back(T_odom_body);
-  };
-  for (const FrameRecord& frame : frames) add(frame.time, frame.T_odom_body);
+  run.odometry = support::odometry_of(frames);
   for (Index i = session.first_keyframe; frames.empty() && i < session.end_keyframe(); ++i) {
     const Keyframe& keyframe = map.keyframes[static_cast<std::size_t>(i)];
-    add(keyframe.time, keyframe.T_odom_body);
+    run.odometry.times.push_back(keyframe.time);
+    run.odometry.poses.push_back(keyframe.T_odom_body);
   }
   return run;
 }

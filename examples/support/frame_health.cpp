@@ -118,4 +118,15 @@ std::span<const FrameRecord> frames_of(const SlamMap& map, SessionId session) {
       .subspan(static_cast<std::size_t>(first - map.frames.begin()), static_cast<std::size_t>(end - first));
 }
 
+Trajectory odometry_of(std::span<const FrameRecord> frames) {
+  Trajectory odometry;
+  odometry.times.reserve(frames.size());
+  odometry.poses.reserve(frames.size());
+  for (const FrameRecord& frame : frames) {
+    odometry.times.push_back(frame.time);
+    odometry.poses.push_back(frame.T_odom_body);
+  }
+  return odometry;
+}
+
 }  // namespace chainslam::support

@@ -7,6 +7,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/sensor/frame.hpp"
 #include "chainslam/slam/slam_map.hpp"
+#include "chainslam/trajectory/trajectory.hpp"
 
 namespace chainslam::support {
 
@@ -64,5 +65,7 @@ struct SessionHealth {
 
 /// The frames of one session of a map.
 [[nodiscard]] std::span<const FrameRecord> frames_of(const SlamMap& map, SessionId session);
+/// Their times and poses.
+[[nodiscard]] Trajectory odometry_of(std::span<const FrameRecord> frames);
 
 }  // namespace chainslam::support

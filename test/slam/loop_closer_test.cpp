@@ -113,6 +113,20 @@ TEST_SUITE("slam/loop_closer") {
     CHECK(covariance.diagonal().minCoeff() > 0);
   }
 
+  TEST_CASE("submaps whose memory was freed are made again, to the same bits") {
+    const Corner corner;
+    LoopCloser<> closer(test::small_submaps, {.min_keyframes = 0});
+    const auto align = [&] {
+      return closer.align(corner.keyframes, KeyframeId{8}, corner.query(), corner.guess()).T_from_to;
+    };
+    const SE3d before = align();
+    CHECK(closer.submaps().bytes() > 0);
+    closer.free_submaps();
+    CHECK(closer.submaps().bytes() == 0);
+    CHECK(align().matrix() == before.matrix());
+    CHECK(closer.submaps().bytes() > 0);
+  }
+
   TEST_CASE("a scan of another place has too few partners, and the closer goes on to the next candidate") {
     Corner corner;
     auto elsewhere = std::make_shared<PointCloud<float>>(*corner.keyframes.back().cloud.load());

@@ -243,12 +243,19 @@ class BackEnd {
     T_map_odom_.store(std::make_shared<const SE3d>(newest.T_map_body * newest.T_odom_body.inverse()));
   }
   /// Optimizes to the end.
+  /// What optimizes all at once takes memory that the closer hardly needs any more.
+  void free_submaps() {
+    if constexpr (requires { closer_.free_submaps(); }) closer_.free_submaps();
+  }
+
   [[gnu::cold]] void conclude() {
     catch_up();
     withdraw();
     if (!map().closures.empty()) {
+      free_submaps();
       graph_.converge();
       catch_up();
+      free_submaps();
       counts_.end = graph_.converge();
       if (part()) counts_.end = graph_.converge();
       count_optimization(counts_.end.ok());

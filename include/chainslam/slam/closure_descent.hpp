@@ -257,6 +257,9 @@ class Unrepeated {
   }
 
   [[nodiscard]] const Closer& closer() const { return closer_; }  ///< the one given
+  /// See the closer's.
+  void free_submaps() requires requires(Closer& closer) { closer.free_submaps(); }
+  { closer_.free_submaps(); }
 
  private:
   [[nodiscard]] std::vector<LoopClosure> refused(std::vector<LoopClosure> tried) const {

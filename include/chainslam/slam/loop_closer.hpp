@@ -224,6 +224,7 @@ class LoopCloser {
 
   [[nodiscard]] const LoopCloserOptions& options() const { return options_; }  ///< its settings
   [[nodiscard]] const SubmapCache& submaps() const { return submaps_; }        ///< the submaps that it has built
+  void free_submaps() { submaps_ = SubmapCache(submaps_.options()); }          ///< until they are asked for again
   /// Metres along the path from one search to the next, of all that `close` made in one session.
   [[nodiscard]] const std::vector<double>& search_spacing() const { return spacing_; }
 
