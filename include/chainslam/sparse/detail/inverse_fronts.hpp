@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <span>
+#include <utility>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -24,31 +25,41 @@ class InverseFronts {
   /// both triangles.
   template <class Tree, class Visit>
   void run(Tree&& tree, Visit&& visit) {
-    for (const Index root : tree.roots()) waiting_.push_back({root, take(tree.columns(root) + tree.rows(root))});
+    for (const Index root : tree.roots()) waiting_.push_back({root, nullptr, 0, 0, false});
     while (waiting_.size() > 0) {
       const Waiting front = waiting_.back();
       waiting_.pop_back();
-      const Index height = tree.columns(front.node) + tree.rows(front.node);
-      const Offset stride = Offset{height} * B;
-      complete(tree.panel(front.node), tree.reciprocals(front.node), tree.columns(front.node), stride, front.inverse);
-      visit(front.node, static_cast<const double*>(front.inverse), stride);
+      const Index columns = tree.columns(front.node);
+      const Offset stride = Offset{columns + tree.rows(front.node)} * B;
+      double* const inverse = arena_.take(stride * stride);
+      if (front.above != nullptr) take_rows(front, columns, stride, inverse);
+      complete(tree.panel(front.node), tree.reciprocals(front.node), columns, stride, inverse);
+      visit(front.node, static_cast<const double*>(inverse), stride);
+      bool any = false;
       tree.for_each_child(front.node, [&](Index child, std::span<const Index> places) {
-        const Index child_height = tree.columns(child) + tree.rows(child);
-        double* const inverse = take(child_height);
-        copy_rows(front.inverse, stride, places, tree.columns(child), Offset{child_height} * B, inverse);
-        waiting_.push_back({child, inverse});
+        waiting_.push_back({child, inverse, stride, places_.size(), !std::exchange(any, true)});
+        places_.append(places);
       });
-      arena_.give_back(front.inverse, stride * stride);
+      if (!any) arena_.give_back(inverse, stride * stride);
     }
   }
 
  private:
+  /// Last in, first out: of all inverses, those on the way to the root are there.
   struct Waiting {
     Index node;
-    double* inverse;  ///< of its rows; that of its own columns is not known yet
+    double* above;        ///< its parent's inverse,
+    Offset above_stride;  ///< null of a root
+    Offset first_place;   ///< in `places_`
+    bool last;            ///< of the parent's children to come
   };
 
-  [[nodiscard]] double* take(Index height) { return arena_.take(Offset{height} * B * Offset{height} * B); }
+  void take_rows(const Waiting& front, Index columns, Offset stride, double* inverse) {
+    copy_rows(front.above, front.above_stride, places_.range(front.first_place, places_.size()), columns, stride,
+              inverse);
+    places_.resize(front.first_place);
+    if (front.last) arena_.give_back(front.above, front.above_stride * front.above_stride);
+  }
 
   /// What a front's inverse says of a child's rows goes behind the child's own columns.
   static void copy_rows(const double* from, Offset from_stride, std::span<const Index> places, Index columns,
@@ -130,6 +141,7 @@ class InverseFronts {
 
   Arena<double> arena_;
   Table<Waiting> waiting_;
+  Table<Index> places_;  ///< of the rows of those that wait, in their parents
   Table<double> y_;
   Table<double> y_transposed_;
 };
