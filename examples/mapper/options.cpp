@@ -301,9 +301,8 @@ void add_presets(Configuration& configuration, MapperOptions& options) {
        .brings = brings});
   configuration.add(
       "platform", options.platform, {{"nclt", Platform::nclt}, {"mars", Platform::mars}},
-      {.help =
-           "Vehicle: a slow robot (nclt) or a car (mars). Sets keyframe distance, closure interval and odometry.clock; "
-           "with the presets paper and released also closure rate, minimum range and IMU noise.",
+      {.help = "Vehicle: a slow robot (nclt) or a car (mars). Sets keyframe distance and closure interval; with the "
+               "presets paper and released also closure rate, minimum range and IMU noise.",
        .brings = brings});
 }
 

@@ -28,8 +28,8 @@ enum class FrameClock {
 /// estimates. Where poses are wanted at the times of the IMU's clock, frames are stamped with these: once the offset is
 /// known, which takes some seconds of motion, and still in ascending order.
 ///
-/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction`, `T_map_lidar`, `state`,
-///                   `scan_time_deviation` and `mounting_evidence`.
+/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction`, `T_map_lidar`, `state`
+///                   and `mounting_evidence`.
 template <class Odometry>
 class SelfCalibrating {
  public:
@@ -85,8 +85,7 @@ class SelfCalibrating {
     if (!frame) return frame;
     constexpr double angle = 5e-4, distance = 0.02;  // rad, m: what registration leaves
     if (frame->health.status == FrameStatus::good &&
-        alignment_.add(
-            LidarPose{frame->time, odometry_.T_map_lidar(), angle, distance, odometry_.scan_time_deviation()}))
+        alignment_.add(LidarPose{frame->time, odometry_.T_map_lidar(), angle, distance}))
       correct();
     if (clock_ == FrameClock::imu) frame->time = on_imu_clock(frame->time);
     return frame;
