@@ -113,7 +113,7 @@ TEST_SUITE("slam/loop_closer") {
     CHECK(covariance.diagonal().minCoeff() > 0);
   }
 
-  TEST_CASE("submaps whose memory was freed are made again, to the same bits") {
+  TEST_CASE("submaps whose memory was freed are made again, bit-identically") {
     const Corner corner;
     LoopCloser<> closer(test::small_submaps, {.min_keyframes = 0});
     const auto align = [&] {
