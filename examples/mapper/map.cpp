@@ -226,7 +226,12 @@ int run(const MapArguments& arguments, SessionWorkers* workers) {
   if (workers != nullptr) workers->begin(datasets, arguments.data, mapping_run, folder.target());
   MappingResult mapping = map_or_say_what_is_left(datasets, std::move(saved.maps), mapping_run, folder, input);
   support::return_free_memory();  // the back end's
-  std::vector<std::optional<Trajectory>> truths = read_truths(arguments, datasets);
+  std::vector<std::optional<Trajectory>> truths(datasets.size());
+  try {
+    truths = read_truths(arguments, datasets);
+  } catch (const IoError& error) {  // they were there when the work began: no reason to lose it
+    mapping.notes.push_back(std::string("errors are left out, since the ground truth is gone: ") + error.what());
+  }
   for (std::size_t i = 0; i < mapping.sessions.size(); ++i) {
     SessionRun& session = mapping.sessions[i];
     session.truth = std::move(truths[i]);

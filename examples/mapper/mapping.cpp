@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <cstdio>
 #include <future>
 #include <memory>
@@ -297,9 +298,10 @@ MappingResult map_all(std::span<const std::unique_ptr<datasets::Dataset>> datase
                       const MappingRun& run) {
   MapperBackEnd back_end = make_back_end(run.options.back_end);
   for (SlamMap& map : loaded) back_end.load(std::exchange(map, {}));
-  Index scans = 0;
+  constexpr std::int64_t most_reserved = 4'000'000;  // what data say of their length may be wrong
+  std::int64_t scans = 0;
   for (const auto& dataset : datasets) scans += expected_scans(dataset->info(), run.max_scans);
-  back_end.reserve_frames(scans);
+  back_end.reserve_frames(to_index(std::min(scans, most_reserved)));
   MappingResult result;
   const auto first = to_index(back_end.map().sessions.size());
   {

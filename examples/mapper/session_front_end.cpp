@@ -17,9 +17,6 @@ SessionFrontEnd::SessionFrontEnd(datasets::Dataset& dataset, const MappingRun& r
                                  FrontEndSink sink)
     : dataset_(dataset), run_(run), threads_(threads), sink_(std::move(sink)) {
   session_.name = dataset.info().name;
-  const auto scans = static_cast<std::size_t>(expected_scans(dataset.info(), run.max_scans));
-  session_.odometry.times.reserve(scans);
-  session_.odometry.poses.reserve(scans);
 }
 
 SessionRun SessionFrontEnd::run() {
