@@ -1,13 +1,14 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <span>
 #include <utility>
+#include <vector>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/dense_kernels.hpp"
-#include "chainslam/sparse/detail/arena.hpp"
 
 namespace chainslam::detail {
 
@@ -20,45 +21,55 @@ class InverseFronts {
  public:
   /// @param tree   gives `roots()`, `columns(s)` and `rows(s)` (block counts), `panel(s)` (the front's columns of the
   /// factor, column-major, all its rows), `reciprocals(s)` (of its diagonal), and `for_each_child(s, take)`, which
-  /// calls take(child, place of each of the child's rows in s).
+  /// calls take(child, place of each of the child's rows in s): least memory is taken if the largest comes first.
   /// @param visit  called as visit(s, Z, stride) for each front; Z is the inverse among its variables, column-major,
   /// both triangles.
   template <class Tree, class Visit>
   void run(Tree&& tree, Visit&& visit) {
-    for (const Index root : tree.roots()) waiting_.push_back({root, nullptr, 0, 0, false});
+    for (const Index root : tree.roots()) waiting_.push_back({root, 0, 0, 0, false});
     while (waiting_.size() > 0) {
       const Waiting front = waiting_.back();
       waiting_.pop_back();
       const Index columns = tree.columns(front.node);
       const Offset stride = Offset{columns + tree.rows(front.node)} * B;
-      double* const inverse = arena_.take(stride * stride);
-      if (front.above != nullptr) take_rows(front, columns, stride, inverse);
+      double* const inverse = with_rows(front, columns, stride);
       complete(tree.panel(front.node), tree.reciprocals(front.node), columns, stride, inverse);
       visit(front.node, static_cast<const double*>(inverse), stride);
-      bool any = false;
+      bool last = true;  // the first to wait
       tree.for_each_child(front.node, [&](Index child, std::span<const Index> places) {
-        waiting_.push_back({child, inverse, stride, places_.size(), !std::exchange(any, true)});
+        waiting_.push_back({child, held(front) + 1, stride, places_.size(), std::exchange(last, false)});
         places_.append(places);
       });
-      if (!any) arena_.give_back(inverse, stride * stride);
     }
   }
 
  private:
-  /// Last in, first out: of all inverses, those on the way to the root are there.
+  /// Last in, first out.
   struct Waiting {
     Index node;
-    double* above;        ///< its parent's inverse,
-    Offset above_stride;  ///< null of a root
+    std::size_t above;    ///< how many inverses are held with its parent's, the last of them; 0 of a root
+    Offset above_stride;  ///< of its parent's
     Offset first_place;   ///< in `places_`
-    bool last;            ///< of the parent's children to come
+    bool last;            ///< of the parent's children to come: the parent's inverse is of no use then
   };
 
-  void take_rows(const Waiting& front, Index columns, Offset stride, double* inverse) {
-    copy_rows(front.above, front.above_stride, places_.range(front.first_place, places_.size()), columns, stride,
-              inverse);
-    places_.resize(front.first_place);
-    if (front.last) arena_.give_back(front.above, front.above_stride * front.above_stride);
+  /// How many inverses are held besides the front's own: those that other children wait for.
+  [[nodiscard]] static std::size_t held(const Waiting& front) { return front.last ? front.above - 1 : front.above; }
+
+  /// Memory for a front's inverse, with what its parent's says of its rows. Of the last child it takes the place of the
+  /// parent's, so that a path along which each front is the last needs two at a time.
+  double* with_rows(const Waiting& front, Index columns, Offset stride) {
+    const std::size_t place = held(front);
+    if (held_.size() < place + 1) held_.emplace_back();
+    Table<double>& own = front.last ? spare_ : held_[place];
+    if (own.size() < stride * stride) own.resize(stride * stride);
+    if (front.above > 0) {
+      copy_rows(held_[front.above - 1].data(), front.above_stride, places_.range(front.first_place, places_.size()),
+                columns, stride, own.data());
+      places_.resize(front.first_place);
+    }
+    if (front.last) std::swap(held_[place], spare_);
+    return held_[place].data();
   }
 
   /// What a front's inverse says of a child's rows goes behind the child's own columns.
@@ -139,7 +150,8 @@ class InverseFronts {
     }
   }
 
-  Arena<double> arena_;
+  std::vector<Table<double>> held_;  ///< inverses that children wait for, from the roots down
+  Table<double> spare_;
   Table<Waiting> waiting_;
   Table<Index> places_;  ///< of the rows of those that wait, in their parents
   Table<double> y_;

@@ -48,18 +48,30 @@ class TreeInverse {
   [[nodiscard]] const double* panel(Index node) const { return tree_.front(node).panel(); }
   [[nodiscard]] const double* reciprocals(Index node) const { return tree_.front(node).reciprocals(); }
 
+  /// The one with the largest front first.
   template <class Take>
   void for_each_child(Index node, Take&& take) {
     Index place = 0;
     for (const Index variable : tree_.variables(node)) place_[variable] = place++;
-    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
+    const Index largest = largest_child(node);
+    const auto take_one = [&](Index child) {
       places_.clear();
       for (const Index row : tree_.rows(child)) places_.push_back(place_[row]);
       take(child, places_.range(0, places_.size()));
-    }
+    };
+    if (largest != -1) take_one(largest);
+    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next)
+      if (child != largest) take_one(child);
   }
 
  private:
+  [[nodiscard]] Index largest_child(Index node) const {
+    Index largest = -1;
+    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next)
+      if (largest == -1 || columns(child) + rows(child) > columns(largest) + rows(largest)) largest = child;
+    return largest;
+  }
+
   const FrontTree<B>& tree_;
   Table<Index> roots_;
   Table<Index> place_;  ///< of each variable in the front at hand
