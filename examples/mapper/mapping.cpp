@@ -12,6 +12,8 @@
 #include <string>
 #include <thread>
 #include <utility>
+#include <variant>
+#include <vector>
 
 #include "chainslam/slam/back_end.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
@@ -140,8 +142,9 @@ class SessionMapper {
         back_end_(back_end),
         pipeline_(pipeline),
         recorded_(dataset.info().has_odometry),
-        select_(keyframe_options(dataset.info(), run.options.keyframes)) {
-    state_.stage = "mapping " + dataset.info().name;
+        select_(keyframe_options(dataset.info(), run.options.keyframes)),
+        waits_for_clock_(waits_for_clock(dataset.info(), run.options)) {
+    state_.stage = stage();
     state_.total = expected_scans(dataset.info(), run.max_scans);
   }
 
@@ -150,7 +153,8 @@ class SessionMapper {
     SessionRun session = SessionFrontEnd(dataset_, run_, threads_,
                                          {.fix = [&](const GnssFix& fix) { waiting_.emplace_back(fix); },
                                           .frame = [&](const Frame& frame) { add(frame); },
-                                          .scan = [&](const SessionRun& so_far) { show(so_far); }})
+                                          .scan = [&](const SessionRun& so_far) { show(so_far); },
+                                          .retime = [&](double shift) { retime(shift); }})
                              .run();
     complete_ = true;
     pass();
@@ -187,9 +191,29 @@ class SessionMapper {
     pass();
   }
 
+  [[nodiscard]] std::string stage() const {
+    return (waits_for_clock_ ? "comparing clocks of " : "mapping ") + dataset_.info().name;
+  }
+
+  /// What has waited for its clock has the right times now.
+  void retime(double shift) {
+    const auto later = [&](Timestamp& time) { time = time + seconds(shift); };
+    for (MapInput& input : waiting_) {
+      if (auto* keyframe = std::get_if<Keyframe>(&input)) later(keyframe->time);
+      if (auto* frames = std::get_if<std::vector<FrameRecord>>(&input))
+        for (FrameRecord& frame : *frames) later(frame.time);
+    }
+    for (FrameRecord& frame : frames_) later(frame.time);
+    for (Timestamp* time : {&last_, &passed_, &safe_}) later(*time);
+    if (first_) later(*first_);
+    waits_for_clock_ = false;
+    state_.stage = stage();
+  }
+
   /// What has come goes to the back end, but not before it is safe. While the disk makes it so, odometry goes on: by
   /// one batch, so that no more than two are at risk. Of recorded odometry, batches grow to 16 keyframes or so.
   void pass() {
+    if (waits_for_clock_) return;
     if (!frames_.empty()) waiting_.emplace_back(std::exchange(frames_, {}));
     if (recorded_ && waiting_.size() < batch_ && !complete_) return;
     batch_ = std::min(2 * batch_, most_in_batch);
@@ -233,6 +257,7 @@ class SessionMapper {
   bool recorded_, complete_ = false;
   std::size_t batch_ = 2;  ///< inputs
   KeyframeSelector select_;
+  bool waits_for_clock_;
   std::optional<Timestamp> first_;  ///< time of the first frame,
   Timestamp last_, passed_, safe_;  ///< of the last one, of the last passed on, of the last recorded
   Index scans_ = 0, passed_scans_ = 0, safe_scans_ = 0;  ///< likewise

@@ -172,7 +172,7 @@ std::vector<std::pair<std::string_view, std::string_view>> numbers_of(OdometrySo
 }
 
 void add_odometry(Configuration& configuration, OdometrySourceKind& source, LidarOdometryOptions<>& odometry,
-                  FrameClock& clock, bool& scan_clock) {
+                  support::FrameClock& clock, bool& scan_clock) {
   configuration.add(
       "odometry.source", source,
       {{"lidar", OdometrySourceKind::lidar},
@@ -202,7 +202,7 @@ void add_odometry(Configuration& configuration, OdometrySourceKind& source, Lida
       "odometry.residual_scale", odometry.scan_to_map.residual_scale,
       {.unit = "m", .min = 0.001, .max = 10, .help = "Residuals (distances to planes) beyond this get a low weight."});
   configuration.add(
-      "odometry.clock", clock, {{"lidar", FrameClock::lidar}, {"imu", FrameClock::imu}},
+      "odometry.clock", clock, {{"lidar", support::FrameClock::lidar}, {"imu", support::FrameClock::imu}},
       {.help = "Clock of the times of poses. lidar: as the scans are stamped. imu: shifted to the IMU's by the offset "
                "that imu.calibrate finds, where scans are stamped late or early, but IMU and GNSS agree."});
   configuration.add(
@@ -301,8 +301,9 @@ void add_presets(Configuration& configuration, MapperOptions& options) {
        .brings = brings});
   configuration.add(
       "platform", options.platform, {{"nclt", Platform::nclt}, {"mars", Platform::mars}},
-      {.help = "Vehicle: a slow robot (nclt) or a car (mars). Sets keyframe distance and closure interval; with the "
-               "presets paper and released also closure rate, minimum range and IMU noise.",
+      {.help =
+           "Vehicle: a slow robot (nclt) or a car (mars). Sets keyframe distance, closure interval and odometry.clock; "
+           "with the presets paper and released also closure rate, minimum range and IMU noise.",
        .brings = brings});
 }
 

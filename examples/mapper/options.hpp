@@ -8,13 +8,13 @@
 #include "chainslam/odometry/detail/inertial_motion.hpp"
 #include "chainslam/odometry/imu_process.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
-#include "chainslam/odometry/self_calibrating.hpp"
 #include "chainslam/slam/keyframe_scan.hpp"
 #include "chainslam/slam/keyframe_selector.hpp"
 #include "chainslam/slam/localization.hpp"
 #include "datasets/dataset.hpp"
 #include "presets.hpp"
 #include "support/configuration.hpp"
+#include "support/imu_clock.hpp"
 
 namespace chainslam::mapper {
 
@@ -55,8 +55,8 @@ struct MapperOptions {
   Platform platform = Platform::nclt;
   OdometrySourceKind odometry_source = OdometrySourceKind::lidar_inertial;
   LidarOdometryOptions<> odometry;
-  FrameClock frame_clock = FrameClock::lidar;  ///< `lidar_inertial` with `imu.calibrate`
-  bool scan_clock = true;                      ///< estimate how far the times of scans are off; `lidar_inertial`
+  support::FrameClock frame_clock = support::FrameClock::lidar;  ///< `lidar_inertial` with `imu.calibrate`
+  bool scan_clock = true;  ///< estimate how far the times of scans are off; `lidar_inertial`
   ImuSettings imu;
   KeyframeOptions keyframes;
   std::size_t scan_memory = ScanCache::default_bytes;  ///< of keyframes' scans that are in their file

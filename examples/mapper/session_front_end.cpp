@@ -1,6 +1,8 @@
 #include "session_front_end.hpp"
 
 #include <chrono>
+#include <cmath>
+#include <cstdio>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -17,6 +19,8 @@ SessionFrontEnd::SessionFrontEnd(datasets::Dataset& dataset, const MappingRun& r
                                  FrontEndSink sink)
     : dataset_(dataset), run_(run), threads_(threads), sink_(std::move(sink)) {
   session_.name = dataset.info().name;
+  if (waits_for_clock(dataset.info(), run.options))
+    imu_clock_.emplace(sink_.retime != nullptr, to_seconds(run.options.dataset.imu_time_offset));
 }
 
 SessionRun SessionFrontEnd::run() {
@@ -25,9 +29,11 @@ SessionRun SessionFrontEnd::run() {
       take_recorded();
     else
       take_packets();
+    retime(imu_clock_ ? imu_clock_->end() : std::nullopt);
   } catch (const IoError& error) {  // of an input that cannot be read on: what came before is of use all the same
     if (error.kind() != IoError::Kind::input || session_.odometry.empty()) throw;
     session_.failure = error;
+    retime(imu_clock_ ? imu_clock_->end() : std::nullopt);
   }
   warn_of_lost_scans();
   return std::move(session_);
@@ -49,6 +55,20 @@ void SessionFrontEnd::add(const Frame& frame) {
   session_.odometry.poses.push_back(frame.T_odom_body);
   count_lost(frame);
   sink_.frame(frame);
+}
+
+void SessionFrontEnd::add(Frame frame, const SessionOdometry& odometry) {
+  if (imu_clock_) {
+    retime(imu_clock_->follow(frame.time, odometry.calibration()));
+    frame.time = imu_clock_->frame_time();
+  }
+  add(frame);
+}
+
+void SessionFrontEnd::retime(std::optional<double> shift) {
+  if (!shift) return;
+  for (Timestamp& time : session_.odometry.times) time = time + seconds(*shift);
+  sink_.retime(*shift);
 }
 
 void SessionFrontEnd::count_lost(const Frame& frame) {
@@ -113,17 +133,26 @@ void SessionFrontEnd::take_packets() {
       run_.times.add("odometry", std::exchange(spent, 0.0));
       count_scan();
     }
-    if (frame) add(*frame);
+    if (frame) add(*frame, *odometry);
   }
-  while (const std::optional<Frame> frame = odometry->flush(threads_)) add(*frame);
+  while (const std::optional<Frame> frame = odometry->flush(threads_)) add(*frame, *odometry);
   note_counts(odometry->counts());
   session_.calibration = odometry->calibration();
+  note_clock();
   if (!session_.calibration) return;
   for (std::string& note : support::calibration_notes(*session_.calibration)) session_.notes.push_back(std::move(note));
 }
 
 void SessionFrontEnd::note(std::int64_t count, const std::string& what) {
   if (count > 0) session_.notes.push_back(std::to_string(count) + " " + what);
+}
+
+void SessionFrontEnd::note_clock() {
+  if (!imu_clock_ || imu_clock_->shift() == 0) return;
+  char text[120];
+  std::snprintf(text, sizeof text, "poses have the times of the IMU's clock, %.0f ms %s than the scans",
+                std::abs(1e3 * imu_clock_->shift()), imu_clock_->shift() > 0 ? "later" : "earlier");
+  session_.notes.emplace_back(text);
 }
 
 void SessionFrontEnd::note_counts(const LidarOdometryCounts& counts) {
@@ -134,6 +163,10 @@ void SessionFrontEnd::note_counts(const LidarOdometryCounts& counts) {
   note(counts.odd_scans, "scans that jumped off the IMU's motion, by wrong times or registration; the motion was kept");
   session_.imu = counts.imu;
   for (std::string& finding : datasets::imu_findings(counts.imu)) session_.notes.push_back(std::move(finding));
+}
+
+bool waits_for_clock(const datasets::DatasetInfo& dataset, const MapperOptions& settings) {
+  return settings.frame_clock == support::FrameClock::imu && !dataset.has_odometry;
 }
 
 KeyframeOptions keyframe_options(const datasets::DatasetInfo& dataset, KeyframeOptions settings) {

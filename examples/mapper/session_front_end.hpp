@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "chainslam/core/thread_pool.hpp"
@@ -13,6 +14,7 @@
 #include "mapping_result.hpp"
 #include "session_odometry.hpp"
 #include "support/frame_health.hpp"
+#include "support/imu_clock.hpp"
 
 namespace chainslam::mapper {
 
@@ -21,6 +23,9 @@ struct FrontEndSink {
   std::function<void(const GnssFix&)> fix;
   std::function<void(const Frame&)> frame;
   std::function<void(const SessionRun&)> scan;  ///< after each scan that was read, with what the session is so far
+  /// If frames are kept until their clock is known: that all so far are later than stated, by these seconds. Once,
+  /// where `waits_for_clock`.
+  std::function<void(double)> retime{};
 };
 
 /// Reads one data set, and runs odometry on it or takes what was recorded.
@@ -37,10 +42,13 @@ class SessionFrontEnd {
   [[nodiscard]] bool wants_more();
   void count_scan();
   void add(const Frame& frame);
+  void add(Frame frame, const SessionOdometry& odometry);  ///< with its time on the clock that was asked for
+  void retime(std::optional<double> shift);
   void count_lost(const Frame& frame);
   void take_recorded();
   void take_packets();
   void note(std::int64_t count, const std::string& what);
+  void note_clock();
   void note_counts(const LidarOdometryCounts& counts);
   void warn_of_lost_scans() const;
 
@@ -48,9 +56,13 @@ class SessionFrontEnd {
   const MappingRun& run_;
   const ThreadPool& threads_;
   FrontEndSink sink_;
+  std::optional<support::ImuClock> imu_clock_;  ///< none: frames keep the scans' times
   SessionRun session_;
   support::FrameInterval lost_;  ///< all scans that were, from the first on
 };
+
+/// Whether the times of a session's first frames come later than the frames.
+[[nodiscard]] bool waits_for_clock(const datasets::DatasetInfo& dataset, const MapperOptions& settings);
 
 /// How keyframes are picked of a data set's frames: by the settings; of recorded odometry, all that were recorded, as
 /// they were kept, unless the settings ask for others than the recording has.

@@ -38,9 +38,9 @@ class PlainOdometry final : public SessionOdometry {
 /// Finds out how the IMU is mounted and when it measures, and remembers since when that is used.
 class CalibratingOdometry final : public SessionOdometry {
  public:
-  CalibratingOdometry(LidarInertialOdometryOptions<> options, const ImuAlignmentOptions& alignment, FrameClock clock,
+  CalibratingOdometry(LidarInertialOdometryOptions<> options, const ImuAlignmentOptions& alignment,
                       support::ImuCalibration given)
-      : odometry_(std::move(options), alignment, clock), calibration_(std::move(given)) {}
+      : odometry_(std::move(options), alignment), calibration_(std::move(given)) {}
 
   std::optional<Frame> process(const Packet& packet, const ThreadPool& threads) override {
     imu_ |= std::holds_alternative<ImuSample>(packet);
@@ -117,7 +117,7 @@ std::unique_ptr<SessionOdometry> make_session_odometry(const MapperOptions& give
   options.scan_to_map.residual_scale = given.odometry.scan_to_map.residual_scale;
   if (!given.imu.calibrate || given.imu.use != ImuUse::all)
     return std::make_unique<PlainOdometry<LidarInertialOdometry<>>>(options);
-  return std::make_unique<CalibratingOdometry>(options, alignment_options(dataset), given.frame_clock,
+  return std::make_unique<CalibratingOdometry>(options, alignment_options(dataset),
                                                given_calibration(given.dataset, dataset));
 }
 

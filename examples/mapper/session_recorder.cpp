@@ -3,6 +3,7 @@
 #include <memory>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "chainslam/cloud/quantize.hpp"
 #include "chainslam/cloud/voxel_grid.hpp"
@@ -34,7 +35,8 @@ class Recorder {
         run_(run),
         recording_(recording),
         show_(show),
-        select_(whole_keyframes(run.options.keyframes)) {
+        select_(whole_keyframes(run.options.keyframes)),
+        waits_(waits_for_clock(dataset.info(), run.options)) {
     state_.stage = "odometry of " + dataset.info().name;
     state_.total = expected_scans(dataset.info(), run.max_scans);
   }
@@ -45,7 +47,8 @@ class Recorder {
     result.sessions.push_back(SessionFrontEnd(dataset_, run_, threads,
                                               {.fix = [&](const GnssFix& fix) { recording_.add(fix); },
                                                .frame = [&](const Frame& frame) { add(frame); },
-                                               .scan = [&](const SessionRun& so_far) { show(so_far); }})
+                                               .scan = [&](const SessionRun& so_far) { show(so_far); },
+                                               .retime = [&](double shift) { retime(shift); }})
                                   .run());
     run_.progress.finish();
     result.sessions[0].id = session;
@@ -80,12 +83,28 @@ class Recorder {
     if (keyframe)
       keyframe->cloud =
           std::make_shared<const PointCloud<float>>(recorded_scan(*keyframe->cloud.load(), run_.options.keyframes));
+    if (waits_)
+      waiting_.emplace_back(std::move(record), std::move(keyframe));
+    else
+      write(std::move(record), std::move(keyframe));
+  }
+
+  void retime(double shift) {
+    waits_ = false;
+    for (auto& [record, keyframe] : std::exchange(waiting_, {})) {
+      record.time = record.time + seconds(shift);
+      if (keyframe) keyframe->time = record.time;
+      write(std::move(record), std::move(keyframe));
+    }
+  }
+
+  void write(FrameRecord record, std::optional<Keyframe> keyframe) {
     {
       const auto measurement = run_.times.measure("write");
       recording_.add(record, keyframe);
     }
-    map_.frames.push_back(record);
-    state_.data_seconds = to_seconds(frame.time - map_.frames.front().time);
+    map_.frames.push_back(std::move(record));
+    state_.data_seconds = to_seconds(map_.frames.back().time - map_.frames.front().time);
     if (!keyframe) return;
     keyframe->id = KeyframeId{to_index(map_.keyframes.size())};
     keyframe->session = session;
@@ -99,6 +118,8 @@ class Recorder {
   datasets::OdometryRecording& recording_;
   const ShowProgress& show_;
   KeyframeSelector select_;
+  bool waits_;                                                            ///< for the clock of frames
+  std::vector<std::pair<FrameRecord, std::optional<Keyframe>>> waiting_;  ///< so long
   SlamMap map_;
   support::ProgressState state_;
 };

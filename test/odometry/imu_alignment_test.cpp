@@ -115,7 +115,9 @@ Waves handheld(Rng& rng, double strength) {
 
 struct Noise {
   double rotation = 0.0005, position = 0.01;      // rad, m, of poses
+  double time = 0;                                // s, of the poses' times
   double gyro = 0.002, accel = 0.05;              // of each measurement
+  double imu_interval = 0.01;                     // s, give or take a fifth if it is long
   Eigen::Vector3d gyro_bias{0.01, -0.02, 0.005};  // rad/s
   Eigen::Vector3d accel_bias{0.1, -0.05, 0.02};   // m/s^2
 };
@@ -129,7 +131,8 @@ Recording simulated(const Waves& motion, const SE3d& T_body_lidar, double time_o
     return Eigen::Vector3d(deviation * rng.normal(), deviation * rng.normal(), deviation * rng.normal());
   };
   constexpr double h = 1e-3;  // s, of differences
-  for (double t = 0; t < duration; t += 0.01) {
+  const double uneven = noise.imu_interval > 0.05 ? 0.2 : 0;
+  for (double t = 0; t < duration; t += noise.imu_interval * rng.uniform(1 - uneven, 1 + uneven)) {
     const SE3d before = motion.T_world_body(t - h), now = motion.T_world_body(t), after = motion.T_world_body(t + h);
     const Eigen::Vector3d accel =
         (after.translation() - 2 * now.translation() + before.translation()) / (h * h) + Eigen::Vector3d(0, 0, 9.80665);
@@ -142,7 +145,7 @@ Recording simulated(const Waves& motion, const SE3d& T_body_lidar, double time_o
   for (double t = 0.5; t < duration - 0.5; t += rng.uniform(0.9, 1.1) / rate) {
     const SE3d T = T_odom_world * motion.T_world_body(t) * T_body_lidar;
     recording.poses.push_back(
-        {.time = test::at(t),
+        {.time = test::at(t + (noise.time > 0 ? noise.time * rng.normal() : 0.0)),
          .T_odom_lidar = SE3d(T.rotation().retract(normal(noise.rotation)), T.translation() + normal(noise.position))});
   }
   return recording;
@@ -276,7 +279,7 @@ TEST_SUITE("odometry/imu_alignment") {
       std::vector<detail::AlignmentPose> poses;
       for (const LidarPose& pose : recording.poses) {
         poses.push_back(detail::alignment_pose(pose, pose.time.to_seconds()));
-        detail::link_to_neighbours(poses, 0.5, 1.5);
+        detail::link_to_neighbours(poses, 0.5, 1.5, 0);
       }
       const detail::AlignmentState x{.time_offset = 0.1,
                                      .R_body_lidar = T_body_lidar.rotation(),
@@ -362,6 +365,24 @@ TEST_SUITE("odometry/imu_alignment") {
       CHECK(e.rotation_known);
       CHECK(std::abs(e.time_offset - 0.12) < 0.005);
       CHECK(angle_off(e, recording) < 0.4 * degree);
+    });
+  }
+
+  TEST_CASE("with times that jitter and an IMU of 10 Hz the offset is found, better if the jitter is known") {
+    test::for_all(6, [](Rng& rng, Index) {
+      const SE3d T_body_lidar(SO3d::exp({0.1, 0.2, 0.3}), {0.1, 0.2, 0.3});
+      Waves car;
+      for (std::size_t k = 0; k < 3; ++k) {
+        car.waves[5][k] = {0.1, 0.6 + 0.3 * static_cast<double>(k), rng.uniform(0, 6.28)};
+        car.waves[0][k] = {10, 0.2 + 0.1 * static_cast<double>(k), rng.uniform(0, 6.28)};
+      }
+      const Noise noise{.position = 0.02, .time = 0.015, .gyro = 0.001, .imu_interval = 0.1};
+      Recording recording = simulated(car, T_body_lidar, 0.02, 120, 10, noise, rng);
+      const auto estimate = [&] { return fed(recording, {.T_body_lidar = T_body_lidar}).estimate(); };
+      const double deviation = estimate().time_offset_deviation;
+      for (LidarPose& pose : recording.poses) pose.time_deviation = noise.time;
+      CHECK(std::abs(estimate().time_offset - recording.time_offset) < 0.004);
+      CHECK(estimate().time_offset_deviation < 0.7 * deviation);
     });
   }
 

@@ -50,9 +50,8 @@ struct Calibrated : TripOutcome {
   double axes_left = 0;           ///< rad, of the rotation that is told
   double mounting_deviation = 0;  ///< rad, about each axis, rms: what the filter says of the given mounting
 };
-Calibrated follow(const InertialTrip& trip, double late, const SO3d& R_imu_body = {},
-                  FrameClock clock = FrameClock::lidar) {
-  SelfCalibrating<Lio> odometry(Lio::Options{.T_body_lidar = trip.T_body_lidar}, {}, clock);
+Calibrated follow(const InertialTrip& trip, double late, const SO3d& R_imu_body = {}) {
+  SelfCalibrating<Lio> odometry(Lio::Options{.T_body_lidar = trip.T_body_lidar});
   Calibrated run;
   static_cast<TripOutcome&>(run) = follow_trip(trip, packets_of(trip, late, R_imu_body), odometry);
   run.correction = odometry.odometry().imu_correction();
@@ -99,24 +98,6 @@ TEST_SUITE("odometry/self_calibrating") {
       CHECK(run.max_error < error_of_scans);
       CHECK(run.believed);
     }
-  }
-
-  TEST_CASE("frames are stamped by the IMU's clock where that is asked for" * doctest::skip(quick())) {
-    const double late = 0.2;  // more than a scan: times must ascend all the same
-    const InertialTrip trip = swaying_trip(60);
-    const Calibrated by_lidar = follow(trip, late), by_imu = follow(trip, late, {}, FrameClock::imu);
-    REQUIRE(by_imu.frames.size() == by_lidar.frames.size());
-    double before = 0;  // shift of the frame before
-    for (std::size_t k = 0; k < by_imu.frames.size(); ++k) {
-      const double shift = to_seconds(by_imu.frames[k].time - by_lidar.frames[k].time);
-      CHECK(by_imu.frames[k].T_odom_body.matrix() == by_lidar.frames[k].T_odom_body.matrix());
-      if (k > 0) CHECK(by_imu.frames[k].time > by_imu.frames[k - 1].time);
-      CHECK(std::abs(shift - before) <= 0.051);
-      before = shift;
-    }
-    CHECK(by_imu.frames.front().time == by_lidar.frames.front().time);
-    CHECK(std::abs(before - by_imu.correction.time_offset) < 1e-8);
-    CHECK(std::abs(before - late) < 0.012);
   }
 
   TEST_CASE("axes that are not those given are found, and measurements turned into them" * doctest::skip(quick())) {

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "chainslam/io/trajectory_file.hpp"
 #include "program/run_program.hpp"
@@ -54,7 +55,8 @@ struct Mapped {
   ProgramResult run;
   nlohmann::json summary;
   std::string report;
-  double ape = 0;  ///< metres, of the LiDAR by odometry alone
+  double ape = 0;                ///< metres, of the LiDAR by odometry alone
+  std::vector<Timestamp> times;  ///< of its frames
 
   [[nodiscard]] const nlohmann::json& imu() const { return summary["sessions"][0]["imu"]; }
 };
@@ -71,6 +73,7 @@ Mapped map(const ScratchFolder& scratch, const Drive& drive, const fs::path& fol
   mapped.report = read_text(out / "report.html");
   Trajectory lidar = read_tum(out / "odometry.tum");
   for (SE3d& pose : lidar.poses) pose = pose * T_body_lidar;
+  mapped.times = lidar.times;
   mapped.ape = drive_ape(drive, lidar).translation.rmse;
   return mapped;
 }
@@ -118,6 +121,21 @@ TEST_SUITE("program/imu") {
     const Mapped set = map(scratch, *drive, late, T, " --set imu.time_offset=" + std::to_string(found));
     CHECK_FALSE(contains(set.run.errors, "set imu.time_offset"));
     CHECK(set.imu()["time_offset"].get<double>() == doctest::Approx(found).epsilon(0.03));
+
+    // From the first one on, though the offset is found later.
+    const Mapped on_imu = map(scratch, *drive, late, T, " --set odometry.clock=imu");
+    REQUIRE(on_imu.times.size() == mended.times.size());
+    for (std::size_t k = 0; k < on_imu.times.size(); ++k)
+      CHECK(std::abs(to_seconds(on_imu.times[k] - mended.times[k]) + found) < 0.015);  // 3 deviations
+    CHECK(contains(on_imu.run.errors, "poses have the times of the IMU's clock"));
+    const fs::path recording = scratch.path() / "recording";
+    const ProgramResult recorded = run_program(
+        scratch.path(), "odometry " + quoted(late) + " --set odometry.clock=imu --out " + quoted(recording));
+    CAPTURE(recorded.errors);
+    REQUIRE(recorded.exit_code == 0);
+    const Mapped again = map(scratch, *drive, recording, T, " --set odometry.clock=imu");
+    CHECK(again.times == on_imu.times);
+
     const Mapped as_given = map(scratch, *drive, right, T, " --set imu.calibrate=false --max-scans 20");
     CHECK_FALSE(as_given.imu().contains("time_offset"));
     CHECK(contains(as_given.report, "as given"));

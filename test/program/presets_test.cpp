@@ -317,7 +317,7 @@ TEST_SUITE("program/presets") {
     CHECK(contains(read_text(out / "report.html"), "not kept: "));
   }
 
-  TEST_CASE("best is the default, whose keyframes and closures go with the platform's pace") {
+  TEST_CASE("best is the default, whose keyframes, closures and clock go with the platform") {
     Settings defaults = printed("");
     CHECK(defaults.at("preset") == "best");
     CHECK(printed("--set preset=paper --set preset=best") == defaults);
@@ -326,6 +326,7 @@ TEST_SUITE("program/presets") {
     defaults["keyframes.distance"] = "10";
     defaults["closures.min_interval"] = "60";
     defaults["closures.min_travel"] = "15";
+    defaults["odometry.clock"] = "imu";
     const Settings mars = printed("--set platform=mars");
     REQUIRE(mars.size() == defaults.size());
     for (const auto& setting : mars)

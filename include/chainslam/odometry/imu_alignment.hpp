@@ -82,7 +82,7 @@ struct ImuAlignmentOptions {
   double accel_bias_deviation = 0.3;   ///< m/s^2
   double half_span = 0.5;              ///< s between the positions whose second difference is an acceleration
   double max_step = 1.5;               ///< s; poses farther apart are not compared
-  double max_gap = 0.1;                ///< s between IMU measurements that are joined
+  double max_gap = 0.25;               ///< s between IMU measurements that are joined
   double block = 10;                   ///< s over which gravity is constant in the LiDAR odometry's frame
   double window = 60;                  ///< s of measurements kept as such; what is older is kept as equations
   double memory = 300;                 ///< s of these
@@ -192,7 +192,7 @@ inline bool ImuAlignment::add(const LidarPose& pose) {
   const double time = seconds_of(pose.time);
   if (!is_finite(pose.T_odom_lidar.translation()) || (!poses_.empty() && !(time > poses_.back().time))) return false;
   poses_.push_back(detail::alignment_pose(pose, time));
-  detail::link_to_neighbours(poses_, options_.half_span, options_.max_step);
+  detail::link_to_neighbours(poses_, options_.half_span, options_.max_step, pose.time_deviation);
   if (!solved_at_) solved_at_ = time;
   const double growth = std::min(options_.interval, options_.growth * (*solved_at_ - poses_.front().time));
   if (time - *solved_at_ < (known() ? options_.known_interval : growth)) return false;

@@ -23,6 +23,7 @@ struct LidarPose {
   SE3d T_odom_lidar;              ///< in the odometry's frame
   double rotation_deviation = 0;  ///< rad about each axis, added to what the residuals say
   double position_deviation = 0;  ///< m along each axis; infinite if only the rotation is known
+  double time_deviation = 0;      ///< s, of `time`; 0: exact
 };
 
 /// What LiDAR-inertial odometry estimates, 26 degrees of freedom (FAST-LIO2, eq. 3, with gravity's length known, and

@@ -233,8 +233,8 @@ Frame LidarInertialOdometry<Map, Kernel>::follow(Attempt& attempt) {
   const SE3d T_odom_end = this->scan_pose(attempt.filter.state());  // at the stated time
   const SE3d T_odom_scan = moving.later(T_odom_end, attempt.time_error);
   const Eigen::Vector3d scanned_at = attempt.own_pose.translation();
-  attempt.own_pose = moving.later(attempt.own_pose, -attempt.time_error);
   T_map_lidar_ = attempt.own_pose * T_body_lidar(state());
+  attempt.own_pose = moving.later(attempt.own_pose, -attempt.time_error);
   motion_.filter() = attempt.filter;
   tilt_correction_.follow(state());
   motion_.follow();

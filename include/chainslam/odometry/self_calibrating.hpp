@@ -15,34 +15,25 @@
 
 namespace chainslam {
 
-/// Whose clock the times of frames are on.
-enum class FrameClock {
-  lidar,  ///< the scans' own times
-  imu,    ///< times of scans, shifted by what was found between the two clocks
-};
-
 /// Odometry that finds out by how much its IMU's clock and axes differ from what is given, and corrects them.
 ///
 /// `ImuAlignment` compares the IMU with the poses of the scans themselves. A time offset is corrected as soon as it is
 /// significant, axes only where the data exclude the given rotation: what is less than that the filter itself
-/// estimates. Where poses are wanted at the times of the IMU's clock, frames are stamped with these: once the offset is
-/// known, which takes some seconds of motion, and still in ascending order.
+/// estimates.
 ///
-/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction`, `T_map_lidar`, `state`
-///                   and `mounting_evidence`.
+/// @tparam Odometry  such as `LidarInertialOdometry<>`: with `correct_imu`, `imu_correction`, `T_map_lidar`, `state`,
+///                   `scan_time_deviation` and `mounting_evidence`.
 template <class Odometry>
 class SelfCalibrating {
  public:
   using Options = typename Odometry::Options;  ///< of the odometry
 
   /// Starts without knowledge of the calibration.
-  explicit SelfCalibrating(Options options = {}, ImuAlignmentOptions alignment = {},
-                           FrameClock clock = FrameClock::lidar)
+  explicit SelfCalibrating(Options options = {}, ImuAlignmentOptions alignment = {})
       : T_body_lidar_(options.T_body_lidar),
         imu_check_(options.imu_check),
         odometry_(std::move(options)),
-        alignment_(with(alignment, T_body_lidar_)),
-        clock_(clock) {}
+        alignment_(with(alignment, T_body_lidar_)) {}
 
   /// As the odometry's own.
   template <Executor E = Serial>
@@ -82,21 +73,12 @@ class SelfCalibrating {
   }
 
   std::optional<Frame> followed(std::optional<Frame> frame) {
-    if (!frame) return frame;
+    if (!frame || frame->health.status != FrameStatus::good) return frame;
     constexpr double angle = 5e-4, distance = 0.02;  // rad, m: what registration leaves
-    if (frame->health.status == FrameStatus::good &&
-        alignment_.add(LidarPose{frame->time, odometry_.T_map_lidar(), angle, distance}))
-      correct();
-    if (clock_ == FrameClock::imu) frame->time = on_imu_clock(frame->time);
+    // How far times are off is known by the IMU alone.
+    const double time_deviation = frame->health.imu_use == ImuUse::all ? odometry_.scan_time_deviation() : 0.0;
+    if (alignment_.add(LidarPose{frame->time, odometry_.T_map_lidar(), angle, distance, time_deviation})) correct();
     return frame;
-  }
-
-  /// Corrections come at once, but times must ascend: the shift changes by half of the time between two scans at most.
-  Timestamp on_imu_clock(Timestamp scan) {
-    const double most = last_scan_ ? 0.5 * to_seconds(scan - *last_scan_) : 0;
-    shift_ += std::clamp(odometry_.imu_correction().time_offset - shift_, -most, most);
-    last_scan_ = scan;
-    return scan + seconds(shift_);
   }
 
   /// Whether to correct the clock (again). How scans were undistorted biases the offset by some milliseconds: a clock
@@ -135,9 +117,6 @@ class SelfCalibrating {
   ImuCheck imu_check_;  ///< as the odometry's own: what is rejected must not calibrate, either
   Odometry odometry_;
   ImuAlignment alignment_;
-  FrameClock clock_;
-  double shift_ = 0;  ///< seconds by which frames' times differ from the scans'
-  std::optional<Timestamp> last_scan_;
 };
 
 }  // namespace chainslam

@@ -101,8 +101,9 @@ constexpr double cauchy_width = 2.3849;  ///< standard deviations: 95 % efficien
       ++block.turns;
       for (int axis = 0; axis < 3; ++axis) {
         const double scale = scales.turn[static_cast<std::size_t>(axis)];
+        // Rotations over several poses overlap: each pose's share of the way is in as many of them.
         add(turn->by_state.data() + axis, turn->value[axis],
-            robust_weight(turn->value[axis], scale * scale + poses[j].turn_variance));
+            robust_weight(turn->value[axis], scale * scale + poses[j].turn_variance) / poses[j].turned);
       }
     }
   }

@@ -56,7 +56,7 @@ struct AlignmentResidual {
   Eigen::Matrix<double, 3, AlignmentState::dof> by_state;
 };
 
-/// The rotation since the pose before, R_body_lidar^T log(R_body(t_i)^T R_body(t_j)) - turn, less its bias.
+/// The rotation since a pose before, R_body_lidar^T log(R_body(t_i)^T R_body(t_j)) - turn, less its bias.
 [[nodiscard]] inline Eigen::Vector3d body_turn(const TrackPoint& from, const TrackPoint& to) {
   return (from.R.inverse() * to.R).log();
 }
@@ -102,8 +102,9 @@ class ImuAlignmentEquations {
 
   [[nodiscard]] std::optional<AlignmentResidual> turn(std::size_t j) const {
     const AlignmentPose& pose = poses_[j];
-    if (!pose.turned || j == 0 || !covered(j - 1, j)) return std::nullopt;
-    const TrackPoint &from = *now_[j - 1], &to = *now_[j];
+    const auto i = j - static_cast<std::size_t>(pose.turned);
+    if (pose.turned == 0 || i > j || !covered(i, j)) return std::nullopt;
+    const TrackPoint &from = *now_[i], &to = *now_[j];
     const Eigen::Vector3d turned = body_turn(from, to);
     const Eigen::Matrix3d passed = difference_of(to.R_integral, from.R_integral);
     const Eigen::Matrix3d by_bias =
@@ -111,8 +112,7 @@ class ImuAlignmentEquations {
     const Eigen::Vector3d unbiased = sum_of(turned, product(by_bias, x_.gyro_bias));
     AlignmentResidual residual = turned_to_lidar(unbiased, pose.turn);
     set_block(residual.by_state, 0, 4, product(R_lidar_body_, by_bias));
-    const Eigen::Vector3d change =
-        difference_of(body_turn(*late_[j - 1], *late_[j]), body_turn(*early_[j - 1], *early_[j]));
+    const Eigen::Vector3d change = difference_of(body_turn(*late_[i], *late_[j]), body_turn(*early_[i], *early_[j]));
     set_block(residual.by_state, 0, 0, product(R_lidar_body_, scaled(0.5 / nudge, change)));
     return residual;
   }

@@ -20,8 +20,8 @@ struct AlignmentPose {
   SO3d R;           ///< R_odom_lidar
   Eigen::Vector3d p = Eigen::Vector3d::Zero();
   double rotation_variance = 0, position_variance = 0;
-  bool turned = false;                             ///< whether the pose before is near enough in time
-  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rotation vector since the pose before
+  int turned = 0;                                  ///< over how many poses the rotation is compared; 0: not
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rotation vector over these
   double turn_variance = 0;
   int left = 0, right = 0;                          ///< how many poses away those of the second difference are
   Eigen::Vector3d accel = Eigen::Vector3d::Zero();  ///< second difference of the position, LiDAR axes, m/s^2
@@ -59,17 +59,26 @@ inline void set_acceleration(AlignmentPose& middle, const AlignmentPose& left, c
                           (by_left + by_right) * (by_left + by_right) * middle.position_variance;
 }
 
-/// What the newest of `poses` adds: its rotation since the one before, and accelerations of those `half_span` (s)
-/// earlier. Poses more than `max_step` (s) apart are not compared.
-inline void link_to_neighbours(std::vector<AlignmentPose>& poses, double half_span, double max_step) {
+/// What the newest of `poses` adds: its rotation since one before, and accelerations of those `half_span` (s) earlier.
+/// Poses more than `max_step` (s) apart are not compared.
+///
+/// Rotations are compared with the pose before. Where times are off by much, the error of each is in two of these,
+/// which hides an offset that all have: then over `max_step`, and where the body turns with less weight.
+/// @param time_deviation  seconds, of the newest pose.
+inline void link_to_neighbours(std::vector<AlignmentPose>& poses, double half_span, double max_step,
+                               double time_deviation) {
+  constexpr double exact = 0.005;  // seconds: less hides nothing that matters
   if (poses.size() < 2) return;
   AlignmentPose& now = poses.back();
   const std::size_t last = poses.size() - 1;
-  const AlignmentPose& before = poses[last - 1];
-  if (now.time - before.time <= max_step) {
-    now.turned = true;
-    now.turn = before.R.local(now.R);
-    now.turn_variance = now.rotation_variance + before.rotation_variance;
+  const auto span_to = [&](std::size_t k) { return now.time - poses[k].time; };
+  if (span_to(last - 1) <= max_step) {
+    std::size_t from = last - 1;
+    while (time_deviation > exact && from > 0 && span_to(from - 1) <= max_step) --from;
+    now.turned = static_cast<int>(last - from);
+    now.turn = poses[from].R.local(now.R);
+    const double by_times = now.turn.norm() * time_deviation / span_to(from);
+    now.turn_variance = now.rotation_variance + poses[from].rotation_variance + 2 * by_times * by_times;
   }
   if (!std::isfinite(now.position_variance)) return;
   for (std::size_t j = last; j-- > 0 && poses[j].right == 0 && now.time - poses[j].time <= max_step;) {

@@ -102,8 +102,9 @@ struct AlignmentSearch {
     turns.body.emplace_back();
     std::vector<std::optional<Eigen::Vector3d>> felt;
     for (std::size_t j = 0; j < poses.size(); ++j) {
-      const bool turned = poses[j].turned && j > 0 && in_one_run(points, j - 1, j);
-      turns.add_body(j, turned ? std::optional(body_turn(*points[j - 1], *points[j])) : std::nullopt);
+      const auto before = j - static_cast<std::size_t>(poses[j].turned);
+      const bool turned = before < j && in_one_run(points, before, j);
+      turns.add_body(j, turned ? std::optional(body_turn(*points[before], *points[j])) : std::nullopt);
       felt.push_back(std::nullopt);
       if (poses[j].right == 0 || static_cast<std::size_t>(poses[j].left) > j || !points[j]) continue;
       const std::size_t i = j - static_cast<std::size_t>(poses[j].left);
