@@ -127,6 +127,13 @@ class History {
     randomize(term);
     write(term);
   }
+  /// Changes the last term's residual by about so much.
+  void nudge(double size) {
+    Term& term = system.terms.back();
+    solver.change_term(term.number);
+    for (double& value : term.residual) value += size * rng_.normal();
+    write(term);
+  }
   void fix_one(Index size) {
     const Index variable = rng_.uniform_index(size);
     char& fixed = system.fixed[static_cast<std::size_t>(variable)];
@@ -269,6 +276,36 @@ TEST_SUITE("sparse/incremental_cholesky") {
         CHECK(history.solver.excess() == doctest::Approx(found - least).epsilon(1e-6).scale(1.0 + least));
         CHECK(found <= 1.02 * least + 1e-5);  // least_error at the least
       }
+    });
+  }
+
+  TEST_CASE("large fronts keep their solution unread where their rows move little, and the excess is still bounded") {
+    for_all(4, [](Rng& rng, int size) {
+      Solver::Options options = exact(size);
+      options.relative_excess = 0.01;
+      History history(rng, options);
+      constexpr Index group = 25, between = 50, all = 62;  // two groups, and what separates them
+      for (Index k = 0; k < all; ++k) history.add_variable();
+      for (Index a = 0; a < all; ++a)
+        for (Index b = a + 1; b < all; ++b)
+          if (a / group == b / group || b >= between) history.add_term({a, b}, 2);
+      REQUIRE(history.system.terms.back().variables.front() >= between);
+      REQUIRE(history.solver.factorize().ok());
+      history.solver.solve();
+      Index kept = 0, followed = 0;
+      for (int k = 0; k < 60; ++k) {
+        history.nudge(std::pow(10.0, rng.uniform(-3, 2.5)));
+        REQUIRE(history.solver.factorize().ok());
+        history.solver.solve();
+        const auto changed = history.solver.changed();
+        ++(std::ranges::any_of(changed, [](Index variable) { return variable < group; }) ? followed : kept);
+        const double least = history.system.squared_error(history.system.solution());
+        const double found = history.system.squared_error(solution(history.solver));
+        CHECK(found - least <= history.solver.excess() * (1 + 1e-6) + 1e-7 * least);
+        CHECK(found <= 1.02 * least + 1e-5);
+      }
+      CHECK(kept > 3);
+      CHECK(followed > 3);
     });
   }
 

@@ -349,12 +349,10 @@ class IncrementalCholesky {
 
   /// Solves for a node's columns, given all above; keeps their old solution if it is nearly as good.
   void substitute(Index node);
-
-  [[nodiscard]] bool any_moved(std::span<const Index> variables) const {
-    for (const Index variable : variables)
-      if (local_[variable] != -1) return true;
-    return false;
-  }
+  [[nodiscard]] bool any_moved(std::span<const Index> variables) const;
+  /// Whether a front keeps its solution for certain, however its rows' have moved.
+  [[nodiscard]] bool keeps(Index node);
+  void set_excess(Index node, double excess);
 
   [[gnu::cold]] void undo(const Journal::Entry& entry);
   [[gnu::cold]] void compute_restored();
@@ -378,7 +376,8 @@ class IncrementalCholesky {
   detail::Table<Index> orphans_;
   detail::Table<Index> ready_;
   detail::Table<Index> stack_;
-  detail::Table<Index> changed_;
+  detail::Table<Index> changed_;  ///< `local_` of these: their places here
+  detail::Table<double> moves_;   ///< of their solutions' coordinates, sizes
   detail::Table<Index> written_;
   detail::Table<Index> recalled_;
   detail::Table<Index> recomputed_;  ///< nodes whose numbers a rollback has to compute again, last first,

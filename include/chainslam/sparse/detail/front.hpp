@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <span>
 
@@ -27,7 +28,12 @@ class Front {
 
   /// Numbers that stay.
   [[nodiscard]] static Offset size(Index columns, Index rows) {
-    return (Offset{columns} * 2 + Offset{columns + rows} * B * Offset{columns}) * B;
+    return (Offset{columns} * 2 + (is_large(columns, rows) ? Offset{rows} : 0)) * B + panel_size(columns, rows);
+  }
+  /// Whether it has `row_norms`: substitution costs much more then than to use them.
+  [[nodiscard]] static bool is_large(Index columns, Index rows) {
+    constexpr Offset least = 3000;
+    return panel_size(columns, rows) >= least;
   }
   /// Numbers of the update.
   [[nodiscard]] static Offset update_size(Index columns, Index rows) {
@@ -56,6 +62,19 @@ class Front {
     return row < columns_ ? data_ + Offset{row} * B : row_scales() + Offset{row - columns_} * B;
   }
   [[nodiscard]] double* panel() const { return data_ + Offset{columns_} * B; }
+
+  /// Euclidean norms of the factor's rows below the own columns, of a large front; found when they are first asked for.
+  [[nodiscard]] const double* row_norms() const {
+    const Offset rows = Offset{rows_} * B;
+    double* const norms = panel() + panel_size(columns_, rows_) + Offset{columns_} * B;
+    if (rows == 0 || norms[0] != 0.0) return norms;
+    for (Offset column = 0; column < Offset{columns_} * B; ++column) {
+      const double* const below = panel() + column * stride() + Offset{columns_} * B;
+      for (Offset row = 0; row < rows; ++row) norms[row] += below[row] * below[row];
+    }
+    for (Offset row = 0; row < rows; ++row) norms[row] = std::sqrt(norms[row]);
+    return norms;
+  }
 
   void set_zero() const {
     std::fill_n(data_, size(columns_, rows_), 0.0);
@@ -150,6 +169,9 @@ class Front {
   }
 
  private:
+  [[nodiscard]] static Offset panel_size(Index columns, Index rows) {
+    return Offset{columns + rows} * B * Offset{columns} * B;
+  }
   [[nodiscard]] Panel<B> own() const { return {panel(), reciprocals(), columns_, height(), stride()}; }
 
   void add_update(const Front& child, std::span<const Index> place) const {

@@ -38,6 +38,7 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize(const Exec& execut
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::solve(bool exact) {
   changed_.clear();
+  moves_.clear();
   const double error = std::max(squared_error(), options_.least_error);
   // A hundredth for each node, so that many may keep theirs before the share is used up.
   tolerated_ = exact ? 0.0 : std::max(0.0, options_.relative_excess * error - totals_.excess) / 100.0;
@@ -202,6 +203,7 @@ void IncrementalCholesky<BlockSize>::create_nodes() {
 
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::substitute(Index node) {
+  if (keeps(node)) return;
   const Front front = tree_.front(node);
   front.prefetch();
   const std::span<const Index> variables = tree_.variables(node);
@@ -222,20 +224,55 @@ void IncrementalCholesky<BlockSize>::substitute(Index node) {
     front.subtract_rows(x);
     const double excess = front.excess(x, old);
     const bool kept = excess <= tolerated_;
-    const double excess_before = tree_[node].excess;
-    totals_.excess += (kept ? excess : 0.0) - excess_before;
-    tree_[node].excess = kept ? excess : 0.0;
-    journal_.add_numbers(detail::Change::node_solution, node, {&excess_before, 1});
+    set_excess(node, kept ? excess : 0.0);
     if (kept) return;
     journal_.append_numbers({old, static_cast<std::size_t>(own)});
     front.solve_columns(x);
   }
   for (std::size_t k = 0; k < columns; ++k) {
     const Index variable = variables[k];
-    std::copy_n(x + static_cast<Offset>(k) * BlockSize, BlockSize, solution_.data() + Offset{variable} * BlockSize);
+    const double* const from = x + static_cast<Offset>(k) * BlockSize;
+    double* const to = solution_.data() + Offset{variable} * BlockSize;
+    for (int c = 0; c < BlockSize; ++c) moves_.push_back(std::abs(from[c] - to[c]));
+    std::copy_n(from, BlockSize, to);
+    local_[variable] = to_index(changed_.size());
     changed_.push_back(variable);
-    local_[variable] = 0;
   }
+}
+
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::set_excess(Index node, double excess) {
+  double& of_node = tree_[node].excess;
+  journal_.add_numbers(detail::Change::node_solution, node, {&of_node, 1});
+  totals_.excess += excess - of_node;
+  of_node = excess;
+}
+
+template <int BlockSize>
+bool IncrementalCholesky<BlockSize>::any_moved(std::span<const Index> variables) const {
+  for (const Index variable : variables)
+    if (local_[variable] != -1) return true;
+  return false;
+}
+
+/// The excess is the squared length of a vector, which the rows' moves change by no more than their sizes times the
+/// norms of their rows: most large fronts need not be read. What is added to the excess is that bound.
+template <int BlockSize>
+bool IncrementalCholesky<BlockSize>::keeps(Index node) {
+  const auto& at = tree_[node];
+  if (at.stale != Stale::none || damped() || !Front::is_large(at.columns, at.rows) || at.excess >= tolerated_)
+    return false;
+  const double* norms = tree_.front(node).row_norms();
+  double length = std::sqrt(at.excess);
+  for (const Index variable : tree_.rows(node)) {
+    const Index place = local_[variable];
+    for (int c = 0; c < BlockSize && place != -1; ++c) length += norms[c] * moves_[Offset{place} * BlockSize + c];
+    norms += BlockSize;
+  }
+  const double excess = length * length;
+  if (!(excess <= tolerated_)) return false;
+  set_excess(node, excess);
+  return true;
 }
 
 }  // namespace chainslam
