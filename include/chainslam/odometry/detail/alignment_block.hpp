@@ -111,10 +111,12 @@ constexpr double cauchy_width = 2.3849;  ///< standard deviations: 95 % efficien
   for (std::size_t j = residuals.first; j < residuals.last; ++j) {
     if (const auto& force = residuals.forces[j - residuals.first]; force) {
       ++block.forces;
+      // Second differences overlap as well, but so they do where rotations do not, and then count beside these.
+      const double shared = poses[j].turned > 1 ? poses[j].left + poses[j].right : 1;
       const Eigen::Matrix3d by_up = negative(poses[j].R.inverse().matrix());
       for (int axis = 0; axis < 3; ++axis) {
         const double scale = scales.force[static_cast<std::size_t>(axis)];
-        const double weight = robust_weight(force->value[axis], scale * scale + poses[j].accel_variance);
+        const double weight = robust_weight(force->value[axis], scale * scale + poses[j].accel_variance) / shared;
         add(force->by_state.data() + axis, force->value[axis], weight);
         for (int b = 0; b < 3; ++b) {
           const double weighted = weight * by_up(axis, b);
