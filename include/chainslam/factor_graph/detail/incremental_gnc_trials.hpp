@@ -152,14 +152,12 @@ bool IncrementalGnc<Smoother>::take_worst_trusted_out() {
 
 template <class Smoother>
 void IncrementalGnc<Smoother>::bound_leverages() {
-  detail::Table<Candidate> factors;
   detail::Table<Index> numbers;
   for (Index number = 0; number < candidates_.size(); ++number) {
-    if (factor(number).from == none || !smoother_.contains(id(number))) continue;
-    factors.push_back(factor(number));
-    numbers.push_back(number);
+    if (factor(number).from != none && smoother_.contains(id(number))) numbers.push_back(number);
   }
-  const auto bounds = typename Smoother::Leverages(smoother_).bounds(std::span<const Candidate>(factors.all()));
+  const auto bounds = typename Smoother::Leverages(smoother_).bounds(
+      to_index(numbers.size()), [&](Index k) -> const Candidate& { return factor(numbers[k]); });
   leverages_.assign(candidates_.size(), std::numeric_limits<double>::infinity());
   for (Offset k = 0; k < numbers.size(); ++k) leverages_[numbers[k]] = bounds[k];
   leverages_at_ = steps_;

@@ -27,13 +27,14 @@ class IncrementalSmoother<Group, Extra...>::Leverages {
 
   /// For each factor an upper bound of the largest eigenvalue: the largest sum of a column's magnitudes. Infinite where
   /// no front has all its variables; there is one for each factor of the graph.
-  template <Factor F>
-  [[nodiscard]] [[gnu::cold]] detail::Table<double> bounds(std::span<const F> factors) const {
-    detail::Table<double> bounds(to_index(factors.size()), std::numeric_limits<double>::infinity());
+  /// @param factor  gives each of `count` factors, by its number: they need not lie side by side.
+  template <class FactorAt>
+  [[nodiscard]] [[gnu::cold]] detail::Table<double> bounds(Index count, const FactorAt& factor) const {
+    detail::Table<double> bounds(count, std::numeric_limits<double>::infinity());
     detail::Table<Index> first(tree_.size(), -1);  // of the factors at each front
     detail::Table<std::pair<Index, Index>> list;   // a factor, and the next in its list
-    for (Index i = 0; i < to_index(factors.size()); ++i)
-      for (const Key key : factors[static_cast<std::size_t>(i)].keys()) {
+    for (Index i = 0; i < count; ++i)
+      for (const Key key : factor(i).keys()) {
         const Index node = tree_.node_of(key);
         if (node == -1) continue;
         list.push_back({i, first[node]});
@@ -41,8 +42,7 @@ class IncrementalSmoother<Group, Extra...>::Leverages {
       }
     smoother_.solver_.for_each_inverse([&](Index node, const double* Z, Offset stride) {
       for (Index k = first[node]; k != -1; k = list[k].second)
-        bounds[list[k].first] =
-            std::min(bounds[list[k].first], bound(factors[static_cast<std::size_t>(list[k].first)], node, Z, stride));
+        bounds[list[k].first] = std::min(bounds[list[k].first], bound(factor(list[k].first), node, Z, stride));
     });
     return bounds;
   }
