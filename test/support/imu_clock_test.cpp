@@ -19,6 +19,7 @@ ImuCalibration calibration(double late, bool known, double given = 0) {
   ImuCalibration result;
   result.time_offset = -given;
   result.applied.time_offset = late - given;
+  result.found.time_offset = result.applied.time_offset;
   result.found.time_known = known;
   return result;
 }
@@ -38,6 +39,15 @@ TEST_SUITE("support/imu_clock") {
     CHECK_FALSE(clock.end());
   }
 
+  TEST_CASE("an offset that is known and not yet applied is waited for") {
+    ImuClock clock(true);
+    ImuCalibration found = calibration(0, true);
+    found.found.time_offset = 0.2;
+    CHECK_FALSE(clock.follow(at(0), found));
+    CHECK_FALSE(clock.follow(at(1), found));
+    CHECK(clock.follow(at(2), calibration(0.2, true)).value() == doctest::Approx(0.2));
+  }
+
   TEST_CASE("what was given counts, also if the data end before they show more") {
     ImuClock clock(true);
     CHECK_FALSE(clock.follow(at(0), calibration(0.04, false, 0.04)));
@@ -48,16 +58,22 @@ TEST_SUITE("support/imu_clock") {
     CHECK(std::abs(to_seconds(at_once.frame_time() - at(0)) - 0.04) < 1e-6);
   }
 
-  TEST_CASE("nobody waits longer than two minutes, or without an IMU") {
+  TEST_CASE("nobody waits longer than two minutes, or five seconds without an IMU") {
     ImuClock clock(true);
     CHECK_FALSE(clock.follow(at(0), calibration(0.02, false)));
     CHECK_FALSE(clock.follow(at(119.9), calibration(0.02, false)));
     CHECK(clock.follow(at(120.1), calibration(0.02, false)).value() == doctest::Approx(0.02));
     ImuClock without(true);
-    CHECK(without.follow(at(0), std::nullopt).value() == 0);
-    CHECK(without.frame_time() == at(0));
+    CHECK_FALSE(without.follow(at(0), std::nullopt));
+    CHECK(without.follow(at(5.1), std::nullopt).value() == 0);
+    CHECK(without.frame_time() == at(5.1));
+    ImuClock later(true);
+    CHECK_FALSE(later.follow(at(0), std::nullopt));
+    CHECK_FALSE(later.follow(at(0.1), calibration(0, false)));
+    CHECK(later.follow(at(20), calibration(0.2, true)).value() == doctest::Approx(0.2));
     ImuClock given(true, -0.03);
-    CHECK(given.follow(at(0), std::nullopt).value() == 0.03);
+    CHECK_FALSE(given.follow(at(0), std::nullopt));
+    CHECK(given.end().value() == 0.03);
     CHECK(std::abs(to_seconds(given.frame_time() - at(0)) - 0.03) < 1e-6);
   }
 
