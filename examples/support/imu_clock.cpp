@@ -8,10 +8,10 @@ namespace chainslam::support {
 
 namespace {
 
-/// What was found must be applied as well, which waits for axes that are wrong; odometry leaves 10 ms and two standard
-/// deviations uncorrected.
+/// What was found must be applied as well, which waits for axes that are wrong and for an offset to be significant;
+/// odometry leaves 10 ms uncorrected for good.
 bool is_known(const std::optional<ImuCalibration>& calibration) {
-  constexpr double left = 0.02;  // seconds
+  constexpr double left = 0.01;  // seconds
   return calibration && calibration->found.time_known &&
          std::abs(calibration->found.time_offset - calibration->applied.time_offset) <= left;
 }
