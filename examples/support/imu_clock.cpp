@@ -8,12 +8,22 @@ namespace chainslam::support {
 
 namespace {
 
-/// What was found must be applied as well, which waits for axes that are wrong and for an offset to be significant;
-/// odometry leaves 10 ms uncorrected for good.
-bool is_known(const std::optional<ImuCalibration>& calibration) {
-  constexpr double left = 0.01;  // seconds
-  return calibration && calibration->found.time_known &&
-         std::abs(calibration->found.time_offset - calibration->applied.time_offset) <= left;
+/// What odometry leaves uncorrected for good, seconds.
+constexpr double left = 0.01;
+
+bool is_applied(const ImuCalibration& calibration) {
+  return std::abs(calibration.found.time_offset - calibration.applied.time_offset) <= left;
+}
+
+/// An offset that is fitted to wrong axes is as wrong.
+bool is_known(const ImuCalibration& calibration) {
+  return calibration.found.time_known && (is_applied(calibration) || !calibration.found.contradicted);
+}
+
+/// By how much scans are to be shifted, by what is known: odometry corrects an offset later, when it is significant.
+double shift_by(const ImuCalibration& calibration) {
+  const bool ahead = is_known(calibration) && !is_applied(calibration);
+  return -(ahead ? calibration.found_time_offset() : calibration.applied_time_offset());
 }
 
 }  // namespace
@@ -23,12 +33,13 @@ std::optional<double> ImuClock::follow(Timestamp scan, const std::optional<ImuCa
       calibration ? 120 : 5;  // seconds; an IMU's first measurement may come after the first scan
   const double most = first_ ? 0.5 * to_seconds(scan - scan_) : 0.0;
   scan_ = scan;
-  if (calibration) offset_ = -calibration->applied_time_offset();
+  if (calibration) offset_ = shift_by(*calibration);
   if (!first_) {
     first_ = scan;
     if (settled_) shift_ = offset_;
   }
-  if (!settled_) return is_known(calibration) || to_seconds(scan - *first_) > longest_wait ? settle() : std::nullopt;
+  const bool known = calibration && is_known(*calibration);
+  if (!settled_) return known || to_seconds(scan - *first_) > longest_wait ? settle() : std::nullopt;
   shift_ += std::clamp(offset_ - shift_, -most, most);
   return std::nullopt;
 }
