@@ -164,7 +164,8 @@ class SessionMapper {
   }
 
  private:
-  /// What is shown is safe: all of recorded odometry, which comes faster than disks sync, else all but the last second.
+  /// What is shown is safe: all of recorded odometry, which comes faster than disks sync, else all but the last second;
+  /// of a session that waits for its clock, nothing is yet.
   void show(const SessionRun& session) {
     scans_ = session.scans;
     if (recorded_ ? !is_recording() : at_risk() > most_at_risk) await_recording();
@@ -257,7 +258,7 @@ class SessionMapper {
   bool recorded_, complete_ = false;
   std::size_t batch_ = 2;  ///< inputs
   KeyframeSelector select_;
-  bool waits_for_clock_;
+  bool waits_for_clock_;            ///< what comes is kept until then
   std::optional<Timestamp> first_;  ///< time of the first frame,
   Timestamp last_, passed_, safe_;  ///< of the last one, of the last passed on, of the last recorded
   Index scans_ = 0, passed_scans_ = 0, safe_scans_ = 0;  ///< likewise
