@@ -30,7 +30,7 @@ double shift_by(const ImuCalibration& calibration) {
 
 std::optional<double> ImuClock::follow(Timestamp scan, const std::optional<ImuCalibration>& calibration) {
   const double longest_wait =
-      calibration ? 120 : 5;  // seconds; an IMU's first measurement may come after the first scan
+      calibration ? 300 : 5;  // seconds; an IMU's first measurement may come after the first scan
   const double most = first_ ? 0.5 * to_seconds(scan - scan_) : 0.0;
   scan_ = scan;
   if (calibration) offset_ = shift_by(*calibration);

@@ -24,7 +24,7 @@ class ImuClock {
 
   /// Takes the next scan's time and what is known then.
   /// @returns by how much the frames before are to be shifted, seconds, once: when the offset is known to 5 ms, or when
-  /// two minutes have not shown it; without a calibration, after five seconds.
+  /// five minutes have not shown it; without a calibration, after five seconds.
   std::optional<double> follow(Timestamp scan, const std::optional<ImuCalibration>& calibration);
   /// The data have ended. @returns the same, if it is not known to these 5 ms.
   std::optional<double> end();
