@@ -29,12 +29,12 @@ SessionRun SessionFrontEnd::run() {
       take_recorded();
     else
       take_packets();
-    retime(imu_clock_ ? imu_clock_->end() : std::nullopt);
   } catch (const IoError& error) {  // of an input that cannot be read on: what came before is of use all the same
     if (error.kind() != IoError::Kind::input || session_.odometry.empty()) throw;
     session_.failure = error;
-    retime(imu_clock_ ? imu_clock_->end() : std::nullopt);
   }
+  if (imu_clock_) retime(imu_clock_->end());
+  note_clock();
   warn_of_lost_scans();
   return std::move(session_);
 }
@@ -138,7 +138,6 @@ void SessionFrontEnd::take_packets() {
   while (const std::optional<Frame> frame = odometry->flush(threads_)) add(*frame, *odometry);
   note_counts(odometry->counts());
   session_.calibration = odometry->calibration();
-  note_clock();
   if (!session_.calibration) return;
   for (std::string& note : support::calibration_notes(*session_.calibration)) session_.notes.push_back(std::move(note));
 }

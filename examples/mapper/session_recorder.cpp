@@ -118,8 +118,8 @@ class Recorder {
   datasets::OdometryRecording& recording_;
   const ShowProgress& show_;
   KeyframeSelector select_;
-  bool waits_;                                                            ///< for the clock of frames
-  std::vector<std::pair<FrameRecord, std::optional<Keyframe>>> waiting_;  ///< so long
+  bool waits_;                                                            ///< for the times of frames
+  std::vector<std::pair<FrameRecord, std::optional<Keyframe>>> waiting_;  ///< frames until then
   SlamMap map_;
   support::ProgressState state_;
 };

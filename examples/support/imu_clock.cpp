@@ -9,10 +9,10 @@ namespace chainslam::support {
 namespace {
 
 /// What odometry leaves uncorrected for good, seconds.
-constexpr double left = 0.01;
+constexpr double uncorrected = 0.01;
 
 bool is_applied(const ImuCalibration& calibration) {
-  return std::abs(calibration.found.time_offset - calibration.applied.time_offset) <= left;
+  return std::abs(calibration.found.time_offset - calibration.applied.time_offset) <= uncorrected;
 }
 
 /// An offset that is fitted to wrong axes is as wrong.

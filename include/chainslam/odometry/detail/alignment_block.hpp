@@ -111,7 +111,8 @@ constexpr double cauchy_width = 2.3849;  ///< standard deviations: 95 % efficien
   for (std::size_t j = residuals.first; j < residuals.last; ++j) {
     if (const auto& force = residuals.forces[j - residuals.first]; force) {
       ++block.forces;
-      // Second differences overlap as well, but so they do where rotations do not, and then count beside these.
+      // Second differences overlap in any case. Where rotations do as well, both are divided, so that their relative
+      // weights stay.
       const double shared = poses[j].turned > 1 ? poses[j].left + poses[j].right : 1;
       const Eigen::Matrix3d by_up = negative(poses[j].R.inverse().matrix());
       for (int axis = 0; axis < 3; ++axis) {

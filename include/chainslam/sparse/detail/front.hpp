@@ -63,11 +63,13 @@ class Front {
   }
   [[nodiscard]] double* panel() const { return data_ + Offset{columns_} * B; }
 
-  /// Euclidean norms of the factor's rows below the own columns, of a large front; found when they are first asked for.
+  /// Euclidean norms of the factor's rows below the own columns, of a large front. Computed when they are first asked
+  /// for: `set_zero`, with which each computation of a front begins, leaves zeros.
   [[nodiscard]] const double* row_norms() const {
     const Offset rows = Offset{rows_} * B;
     double* const norms = panel() + panel_size(columns_, rows_) + Offset{columns_} * B;
     if (rows == 0 || norms[0] != 0.0) return norms;
+    std::fill_n(norms, rows, 0.0);  // a first row of zeros brings us here again
     for (Offset column = 0; column < Offset{columns_} * B; ++column) {
       const double* const below = panel() + column * stride() + Offset{columns_} * B;
       for (Offset row = 0; row < rows; ++row) norms[row] += below[row] * below[row];
