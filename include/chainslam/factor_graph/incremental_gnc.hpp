@@ -117,6 +117,7 @@ class IncrementalGnc {
     Entry& of = candidates_[number];
     if (smoother_.contains(of.id)) smoother_.remove(of.id);
     of.ratio = 0.0;
+    of.outdated = false;
   }
 
   /// Puts another measurement of the same variable in the place of a prior; it counts as that did.
@@ -151,9 +152,8 @@ class IncrementalGnc {
     candidates_[number].discount = std::max(evidence, 0.0);
     if (number < settled_) measure(number);
   }
-  [[nodiscard]] bool has_lower_price(Index number) const {
-    return candidates_[number].discount > 0;
-  }  ///< whether it is
+  /// Whether it is lower.
+  [[nodiscard]] bool has_lower_price(Index number) const { return candidates_[number].discount > 0; }
 
   /// Updates the smoother until each candidate is in or out. If the first update fails, the candidates added since the
   /// last are gone, as all else; if a later one does, the decision waits for the next time.
@@ -229,21 +229,7 @@ class IncrementalGnc {
   [[gnu::cold]] void put(Index number, bool in);
 
   /// Puts what waits into the smoother: as outliers what the graph does not expect.
-  [[gnu::cold]] void forecast() {
-    for (const Index number : waiting_)
-      candidates_[number].ratio = smoother_.what_if(candidates_[number].factor).rise / candidates_[number].threshold;
-    for (const Index number : waiting_) {
-      const Index leader = candidates_[number].leader;
-      const bool in = weight_of(candidates_[number], candidates_.group_ratio(leader), decisive_mu) == 1.0 &&
-                      !is_uncorroborated(candidates_[number].factor);
-      put(number, in);
-      if (!in && leader == number) {
-        unexpected_.push_back(leader);
-        ++news_;
-      }
-    }
-    waiting_.clear();
-  }
+  [[gnu::cold]] void forecast();
 
   /// Whether a candidate would be the only constraint on a segment of a sequence behind an outlier of it. Any
   /// measurement is consistent there, so that it must wait for a second one that agrees.
@@ -350,6 +336,10 @@ class IncrementalGnc {
 
   /// A candidate that was removed from the smoother is never contradicted.
   [[gnu::cold]] void measure(Index number);
+  /// Whether its residual decides nothing: a trusted one, by itself, that is in and not to be tried.
+  [[nodiscard]] [[gnu::cold]] bool rests(Index number) const;
+  /// Squared whitened residual over the threshold, of one that may have rested.
+  [[nodiscard]] [[gnu::cold]] double ratio(Index number);
 
   [[gnu::cold]] void forget_touched() {
     for (const Ranked& one : touched_) candidates_[one.index].touched = candidates_[one.index].turned = false;

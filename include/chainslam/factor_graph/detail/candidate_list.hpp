@@ -38,6 +38,7 @@ class CandidateList {
     bool watched = false, touched = false, turned = false;  ///< marks of a leader
     bool weighed = false;                                   ///< whether it got a weight since somebody asked
     bool listed = false;                                    ///< among outliers
+    bool outdated = false;                                  ///< whether `ratio` is that of an earlier estimate
     Index previous = none, next = none;                     ///< in a sequence, such as steps of odometry
     Index leader = none;                                    ///< of its group
     Index members = 0, newest = none;                       ///< of a leader's group

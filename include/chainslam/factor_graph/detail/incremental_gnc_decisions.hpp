@@ -25,6 +25,23 @@ void IncrementalGnc<Smoother>::put(Index number, bool in) {
 }
 
 template <class Smoother>
+void IncrementalGnc<Smoother>::forecast() {
+  for (const Index number : waiting_)
+    candidates_[number].ratio = smoother_.what_if(candidates_[number].factor).rise / candidates_[number].threshold;
+  for (const Index number : waiting_) {
+    const Index leader = candidates_[number].leader;
+    const bool in = weight_of(candidates_[number], candidates_.group_ratio(leader), decisive_mu) == 1.0 &&
+                    !is_uncorroborated(candidates_[number].factor);
+    put(number, in);
+    if (!in && leader == number) {
+      unexpected_.push_back(leader);
+      ++news_;
+    }
+  }
+  waiting_.clear();
+}
+
+template <class Smoother>
 void IncrementalGnc<Smoother>::drop_unsettled() {
   const auto settled = [&](Index number) { return number < settled_; };
   watched_.keep_if(settled);
@@ -48,12 +65,28 @@ void IncrementalGnc<Smoother>::measure_changed() {
 template <class Smoother>
 void IncrementalGnc<Smoother>::measure(Index number) {
   Entry& of = candidates_[number];
+  of.outdated = rests(number);
+  if (of.outdated) return;
   of.ratio = smoother_.contains(of.id) ? candidates_.ratio_at(smoother_, number) : 0.0;
   if (!smoother_.contains(of.id)) return;
   Entry& leader = candidates_[of.leader];
   if (!std::exchange(leader.watched, true)) watched_.push_back(of.leader);
   if (may_be_tried(of.leader) && !std::exchange(leader.touched, true))
     touched_.push_back({leader.trusted ? -std::numeric_limits<double>::infinity() : -1.0 * of.leader, of.leader});
+}
+
+template <class Smoother>
+bool IncrementalGnc<Smoother>::rests(Index number) const {
+  const Entry& one = candidates_[number];
+  return trusting_ && one.trusted && one.leader == number && one.members == 1 && smoother_.contains(one.id) &&
+         is_in(number) && !may_be_tried(number);
+}
+
+template <class Smoother>
+double IncrementalGnc<Smoother>::ratio(Index number) {
+  Entry& of = candidates_[number];
+  if (std::exchange(of.outdated, false)) of.ratio = candidates_.ratio_at(smoother_, number);
+  return of.ratio;
 }
 
 template <class Smoother>

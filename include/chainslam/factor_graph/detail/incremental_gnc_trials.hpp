@@ -108,7 +108,7 @@ bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
   };
   for_each_alike([&](Index number) {
     members.push_back(candidates_[number].factor);
-    squares += candidates_[number].ratio * candidates_[number].threshold;
+    squares += ratio(number) * candidates_[number].threshold;
     known += leverage(number);
   });
   rows -= to_index(members.size()) * Group::dof;
@@ -136,7 +136,7 @@ bool IncrementalGnc<Smoother>::take_worst_trusted_out() {
     const Entry& one = candidates_[number];
     if (!one.trusted || one.turned || !smoother_.contains(one.id) || !is_in(number)) continue;
     const double limit = price(one.leader, 1);
-    if (one.ratio * one.threshold <= limit * (1 - leverage(number)) || between_held(number).empty()) continue;
+    if (ratio(number) * one.threshold <= limit * (1 - leverage(number)) || between_held(number).empty()) continue;
     const double fall = smoother_.fall_without(std::span(&one.factor, 1)).change - limit;
     if (!(fall > most)) continue;
     most = fall;
