@@ -18,6 +18,7 @@
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_assembly.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
+#include "chainslam/sparse/detail/near_variables.hpp"
 #include "chainslam/sparse/detail/partial_elimination.hpp"
 #include "chainslam/sparse/detail/path_solver.hpp"
 #include "chainslam/sparse/detail/tree_inverse.hpp"
@@ -286,14 +287,15 @@ class IncrementalCholesky {
 
   /// Where factorization costs much more than ordering, it is worth looking for a better order each time.
   void promote_heavy();
-
+  /// Where many variables are reordered, those near the newest are too, late in the order: the next closures, likely
+  /// among these, then reach little else.
+  void reorder_near();
   /// Removes the nodes that are to be reordered; lists their variables and the subtrees that they leave.
   void collect_affected();
 
   /// Sorts the affected variables: those that are to be eliminated late behind the others.
   void sort_affected();
-  /// Lists so many variables nearest to the newest in the graph.
-  void list_near(Index count);
+  [[nodiscard]] Index near_count() const;
 
   void affect(Index variable) {
     if (is_fixed(variable)) tree_.set_node_of(variable, -1);
@@ -371,8 +373,7 @@ class IncrementalCholesky {
   detail::Table<Index> fresh_;
   detail::Table<Index> affected_;
   Index late_ = 0;  ///< the first of them that is eliminated late
-  detail::Table<Index> near_;
-  detail::Table<char> is_near_;
+  detail::NearVariables<BlockSize> near_;
   detail::Table<Index> orphans_;
   detail::Table<Index> ready_;
   detail::Table<Index> stack_;

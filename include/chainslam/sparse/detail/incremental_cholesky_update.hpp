@@ -21,6 +21,7 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize(const Exec& execut
   written_.clear();
   const double multiplications_before = work_.multiplications;
   promote_heavy();
+  reorder_near();
   collect_affected();
   list_refreshed();
   FactorizationResult result = compute_all(ready_.range(0, ready_.size()), executor);
@@ -78,6 +79,22 @@ void IncrementalCholesky<BlockSize>::promote_heavy() {
   }
 }
 
+/// What lies beyond the near variables grows as a planar graph's separators.
+template <int BlockSize>
+Index IncrementalCholesky<BlockSize>::near_count() const {
+  return static_cast<Index>(options_.near_variables * std::sqrt(std::max(1.0, size() / 50000.0)));
+}
+
+template <int BlockSize>
+void IncrementalCholesky<BlockSize>::reorder_near() {
+  near_.clear();
+  Index columns = 0;
+  for (const Index node : stale_) columns += tree_[node].stale == Stale::order ? tree_[node].columns : 0;
+  if (columns <= near_count() / 4) return;
+  near_.list(terms_, size(), size() - 1, near_count());
+  for (const Index variable : near_.nearest(near_count() / 2)) mark(tree_.node_of(variable), Stale::order);
+}
+
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::collect_affected() {
   affected_.clear();
@@ -104,42 +121,21 @@ template <int BlockSize>
 void IncrementalCholesky<BlockSize>::sort_affected() {
   std::sort(affected_.begin(), affected_.end());
   const Index newest = size() - options_.late_variables;
-  // What lies beyond them grows as a planar graph's separators.
-  const auto near = static_cast<Index>(options_.near_variables * std::sqrt(std::max(1.0, size() / 50000.0)));
-  if (to_index(affected_.size()) <= near / 4) {
+  if (to_index(affected_.size()) <= near_count() / 4) {
     late_ = static_cast<Index>(std::lower_bound(affected_.begin(), affected_.end(), newest) - affected_.begin());
     return;
   }
-  list_near(near);
+  if (near_.empty()) near_.list(terms_, size(), size() - 1, near_count());
   detail::Table<Index> late;
   late_ = 0;
   for (const Index variable : affected_) {
-    if (variable < newest && is_near_[variable] == 0)
+    if (variable < newest && !near_.contains(variable))
       affected_[late_++] = variable;
     else
       late.push_back(variable);
   }
   affected_.resize(late_);
   affected_.append(late.all());
-  for (const Index variable : near_) is_near_[variable] = 0;
-}
-
-/// Breadth first.
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::list_near(Index count) {
-  is_near_.resize(size());
-  near_.clear();
-  const auto reach = [&](Index variable) {
-    if (is_near_[variable] != 0 || near_.size() >= count) return;
-    is_near_[variable] = 1;
-    near_.push_back(variable);
-  };
-  reach(size() - 1);
-  for (Offset k = 0; k < near_.size() && near_.size() < count; ++k) {
-    for (Index s = terms_.first(near_[k]); s != -1; s = terms_.slot(s).next) {
-      for (const auto& slot : terms_.slots(terms_.slot(s).term)) reach(slot.variable);
-    }
-  }
 }
 
 template <int BlockSize>
