@@ -287,8 +287,8 @@ class IncrementalCholesky {
 
   /// Where factorization costs much more than ordering, it is worth looking for a better order each time.
   void promote_heavy();
-  /// Where many variables are reordered, those near the newest are too, late in the order: the next closures, likely
-  /// among these, then reach little else.
+  /// Where many variables of a large system are reordered, those nearest to the newest are too, late in the order: the
+  /// next closures, likely among these, then reach little else.
   void reorder_near();
   /// Removes the nodes that are to be reordered; lists their variables and the subtrees that they leave.
   void collect_affected();
