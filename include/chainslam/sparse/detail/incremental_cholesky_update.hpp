@@ -85,7 +85,7 @@ Index IncrementalCholesky<BlockSize>::near_count() const {
   return static_cast<Index>(options_.near_variables * std::sqrt(std::max(1.0, size() / 50000.0)));
 }
 
-/// In small systems, where it would cost more than it saves: none.
+/// In small systems, where it would cost more than it saves, none.
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::reorder_near() {
   near_.clear();
@@ -93,8 +93,8 @@ void IncrementalCholesky<BlockSize>::reorder_near() {
   for (const Index node : stale_) columns += tree_[node].stale == Stale::order ? tree_[node].columns : 0;
   if (columns <= near_count() / 4) return;
   near_.list(terms_, size(), size() - 1, near_count());
-  for (const Index variable : near_.nearest(near_count() - options_.near_variables))
-    mark(tree_.node_of(variable), Stale::order);
+  const Index count = std::min(near_count() / 2, near_count() - options_.near_variables);
+  for (const Index variable : near_.nearest(count)) mark(tree_.node_of(variable), Stale::order);
 }
 
 template <int BlockSize>
