@@ -119,6 +119,8 @@ class IncrementalSmoother {
   /// Makes all as it was before the last successful `update` and what was added for it, bit for bit; what was added
   /// since is dropped too. Only the last update can be undone.
   void undo();
+  /// The last update cannot be undone from here on, unless something was added since: gives back the memory for that.
+  void commit() { begin(); }
 
   /// Goes on to a local optimum of the squared error (chi^2, through the kernels), everything relinearized at each
   /// step; takes in what was added. The squared error never rises. If it fails, the rest is as after `update`.

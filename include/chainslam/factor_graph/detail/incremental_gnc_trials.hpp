@@ -156,6 +156,7 @@ void IncrementalGnc<Smoother>::bound_leverages() {
   for (Index number = 0; number < candidates_.size(); ++number) {
     if (factor(number).from != none && smoother_.contains(id(number))) numbers.push_back(number);
   }
+  smoother_.commit();  // the inverse takes much memory too
   const auto bounds = typename Smoother::Leverages(smoother_).bounds(
       to_index(numbers.size()), [&](Index k) -> const Candidate& { return factor(numbers[k]); });
   leverages_.assign(candidates_.size(), std::numeric_limits<double>::infinity());

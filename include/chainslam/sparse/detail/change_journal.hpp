@@ -34,8 +34,11 @@ class ChangeJournal {
 
   void clear() {
     entries_.clear();
-    numbers_.clear();
     indices_.clear();
+    if (numbers_.capacity() <= most_kept)
+      numbers_.clear();
+    else
+      numbers_ = Table<double>();
   }
   /// For what is never undone: numbers are not copied from here on.
   void leave_numbers_out() { with_numbers_ = false; }
@@ -68,6 +71,8 @@ class ChangeJournal {
   }
 
  private:
+  static constexpr Offset most_kept = 1 << 20;  ///< numbers that memory is kept for: not for those of a whole graph
+
   Table<Entry> entries_;
   Table<double> numbers_;
   Table<Index> indices_;

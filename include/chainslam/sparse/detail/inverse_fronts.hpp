@@ -44,6 +44,8 @@ class InverseFronts {
   }
 
  private:
+  static constexpr Offset least_large = 300;  ///< rows
+
   /// Last in, first out.
   struct Waiting {
     Index node;
@@ -60,7 +62,8 @@ class InverseFronts {
   /// parent's, so that a path along which each front is the last needs two at a time.
   double* with_rows(const Waiting& front, Index columns, Offset stride) {
     const std::size_t place = held(front);
-    if (held_.size() < place + 1) held_.emplace_back();
+    // Gives back what other subtrees took, where that costs little next to the inverse.
+    if (held_.size() < place + 1 || stride >= least_large) held_.resize(place + 1);
     Table<double>& own = front.last ? spare_ : held_[place];
     if (own.size() < stride * stride) own.resize(stride * stride);
     if (front.above > 0) {
