@@ -339,6 +339,25 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     CHECK(twin.smoother.values() == before);
   }
 
+  TEST_CASE("a committed update is not undone, what is added after it is") {
+    Rng rng(7);
+    Twin twin;
+    Walk walk(rng);
+    for (int k = 0; k < 30; ++k) walk.step(twin);
+    REQUIRE(twin.smoother.update().ok());
+    const Values<SE3d> before = twin.smoother.values();
+    twin.smoother.commit();
+    twin.smoother.undo();
+    CHECK(twin.smoother.values() == before);
+    twin.smoother.commit();
+    walk.step(twin);
+    CHECK(twin.smoother.size() == 31);
+    twin.smoother.commit();  // not what awaits an update
+    twin.smoother.undo();
+    CHECK(twin.smoother.values() == before);
+    CHECK(twin.smoother.update().ok());
+  }
+
   TEST_CASE("what was saved goes on to the same bits, with the same names of factors") {
     for_all(12, [](Rng& rng, int size) {
       Twin twin;

@@ -131,8 +131,8 @@ template <int Columns>
   return product_tiles<Columns, 4>(how, rows, a, a_stride, b, b_stride, depth, c, c_stride);
 }
 
-/// By AVX-512, which could fuse multiplication and addition, and round once: forbidden here for g++, and for clang
-/// where it is written.
+/// By AVX-512, whose fused multiplications and additions would round once instead of twice: g++ is kept from using them
+/// here, clang in `product_tile`.
 template <int Columns>
 #if !defined(__clang__)
 [[gnu::optimize("fp-contract=off")]]
