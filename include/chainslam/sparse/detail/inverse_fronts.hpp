@@ -44,7 +44,7 @@ class InverseFronts {
   }
 
  private:
-  static constexpr Offset least_large = 300;  ///< rows
+  static constexpr Offset least_large = 300;  ///< rows; if smaller fronts gave back memory too, all took 8 % longer
 
   /// Last in, first out.
   struct Waiting {
