@@ -80,9 +80,7 @@ class PathSolver {
       for (const Index variable : variables)
         for (int k = 0; k < B; ++k) x[Offset{row_[variable]} * B + k] += *E++;
     }
-    Index solved = 0;
-    for (; solved + B <= columns; solved += B) substitute<B>(X.data() + solved * height);
-    for (; solved < columns; ++solved) substitute<1>(X.data() + solved * height);
+    substitute(X.data(), columns);
     std::fill_n(product, Offset{columns} * columns, 0.0);
     for (Index column = 0; column < columns; ++column) multiply(X.data(), height, column, columns, product);
   }
@@ -103,30 +101,39 @@ class PathSolver {
     }
   }
 
-  /// N right-hand sides, column-major, all the way up.
-  template <int N>
-  void substitute(double* X) const {
+  /// All right-hand sides, column-major, all the way up: those of a front while it is in the cache.
+  void substitute(double* X, Index columns) const {
     const Offset height = Offset{rows_} * B;
     Table<double> gathered, solved;
     Table<Offset> places;  // of the front's variables in X
     for (Offset k = nodes_.size(); k-- > 0;) {
-      const std::span<const Index> variables = tree_.variables(nodes_[k]);
       const auto front = tree_.front(nodes_[k]);
-      gathered.resize(front.stride() * N);
-      solved.resize(Offset{front.columns()} * B * N);
+      gathered.resize(front.stride() * B);
+      solved.resize(Offset{front.columns()} * B * B);
       places.clear();
-      for (const Index variable : variables) places.push_back(Offset{row_[variable]} * B);
-      double* in_front = gathered.data();
-      for (int column = 0; column < N; ++column)
-        for (const Offset place : places) in_front = std::copy_n(X + column * height + place, B, in_front);
-      front.template substitute_forward<N>(gathered.data(), solved.data());
-      const double* from = gathered.data();
-      for (int column = 0; column < N; ++column)
-        for (const Offset place : places) {
-          std::copy_n(from, B, X + column * height + place);
-          from += B;
-        }
+      for (const Index variable : tree_.variables(nodes_[k])) places.push_back(Offset{row_[variable]} * B);
+      Index column = 0;
+      for (; column + B <= columns; column += B)
+        substitute<B>(front, places, X + column * height, gathered.data(), solved.data());
+      for (; column < columns; ++column)
+        substitute<1>(front, places, X + column * height, gathered.data(), solved.data());
     }
+  }
+
+  /// N of them by one front.
+  template <int N>
+  void substitute(const auto& front, const Table<Offset>& places, double* X, double* gathered, double* solved) const {
+    const Offset height = Offset{rows_} * B;
+    double* to = gathered;
+    for (int column = 0; column < N; ++column)
+      for (const Offset place : places) to = std::copy_n(X + column * height + place, B, to);
+    front.template substitute_forward<N>(gathered, solved);
+    const double* from = gathered;
+    for (int column = 0; column < N; ++column)
+      for (const Offset place : places) {
+        std::copy_n(from, B, X + column * height + place);
+        from += B;
+      }
   }
 
   const FrontTree<B>& tree_;
