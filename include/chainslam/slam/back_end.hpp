@@ -253,10 +253,11 @@ class BackEnd {
     withdraw();
     if (!map().closures.empty()) {
       free_submaps();
-      graph_.converge();
-      catch_up();
-      free_submaps();
       counts_.end = graph_.converge();
+      const Index optimizations = counts_.optimizations;
+      catch_up();  // with what has moved
+      free_submaps();
+      if (counts_.optimizations != optimizations) counts_.end = graph_.converge();
       if (part()) counts_.end = graph_.converge();
       count_optimization(counts_.end.ok());
       index_positions();

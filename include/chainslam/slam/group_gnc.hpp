@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <span>
 #include <utility>
@@ -126,18 +127,24 @@ class GroupGncFactors {
   [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& map) {
     constexpr int passes = 3;  // each says more exactly where the map lies on the Earth
     constexpr int decisions = 4;
+    constexpr double rounding = 1e-9;  // of the cost
     ConvergeReport report;
+    double before = smoother_.current_cost();
     for (int pass = 0; pass < passes; ++pass) {
       gnss_.renew();
       for (const Session& session : map.sessions) lower_prices(map, session);
       if (!update(map).ok()) break;
+      bool decided = false;
       for (int decision = 0; decision < decisions; ++decision) {
         report = smoother_.converge(options);
         if (!report.ok()) return report;
         for (Key key = 0; key < smoother_.size(); ++key)
           map.keyframes[static_cast<std::size_t>(key)].T_map_body = smoother_[key];
-        if (decision + 1 < decisions && gnc_.reconsider().steps == 0) break;
+        if (decision + 1 == decisions || gnc_.reconsider().steps == 0) break;
+        decided = true;
       }
+      if (!decided && std::abs(report.final_cost - before) <= rounding * before) break;
+      before = report.final_cost;
     }
     if (report.ok() && gnc_.share_errors()) report = smoother_.converge(options);
     return report;

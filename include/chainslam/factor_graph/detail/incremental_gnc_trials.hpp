@@ -152,6 +152,7 @@ bool IncrementalGnc<Smoother>::take_worst_trusted_out() {
 
 template <class Smoother>
 void IncrementalGnc<Smoother>::bound_leverages() {
+  if (leverages_at_ == steps_ && leverages_.size() == candidates_.size()) return;
   detail::Table<Index> numbers;
   for (Index number = 0; number < candidates_.size(); ++number) {
     if (factor(number).from != none && smoother_.contains(id(number))) numbers.push_back(number);
