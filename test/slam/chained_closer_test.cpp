@@ -268,6 +268,39 @@ TEST_SUITE("slam/chained_closer") {
     CHECK(drives.tried(options, 2) == std::vector<Index>{9, 4});
   }
 
+  TEST_CASE("of more sessions than may be tried, those of the last partners stay, unless others are much nearer") {
+    // Four loaded drives along lanes, 0 .. 4 to 15 .. 19; the current one crosses from the first to the last.
+    const auto second = [](double lane, ChainOptions options) {
+      std::vector<SE3d> truth;
+      for (Index i = 0; i < 25; ++i) {
+        const double y = lane * (i < 20 ? i / 5 : i == 22 ? 3 : 0);
+        truth.emplace_back(SO3d(), Eigen::Vector3d(2 * (i % 5), y, 0));
+      }
+      std::vector<Keyframe> keyframes = test::keyframes_at(truth);
+      ClosureGraph graph(25);
+      for (Index i = 0; i < 25; ++i) {
+        keyframes[static_cast<std::size_t>(i)].session = SessionId{i / 5};
+        if (i < 15) graph.add_edge(i, i + 5, i);
+      }
+      TruthCloser closer;
+      closer.truth = std::make_shared<const std::vector<SE3d>>(truth);
+      options.max_alignments = 1;
+      ChainedCloser chainer(options);
+      std::vector<LoopClosure> tried;
+      for (const Index at : {0, 2}) {
+        LoopClosure direct = closer.align(keyframes, KeyframeId{at}, KeyframeId{20 + at}, SE3d());
+        tried = chainer.close(keyframes, graph, direct, 20, closer);
+        REQUIRE(tried.size() == 1);
+        if (at == 0) CHECK(tried.front().from == KeyframeId{5});
+      }
+      return tried.front().from;
+    };
+    CHECK(second(2, {}) == KeyframeId{7});
+    CHECK(second(2.4, {}) == KeyframeId{7});
+    CHECK(second(2.6, {}) == KeyframeId{17});  // 5.2 m nearer
+    CHECK(second(0.1, {.familiar = 0}) == KeyframeId{17});
+  }
+
   TEST_CASE("alignments start where the map has the current keyframe, or where the chain puts it") {
     Drives drives({{2, 7}, {7, 9}});
     for (const bool through_chain : {false, true}) {

@@ -85,9 +85,12 @@ struct ChainOptions {
   /// Where an alignment starts: the direct closure carried over to k by the map, or what the graph thinks of i (the
   /// paper). The drift of the current session is gone from the first.
   bool guess_through_chain = true;
-  double max_distance = 20.0;    ///< metres between i and k, as guessed: beyond, they share no view; 0: any (the paper)
-  Index min_separation = 20;     ///< keyframes between two partners of one session: nearer, their submaps share scans
-  Index max_alignments = 4;      ///< for one direct closure; 0: all (the paper)
+  double max_distance = 20.0;  ///< metres between i and k, as guessed: beyond, they share no view; 0: any (the paper)
+  Index min_separation = 20;   ///< keyframes between two partners of one session: nearer, their submaps share scans
+  Index max_alignments = 4;    ///< for one direct closure; 0: all (the paper)
+  /// Metres by which keyframes next to partners of the last direct closure count as nearer, where there are more than
+  /// may be tried: their submaps are there already. 0: the nearest are tried, whatever their session.
+  double familiar = 5.0;
   double max_translation = 2.0;  ///< metres from the guess, beyond which a closure contradicts the chain; 0: any
   double max_rotation = 0.1;     ///< radians
   /// How much of the information of closures that share a scan is the same: 0 none (the paper), 1 all.
@@ -185,11 +188,24 @@ class ChainedCloser {
     return closer.align(keyframes, candidate.id, to, candidate.guess, executor);
   }
 
+  /// Whether the submap of one is largely that of the other.
+  [[nodiscard]] bool are_alike(std::span<const Keyframe> keyframes, KeyframeId one, KeyframeId other) const {
+    const auto session = [&](KeyframeId id) { return keyframes[static_cast<std::size_t>(id.value)].session; };
+    return std::abs(one.value - other.value) < options_.min_separation && session(one) == session(other);
+  }
+  [[nodiscard]] bool is_like_any(std::span<const Keyframe> keyframes, KeyframeId one,
+                                 const detail::Table<KeyframeId>& others) const {
+    return std::any_of(others.begin(), others.end(),
+                       [&](KeyframeId other) { return are_alike(keyframes, one, other); });
+  }
+
   /// Puts the nearest first; equally near ones stay as they are.
-  [[gnu::cold]] static void sort(detail::Table<Candidate>& candidates) {
+  [[gnu::cold]] void sort(std::span<const Keyframe> keyframes, detail::Table<Candidate>& candidates) const {
     detail::Table<Ranked> order;  // by distance
-    for (const Candidate& one : candidates)
-      order.push_back({one.guess.translation().norm(), static_cast<Index>(order.size())});
+    for (const Candidate& one : candidates) {
+      const double nearer = is_like_any(keyframes, one.id, partners_) ? options_.familiar : 0.0;
+      order.push_back({one.guess.translation().norm() - nearer, static_cast<Index>(order.size())});
+    }
     sort_ranked(order.all());
     detail::Table<Candidate> sorted;
     for (const Ranked& one : order) sorted.push_back(candidates[one.index]);
@@ -202,12 +218,7 @@ class ChainedCloser {
     detail::Table<KeyframeId> partners(1, j);
     detail::Table<Candidate> kept;
     for (const Candidate& candidate : candidates) {
-      bool known = false;
-      for (const KeyframeId other : partners)
-        known = known || (std::abs(candidate.id.value - other.value) < options_.min_separation &&
-                          keyframes[static_cast<std::size_t>(other.value)].session ==
-                              keyframes[static_cast<std::size_t>(candidate.id.value)].session);
-      if (known) continue;
+      if (is_like_any(keyframes, candidate.id, partners)) continue;
       partners.push_back(candidate.id);
       kept.push_back(candidate);
     }
@@ -235,6 +246,7 @@ class ChainedCloser {
 
   ChainOptions options_;
   BfsWorkspace workspace_;
+  detail::Table<KeyframeId> partners_;  ///< of the last direct closure and what was chained from it
 };
 
 inline std::vector<KeyframeId> ChainedCloser::connected_near(const ClosureGraph& graph, KeyframeId j,
@@ -278,6 +290,8 @@ std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframe
     }
     tried.push_back(closure);
   }
+  partners_.assign(1, direct.from);
+  for (const LoopClosure& closure : tried) partners_.push_back(closure.from);
   share_information(direct, tried);
   return tried;
 }
@@ -301,7 +315,7 @@ detail::Table<ChainedCloser::Candidate> ChainedCloser::candidates(std::span<cons
     if (options_.max_distance > 0 && !(guess.translation().norm() <= options_.max_distance)) continue;
     all.push_back({k, guess});
   }
-  sort(all);
+  sort(keyframes, all);
   return options_.min_separation > 0 ? spread_out(keyframes, direct.from, all) : all;
 }
 
