@@ -3,12 +3,16 @@
 #include <benchmark/benchmark.h>
 
 #include <memory>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <utility>
+#include <vector>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
 #include "chainslam/factor_graph/chordal_initialization.hpp"
+#include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
 #include "pose_graphs.hpp"
 #include "versus.hpp"
@@ -48,6 +52,26 @@ void all_marginals(benchmark::State& state, const FactorGraph<Group>& graph) {
   state.counters["one_by_one_s"] = (bench::ThreadTime::now() - start) * smoother.size() / 100;
 }
 
+/// What five measurements of the last pose change together, as a closure does with what is chained from it; next to
+/// each by itself.
+template <class Group>
+void forecast(benchmark::State& state, const FactorGraph<Group>& graph) {
+  const IncrementalSmoother<Group> smoother = smoother_of(graph);
+  const Key last = smoother.size() - 1;
+  std::vector<BetweenFactor<Group>> factors;
+  for (Index k = 1; k <= 5; ++k) {
+    const Key from = last / 6 * k;
+    factors.push_back({from, last, smoother[from].inverse() * smoother[last], SqrtInformation<Group::dof>::Identity()});
+  }
+  const auto all = [&] { return smoother.rise_with(std::span(std::as_const(factors))).change; };
+  const auto each = [&] {
+    double sum = 0;
+    for (const auto& one : factors) sum += smoother.rise_with(std::span(&one, 1)).change;
+    return sum;
+  };
+  bench::versus(state, all, bench::Peer{"one_by_one", each});
+}
+
 template <class Group>
 void chordal(benchmark::State& state, const FactorGraph<Group>& graph) {
   for (auto _ : state) benchmark::DoNotOptimize(chordal_initialization(graph));
@@ -61,6 +85,10 @@ const bool registered = [] {
                                  [kept](benchmark::State& state) { all_marginals(state, *kept); })
         ->UseManualTime()
         ->Unit(benchmark::kMillisecond);
+    benchmark::RegisterBenchmark(("factor_graph/forecast/" + name).c_str(),
+                                 [kept](benchmark::State& state) { forecast(state, *kept); })
+        ->UseManualTime()
+        ->Unit(benchmark::kMicrosecond);
     benchmark::RegisterBenchmark(("factor_graph/chordal/" + name).c_str(), [kept](benchmark::State& state) {
       chordal(state, *kept);
     })->Unit(benchmark::kMillisecond);

@@ -80,44 +80,53 @@ class PathSolver {
       for (const Index variable : variables)
         for (int k = 0; k < B; ++k) x[Offset{row_[variable]} * B + k] += *E++;
     }
-    substitute(X.data(), columns);
     std::fill_n(product, Offset{columns} * columns, 0.0);
-    for (Index column = 0; column < columns; ++column) multiply(X.data(), height, column, columns, product);
+    for (Offset k = nodes_.size(); k-- > 0;) add_front(nodes_[k], X.data(), columns, product);
+    for (Index column = 0; column < columns; ++column)
+      for (Index other = 0; other <= column; ++other) {
+        double& entry = product[Offset{column} * columns + other];
+        entry = -entry;
+        product[Offset{other} * columns + column] = entry;
+      }
   }
 
  private:
   [[nodiscard]] bool seen(Index node) const { return row_[tree_.columns(node).front()] != -1; }
 
-  /// A column of X^T X, down to the diagonal, and its mirror image.
-  static void multiply(const double* X, Offset height, Index column, Index columns, double* product) {
-    double* const dots = product + Offset{column} * columns;
-    const double* const x = X + column * height;
-    Index other = 0;
-    for (; other + B <= column + 1; other += B) subtract_dots<B>(height, X + other * height, height, x, dots + other);
-    for (; other <= column; ++other) subtract_dots<1>(height, X + other * height, height, x, dots + other);
-    for (other = 0; other <= column; ++other) {
-      dots[other] = -dots[other];
-      product[Offset{other} * columns + column] = dots[other];
+  /// Substitutes the right-hand sides in one front, all while it is in the cache, and subtracts from the product what
+  /// the front's own rows add. Those that are zero there stay so.
+  void add_front(Index node, double* X, Index columns, double* product) const {
+    const auto front = tree_.front(node);
+    const Offset height = Offset{rows_} * B, own = Offset{front.columns()} * B;
+    Table<Offset> places;  // of the front's variables in X: its own ones lie side by side
+    for (const Index variable : tree_.variables(node)) places.push_back(Offset{row_[variable]} * B);
+    Table<double> gathered(front.stride() * B, 0.0), solved(own * B, 0.0);
+    const double* const rows = X + places[0];
+    const auto width = [&](Index begin) { return begin < columns - columns % B ? B : 1; };
+    Table<Index> begins;  // of columns that are not zero, so many at a time
+    for (Index begin = 0; begin < columns; begin += width(begin)) {
+      if (is_zero(rows + begin * height, own, width(begin))) continue;
+      begins.push_back(begin);
+      if (width(begin) == B)
+        substitute<B>(front, places, X + begin * height, gathered.data(), solved.data());
+      else
+        substitute<1>(front, places, X + begin * height, gathered.data(), solved.data());
+      for (Index column = begin; column < begin + width(begin); ++column)
+        for (const Index other : begins) {
+          double* const dots = product + Offset{column} * columns + other;
+          if (width(other) == B)
+            subtract_dots<B>(own, rows + other * height, height, rows + column * height, dots);
+          else
+            subtract_dots<1>(own, rows + other * height, height, rows + column * height, dots);
+        }
     }
   }
 
-  /// All right-hand sides, column-major, all the way up: those of a front while it is in the cache.
-  void substitute(double* X, Index columns) const {
-    const Offset height = Offset{rows_} * B;
-    Table<double> gathered, solved;
-    Table<Offset> places;  // of the front's variables in X
-    for (Offset k = nodes_.size(); k-- > 0;) {
-      const auto front = tree_.front(nodes_[k]);
-      gathered.resize(front.stride() * B);
-      solved.resize(Offset{front.columns()} * B * B);
-      places.clear();
-      for (const Index variable : tree_.variables(nodes_[k])) places.push_back(Offset{row_[variable]} * B);
-      Index column = 0;
-      for (; column + B <= columns; column += B)
-        substitute<B>(front, places, X + column * height, gathered.data(), solved.data());
-      for (; column < columns; ++column)
-        substitute<1>(front, places, X + column * height, gathered.data(), solved.data());
-    }
+  /// Whether `own` rows of some columns are zero.
+  [[nodiscard]] bool is_zero(const double* X, Offset own, Index columns) const {
+    for (Index column = 0; column < columns; ++column, X += Offset{rows_} * B)
+      if (std::any_of(X, X + own, [](double entry) { return entry != 0.0; })) return false;
+    return true;
   }
 
   /// N of them by one front.
