@@ -39,6 +39,19 @@ TEST_SUITE("slam/group_gnc") {
     CHECK(map.worst() < 0.6);
   }
 
+  TEST_CASE("a map that has converged shows in one pass that nothing changes any more") {
+    const Rounds rounds(70);
+    Growing map(rounds);
+    map.drive_to(41);
+    map.close(0, 40);
+    map.drive_to(51);
+    map.close(10, 50, parallel_street);
+    REQUIRE(map.graph.converge().ok());
+    const auto updates = map.graph.smoother().revision();
+    REQUIRE(map.graph.converge().ok());
+    CHECK(map.graph.smoother().revision() - updates == 2);
+  }
+
   TEST_CASE("least squares takes the same closures at their word") {
     const Rounds rounds(70);
     Growing map(rounds, {}, {.closures = 0, .odometry = 0});
