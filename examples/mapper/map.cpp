@@ -257,6 +257,8 @@ int run(const MapArguments& arguments, SessionWorkers* workers) {
     throw_without_keyframes(mapping, arguments);
   }
 
+  progress.update({.stage = "writing"});
+  progress.finish();
   // The map first: it is on the disk and has its name before anything else can fail.
   fs::path kept;
   {

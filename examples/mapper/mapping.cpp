@@ -348,6 +348,10 @@ MappingResult map_all(std::span<const std::unique_ptr<datasets::Dataset>> datase
     }
     result.memory_full |= memory_is_full(run);
     await(pipeline, metered, run.progress);
+    run.progress.update({.stage = "final optimization",
+                         .keyframes = metered.keyframes(),
+                         .direct_closures = metered.direct_closures(),
+                         .chained_closures = metered.chained_closures()});
     const auto measurement = run.times.measure("final optimization");
     result.map = back_end.release();
     result.figures = metered.figures();

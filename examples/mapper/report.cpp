@@ -85,7 +85,7 @@ int run(const ReportArguments& arguments) {
       "made from the map alone: times, memory, IMU calibration and errors against a ground truth, which only the run "
       "knew, are left out");
   const std::string title = title_of(*mapping.map);
-  progress.update({.stage = "writing", .keyframes = to_index(mapping.map->keyframes.size())});
+  progress.update({.stage = "writing"});
   const RunOutcome outcome = conclude(std::move(mapping), title, options);
   write_map_clouds(folder, *outcome.mapping.map, options.map_voxel);
   write_run_report(folder, outcome, options.map_voxel);

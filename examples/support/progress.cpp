@@ -55,7 +55,8 @@ void return_free_memory() {
 }
 
 std::string progress_line(const ProgressState& state, double elapsed_seconds, std::uint64_t memory) {
-  std::string line = state.stage + " " + std::to_string(state.done);
+  std::string line = state.stage;
+  if (state.done > 0 || state.total > 0) line += " " + std::to_string(state.done);
   if (state.total > 0) line += "/" + std::to_string(state.total);
   if (state.data_seconds > 0 && elapsed_seconds > 0)
     line += " | " + fixed(state.data_seconds / elapsed_seconds, 1) + "x real time";

@@ -57,6 +57,7 @@ TEST_SUITE("support/progress") {
   TEST_CASE("the line leaves out what is not known") {
     CHECK(progress_line({.stage = "reading", .done = 7}, 3.0, 0) == "reading 7");
     CHECK(progress_line({.stage = "saving", .done = 4, .total = 4}, 3.0, 0) == "saving 4/4");
+    CHECK(progress_line({.stage = "writing"}, 3.0, 0) == "writing");
     CHECK(progress_line({.stage = "mapping", .total = 4}, 0.0, 0) == "mapping 0/4");
   }
 
