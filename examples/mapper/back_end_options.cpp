@@ -260,11 +260,12 @@ void add_chain(Configuration& configuration, BackEndParts& parts) {
   configuration.add(
       "chain.max_alignments", chain.max_alignments,
       {.min = 0, .max = 1000000, .help = "Maximum number of alignments per direct closure. 0: no limit."});
-  configuration.add("chain.familiar", chain.familiar,
-                    {.unit = "m",
-                     .min = 0,
-                     .max = 1e6,
-                     .help = "Chained candidates next to those of the last direct closure count as nearer by this."});
+  configuration.add(
+      "chain.hysteresis", chain.hysteresis,
+      {.unit = "m",
+       .min = 0,
+       .max = 1e6,
+       .help = "Prefer candidates next to those of the last direct closure, unless others are nearer by this."});
   configuration.add("chain.max_translation", chain.max_translation,
                     {.unit = "m",
                      .min = 0,

@@ -95,7 +95,7 @@ constexpr PresetValue preset_values[] = {
     alike("chain.max_distance", "0", "paper III-E: no depth limit"),
     alike("chain.min_separation", "0", "paper Alg. 1: every k"),
     differ("chain.max_alignments", "0", "200", "paper III-E: no bound; code: none, ours: a run ends"),
-    alike("chain.familiar", "0", "paper Alg. 1: no such rule"),
+    alike("chain.hysteresis", "0", "paper Alg. 1: no such rule"),
     alike("chain.max_translation", "0", "paper Alg. 1: the error alone decides"),
     alike("chain.correlation", "0", "paper Alg. 1: each counts in full"),
 

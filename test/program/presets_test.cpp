@@ -110,7 +110,7 @@ chain.guess_through_chain            false
 chain.max_distance                   0
 chain.min_separation                 0
 chain.max_alignments                 0 0 200 200
-chain.familiar                       0
+chain.hysteresis                     0
 chain.max_translation                0
 chain.correlation                    0
 merge.gnss_radius                    10

@@ -298,7 +298,7 @@ TEST_SUITE("slam/chained_closer") {
     CHECK(second(2, {}) == KeyframeId{7});
     CHECK(second(2.4, {}) == KeyframeId{7});
     CHECK(second(2.6, {}) == KeyframeId{17});  // 5.2 m nearer
-    CHECK(second(0.1, {.familiar = 0}) == KeyframeId{17});
+    CHECK(second(0.1, {.hysteresis = 0}) == KeyframeId{17});
   }
 
   TEST_CASE("alignments start where the map has the current keyframe, or where the chain puts it") {

@@ -88,9 +88,9 @@ struct ChainOptions {
   double max_distance = 20.0;  ///< metres between i and k, as guessed: beyond, they share no view; 0: any (the paper)
   Index min_separation = 20;   ///< keyframes between two partners of one session: nearer, their submaps share scans
   Index max_alignments = 4;    ///< for one direct closure; 0: all (the paper)
-  /// Metres by which keyframes next to partners of the last direct closure count as nearer, where there are more than
-  /// may be tried: their submaps are there already. 0: the nearest are tried, whatever their session.
-  double familiar = 5.0;
+  /// Metres by which others must be nearer than keyframes next to partners of the last direct closure, whose submaps
+  /// are there already, if not all may be tried. 0: the nearest are tried, whatever their session.
+  double hysteresis = 5.0;
   double max_translation = 2.0;  ///< metres from the guess, beyond which a closure contradicts the chain; 0: any
   double max_rotation = 0.1;     ///< radians
   /// How much of the information of closures that share a scan is the same: 0 none (the paper), 1 all.
@@ -203,7 +203,7 @@ class ChainedCloser {
   [[gnu::cold]] void sort(std::span<const Keyframe> keyframes, detail::Table<Candidate>& candidates) const {
     detail::Table<Ranked> order;  // by distance
     for (const Candidate& one : candidates) {
-      const double nearer = is_like_any(keyframes, one.id, partners_) ? options_.familiar : 0.0;
+      const double nearer = is_like_any(keyframes, one.id, partners_) ? options_.hysteresis : 0.0;
       order.push_back({one.guess.translation().norm() - nearer, static_cast<Index>(order.size())});
     }
     sort_ranked(order.all());
