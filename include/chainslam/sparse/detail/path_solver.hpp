@@ -81,7 +81,8 @@ class PathSolver {
         for (int k = 0; k < B; ++k) x[Offset{row_[variable]} * B + k] += *E++;
     }
     std::fill_n(product, Offset{columns} * columns, 0.0);
-    for (Offset k = nodes_.size(); k-- > 0;) add_front(nodes_[k], X.data(), columns, product);
+    Workspace workspace;
+    for (Offset k = nodes_.size(); k-- > 0;) add_front(nodes_[k], X.data(), columns, product, workspace);
     for (Index column = 0; column < columns; ++column)
       for (Index other = 0; other <= column; ++other) {
         double& entry = product[Offset{column} * columns + other];
@@ -91,19 +92,28 @@ class PathSolver {
   }
 
  private:
+  /// Keeps its memory from front to front.
+  struct Workspace {
+    Table<Offset> places;  ///< of the front's variables in X: its own ones lie side by side
+    Table<double> gathered, solved;
+    Table<Index> begins;  ///< of columns that are not zero, `B` or 1 at a time
+  };
+
   [[nodiscard]] bool seen(Index node) const { return row_[tree_.columns(node).front()] != -1; }
 
   /// Substitutes the right-hand sides in one front, all while it is in the cache, and subtracts from the product what
   /// the front's own rows add. Those that are zero there stay so.
-  void add_front(Index node, double* X, Index columns, double* product) const {
+  void add_front(Index node, double* X, Index columns, double* product, Workspace& workspace) const {
     const auto front = tree_.front(node);
     const Offset height = Offset{rows_} * B, own = Offset{front.columns()} * B;
-    Table<Offset> places;  // of the front's variables in X: its own ones lie side by side
+    auto& [places, gathered, solved, begins] = workspace;
+    places.clear();
+    begins.clear();
     for (const Index variable : tree_.variables(node)) places.push_back(Offset{row_[variable]} * B);
-    Table<double> gathered(front.stride() * B, 0.0), solved(own * B, 0.0);
+    gathered.resize(front.stride() * B);
+    solved.resize(own * B);
     const double* const rows = X + places[0];
     const auto width = [&](Index begin) { return begin < columns - columns % B ? B : 1; };
-    Table<Index> begins;  // of columns that are not zero, so many at a time
     for (Index begin = 0; begin < columns; begin += width(begin)) {
       if (is_zero(rows + begin * height, own, width(begin))) continue;
       begins.push_back(begin);
