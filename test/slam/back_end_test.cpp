@@ -184,7 +184,7 @@ TEST_SUITE("slam/back_end") {
     (void)back_end.finish();
     const auto updates = back_end.smoother().revision();
     (void)back_end.finish();
-    CHECK(back_end.smoother().revision() - updates == 2);
+    CHECK(back_end.smoother().revision() - updates == 2);  // of one pass
   }
 
   TEST_CASE("refused closures are kept apart and change nothing") {

@@ -88,8 +88,9 @@ struct ChainOptions {
   double max_distance = 20.0;  ///< metres between i and k, as guessed: beyond, they share no view; 0: any (the paper)
   Index min_separation = 20;   ///< keyframes between two partners of one session: nearer, their submaps share scans
   Index max_alignments = 4;    ///< for one direct closure; 0: all (the paper)
-  /// Metres by which others must be nearer than keyframes next to partners of the last direct closure, whose submaps
-  /// are there already, if not all may be tried. 0: the nearest are tried, whatever their session.
+  /// Metres by which others must be nearer than keyframes within `min_separation` of the last direct closure's
+  /// partners, whose submaps are there already, if not all may be tried. 0: the nearest are tried, whatever their
+  /// session.
   double hysteresis = 5.0;
   double max_translation = 2.0;  ///< metres from the guess, beyond which a closure contradicts the chain; 0: any
   double max_rotation = 0.1;     ///< radians
