@@ -279,6 +279,32 @@ TEST_SUITE("sparse/incremental_cholesky") {
     });
   }
 
+  TEST_CASE("what one front may be off by is bounded by itself, however much all may be together") {
+    int farther = 0;
+    for_all(60, [&](Rng& rng, int size) {
+      Solver::Options options = exact(size), unbounded = options;
+      options.relative_excess = unbounded.relative_excess = 100.0;
+      options.largest_excess = Solver::Options{}.largest_excess;
+      unbounded.largest_excess = 100.0;
+      const auto seed = rng.fork(1);
+      const auto excess = [&](const Solver::Options& some) {
+        Rng steps = seed;
+        History history(steps, some);
+        double most = 0.0;
+        for (int k = 0; k < 5 + size / 2; ++k) {
+          history.step();
+          const double least = history.system.squared_error(history.system.solution());
+          const double found = history.system.squared_error(solution(history.solver));
+          most = std::max(most, (found - least - 1e-5) / (1e-5 + least));
+        }
+        return most;
+      };
+      CHECK(excess(options) <= options.largest_excess);  // there are no more fronts than variables
+      farther += excess(unbounded) > options.largest_excess ? 1 : 0;
+    });
+    CHECK(farther > 0);
+  }
+
   TEST_CASE("large fronts keep their solution unread where their rows move little, and the excess is still bounded") {
     for_all(4, [](Rng& rng, int size) {
       Solver::Options options = exact(size);
