@@ -62,7 +62,7 @@ class IncrementalCholesky {
     /// Share of the squared error by which the solution may exceed its minimum: where the change is smaller, old parts
     /// of the solution are kept. 0: all are exact.
     double relative_excess = 1e-5;
-    /// And share of a variable's mean squared error by which one front's part may: in systems of any size.
+    /// Share of a variable's mean squared error by which one front's part may, so that large systems are no worse.
     double largest_excess = 0.3;
     /// The squared error of which these shares are taken at least.
     double least_error = 1e-3;
