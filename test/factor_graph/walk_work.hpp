@@ -3,7 +3,6 @@
 #include <doctest/doctest.h>
 
 #include "chainslam/factor_graph/incremental_smoother.hpp"
-#include "factor_graph/smoother_twin.hpp"
 #include "support/street_walk.hpp"
 
 namespace chainslam::test {
@@ -20,7 +19,7 @@ struct WalkWork {
 
 inline WalkWork work_of(const StreetWalkOptions& options, const SmootherOptions& smoother_options = {}) {
   StreetWalk walk(options);
-  Smoother smoother(smoother_options);
+  IncrementalSmoother<SE3d> smoother(smoother_options);
   WalkWork sum;
   while (!walk.done()) {
     const StreetWalk::Step step = walk.next();
