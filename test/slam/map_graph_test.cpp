@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "chainslam/factor_graph/batch_optimizer.hpp"
+#include "factor_graph/walk_work.hpp"
 #include "slam/scripted.hpp"
 #include "slam/street.hpp"
 #include "support/property.hpp"
@@ -389,6 +390,16 @@ TEST_SUITE("slam/map_graph") {
     REQUIRE(sessions.graph.converge().ok());
     sessions.join(rng, 0, 1, 1);
     CHECK(sessions.graph.optimize().relinearized < 100);
+  }
+
+  // The optimum is what all other figures of a map are of: the tolerances must not show in them, nor cost what a
+  // tighter one does: a tenth of either takes half again of the substitutions, or twice the linearizations.
+  TEST_CASE("tolerances by default: the work of a walk, and how near it ends to the optimum") {
+    const test::WalkWork work =
+        test::work_of({.sessions = 3, .keyframes = 700, .blocks = 3, .seed = 4}, MapGraphOptions{}.smoother);
+    CHECK(work.cost_over_optimum < 1.0015);  // 1.0017 and 1.010 with ten times the one or the other
+    CHECK(work.relinearized < 4500);
+    CHECK(work.substituted < 270000);
   }
 
   TEST_CASE("an optimization that exceeds its work goes on with the next calls, to the same bits") {

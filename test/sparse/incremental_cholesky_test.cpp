@@ -279,6 +279,34 @@ TEST_SUITE("sparse/incremental_cholesky") {
     });
   }
 
+  TEST_CASE("what one front may be off by is bounded by itself, however much all may be together") {
+    int farther = 0;
+    for_all(60, [&](Rng& rng, int size) {
+      Solver::Options options = exact(size), unbounded = options;
+      options.relative_excess = unbounded.relative_excess = 100.0;
+      options.largest_excess = Solver::Options{}.largest_excess;
+      unbounded.largest_excess = 100.0;
+      const Rng steps = rng.fork(1);
+      // The largest excess, over a variable's share of the squared error at its largest so far, for each variable.
+      const auto excess_of = [&](const Solver::Options& some) {
+        Rng same_steps = steps;
+        History history(same_steps, some);
+        double most = 0.0, share = 0.0;
+        for (int k = 0; k < 5 + size / 2; ++k) {
+          history.step();
+          const double least = history.system.squared_error(history.system.solution());
+          const double excess = history.system.squared_error(solution(history.solver)) - least;
+          share = std::max(share, std::max(least, some.least_error) / history.solver.size());
+          most = std::max(most, excess / (share * history.solver.size()));
+        }
+        return most;
+      };
+      CHECK(excess_of(options) <= options.largest_excess);  // there are no more fronts than variables
+      farther += excess_of(unbounded) > options.largest_excess ? 1 : 0;
+    });
+    CHECK((farther > 0 || seed_from_environment()));
+  }
+
   TEST_CASE("large fronts keep their solution unread where their rows move little, and the excess is still bounded") {
     for_all(4, [](Rng& rng, int size) {
       Solver::Options options = exact(size);

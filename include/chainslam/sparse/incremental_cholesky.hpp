@@ -62,7 +62,9 @@ class IncrementalCholesky {
     /// Share of the squared error by which the solution may exceed its minimum: where the change is smaller, old parts
     /// of the solution are kept. 0: all are exact.
     double relative_excess = 1e-5;
-    /// And the squared error at which that share is taken at least.
+    /// Share of a variable's mean squared error by which one front's part may, so that large systems are no worse.
+    double largest_excess = 0.3;
+    /// The squared error of which these shares are taken at least.
     double least_error = 1e-3;
     /// Newest variables that are eliminated last, since the next terms are likely to touch them.
     Index late_variables = 10;
@@ -190,10 +192,8 @@ class IncrementalCholesky {
 
   /// The least sum of |r + J x|^2.
   [[nodiscard]] double squared_error() const { return totals_.squared_residuals - totals_.lowered; }
-  /// What the exact solution lowers the sum by.
-  [[nodiscard]] double lowered() const { return totals_.lowered; }
-  /// What the solution at hand exceeds it by.
-  [[nodiscard]] double excess() const { return totals_.excess; }
+  [[nodiscard]] double lowered() const { return totals_.lowered; }  ///< what the exact solution lowers the sum by
+  [[nodiscard]] double excess() const { return totals_.excess; }    ///< what the solution at hand exceeds it by
 
   /// Of the last `solve`.
   [[nodiscard]] std::span<const double> solution(Index variable) const {

@@ -42,7 +42,8 @@ void IncrementalCholesky<BlockSize>::solve(bool exact) {
   moves_.clear();
   const double error = std::max(squared_error(), options_.least_error);
   // A hundredth for each node, so that many may keep theirs before the share is used up.
-  tolerated_ = exact ? 0.0 : std::max(0.0, options_.relative_excess * error - totals_.excess) / 100.0;
+  const double share = std::max(0.0, options_.relative_excess * error - totals_.excess) / 100.0;
+  tolerated_ = exact ? 0.0 : std::min(share, options_.largest_excess * error / std::max(1, size()));
   for (const Index node : fresh_) {
     if (tree_[node].parent == -1) stack_.push_back(node);
   }
