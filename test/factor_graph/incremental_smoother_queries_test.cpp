@@ -33,7 +33,7 @@ std::string freedom_of_chain(const Values<SE3d>& values, const Factors&... facto
   for (Key key = 0; key < values.size(); ++key) components.add_variable();
   [[maybe_unused]] const auto hold = [&](const auto& factor) {
     const auto numbers = detail::linearization(factor, values, detail::Kernels::applied);
-    components.hold(factor.keys(), factor.rows, numbers.data(), values);
+    components.hold(factor.keys(), factor.rows, numbers.data(), values, 0);
   };
   (hold(factors), ...);
   for (Key key = 1; key < values.size(); ++key) components.connect(std::array<Key, 2>{key - 1, key});
@@ -94,6 +94,49 @@ TEST_SUITE("factor_graph/incremental_smoother_queries") {
     CHECK(describe(report.free[0]) ==
           "variable 5 (2 variables) is free in rotation (3 directions, as seen at variable 6)");
     CHECK(smoother.size() == 5);
+  }
+
+  TEST_CASE("what floats is known after any additions, removals and moves: as if all were put together again") {
+    for_all(60, [](Rng& rng, int) {
+      Smoother smoother;
+      std::vector<FactorId> ids;
+      const auto any_key = [&] { return static_cast<Key>(rng.uniform_index(smoother.size())); };
+      const auto noise = Smoother::Noise::from_sigma(0.1);
+      Vector6d sigmas = Vector6d::Constant(0.1);
+      sigmas.tail<3>().setConstant(std::numeric_limits<double>::infinity());
+      const auto hold = [&](Key key, bool position_only) {
+        const auto of_prior = position_only ? Smoother::Noise::from_sigmas(sigmas) : noise;
+        ids.push_back(smoother.add_prior(key, smoother[key], of_prior));
+      };
+      for (Key key = 0; key < 8; ++key) {
+        smoother.add_value(random_pose<SE3d>(rng));
+        if (key > 0) ids.push_back(smoother.add_between(key - 1, key, SE3d(), noise));
+      }
+      for (int step = 0; step < 100; ++step) {
+        const auto action = rng.uniform_index(10);
+        const Key a = any_key(), b = any_key();
+        if (action == 0) smoother.add_value(random_pose<SE3d>(rng));
+        if (action < 3 && a != b) ids.push_back(smoother.add_between(a, b, SE3d(), noise));
+        if (action == 3) hold(a, false);
+        if (action == 4) hold(a, true);
+        if (action >= 5 && action < 8 && !ids.empty()) {
+          const Index k = rng.uniform_index(to_index(ids.size()));
+          smoother.remove(ids[static_cast<std::size_t>(k)]);
+          ids.erase(ids.begin() + k);
+        }
+        if (action == 8) smoother.move(std::array{a, b}, random_pose<SE3d>(rng));
+        if (action == 9 && step % 4 == 0) smoother.set_fixed(a, !smoother.is_fixed(a));
+        Smoother again;
+        for (Key key = 0; key < smoother.size(); ++key) again.add_value(smoother[key]);
+        for (Key key = 0; key < smoother.size(); ++key) again.set_fixed(key, smoother.is_fixed(key));
+        smoother.for_each_factor([&](const auto& factor) { again.add(factor); });
+        const std::vector<Key> floating = smoother.floating();
+        CHECK(floating == again.floating());
+        // Mostly nothing floats, as in a map; what holds it is often just enough, and several together.
+        for (int k = 0; k < 10 && !smoother.floating().empty(); ++k)
+          hold(k < 9 ? any_key() : smoother.floating().front(), k < 9);
+      }
+    });
   }
 
   TEST_CASE("directions that only the numbers show are named, with all that moves along") {

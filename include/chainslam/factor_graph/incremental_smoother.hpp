@@ -283,6 +283,7 @@ class IncrementalSmoother {
 
   [[nodiscard]] std::vector<Key> find_floating();
   [[nodiscard]] std::vector<Key> find_all_floating();
+  [[nodiscard]] bool matters_to_components(Index term);
   void tie(Index term);
   void hold(Index term);
   [[nodiscard]] [[gnu::cold]] std::vector<FreePart> open_parts() const;

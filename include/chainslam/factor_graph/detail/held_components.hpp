@@ -95,15 +95,18 @@ class HeldComponents {
   static constexpr std::size_t dof = Group::dof;
   using Information = typename Group::Jacobian;
 
+  /// In place of the number of the one factor that holds a part.
+  static constexpr Index nothing = -1, several = -2;
+
   void clear() {
     parent_.clear();
-    held_.clear();
+    holder_.clear();
     partial_of_.clear();
     partial_.clear();
   }
   void add_variable() {
     parent_.push_back(to_index(parent_.size()));
-    held_.push_back(0);
+    holder_.push_back(nothing);
     partial_of_.push_back(-1);
   }
   [[nodiscard]] Index size() const { return to_index(parent_.size()); }
@@ -119,12 +122,12 @@ class HeldComponents {
     if (a == b) return;
     if (b < a) std::swap(a, b);
     at(b) = a;
-    if (held_[b] != 0) hold(a);
+    if (holder_[b] != nothing) hold(a, holder_[b]);
     const Index other = partial_of_[b];
     if (other == -1) return;
     const Partial partial = partial_[other];
     drop_partial(b);
-    hold(a, partial);
+    hold(a, partial, several);
   }
   template <class Keys>
   void connect(const Keys& keys) {
@@ -132,16 +135,20 @@ class HeldComponents {
   }
   /// Takes in what a factor says of a motion of all its variables, which are connected, as one body.
   /// @param numbers  as `write_linearization` writes them.
-  void hold(std::span<const Key> keys, Index rows, const double* numbers, const Values<Group>& values) {
-    hold(keys.front(), partial_hold(keys, rows, numbers, values));
+  /// @param holder   the factor's number.
+  void hold(std::span<const Key> keys, Index rows, const double* numbers, const Values<Group>& values, Index holder) {
+    hold(keys.front(), partial_hold(keys, rows, numbers, values), holder);
   }
-  /// Says that something holds the part of a variable in place.
-  void hold(Key key) {
+  /// Says that something holds the part of a variable in place; what did so before goes on to.
+  void hold(Key key, Index holder = several) {
     key = find(key);
-    held_[key] = 1;
+    if (holder_[key] == nothing) holder_[key] = holder;
     drop_partial(key);
   }
-  [[nodiscard]] bool is_held(Key key) { return held_[find(key)] != 0; }
+  [[nodiscard]] bool is_held(Key key) { return holder(key) != nothing; }
+  /// The number of the one factor that alone holds the part of a variable, if there is one; else `nothing` or
+  /// `several`.
+  [[nodiscard]] Index holder(Key key) { return holder_[find(key)]; }
 
   /// The least key of each part that is not held in all directions.
   [[nodiscard]] std::vector<Key> floating() {
@@ -180,7 +187,8 @@ class HeldComponents {
     return null_directions<Group::dof>(information, 1e-12);
   }
 
-  void hold(Key key, const Partial& partial) {
+  /// @param holder  the number of the factor that says so, `several` if it is not one.
+  void hold(Key key, const Partial& partial, Index holder) {
     key = find(key);
     if (is_held(key)) return;
     if (partial_of_[key] == -1) {
@@ -188,6 +196,7 @@ class HeldComponents {
       partial_.push_back(partial);
       partial_.back().part = key;
     } else {
+      holder = several;
       // exp(xi) x is x exp(Ad(x^-1) xi)
       Partial& known = partial_[partial_of_[key]];
       const Information turn = (partial.value.inverse() * known.value).adjoint();
@@ -197,7 +206,7 @@ class HeldComponents {
     const Information& information = partial_[partial_of_[key]].information;
     bool finite = true;
     for (std::size_t k = 0; k < dof * dof; ++k) finite = finite && std::isfinite(information.data()[k]);
-    if (!finite || free_directions(information).cols() == 0) hold(key);
+    if (!finite || free_directions(information).cols() == 0) hold(key, holder);
   }
   /// The last takes its place.
   void drop_partial(Key key) {
@@ -236,7 +245,7 @@ class HeldComponents {
   }
 
   Table<Key> parent_;
-  Table<char> held_;
+  Table<Index> holder_;      ///< of each part's least key
   Table<Index> partial_of_;  ///< of each part's least key: its place in `partial_`, or -1
   Table<Partial> partial_;   ///< of parts that are held in some directions
 };

@@ -106,8 +106,17 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::remove(const FactorId& id) {
   const Index term = term_of(id);
   begin();
+  components_outdated_ = components_outdated_ || matters_to_components(term);
   remove_term(term);
-  components_outdated_ = true;
+}
+
+/// Whether something may float without a factor. A prior ties nothing together, and most are not what holds a part.
+template <class Group, class... Extra>
+bool IncrementalSmoother<Group, Extra...>::matters_to_components(Index term) {
+  const auto slots = solver_.terms().slots(term);
+  if (slots.size() != 1) return true;
+  const Index holder = components_.holder(slots.front().variable);
+  return holder < 0 || holder == term;
 }
 
 template <class Group, class... Extra>

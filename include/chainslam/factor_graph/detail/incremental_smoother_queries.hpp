@@ -43,7 +43,12 @@ void IncrementalSmoother<Group, Extra...>::move(std::span<const Key> keys, const
   for (const Key key : outside) relinearize_at_estimate(key);
   revision_ += 2;
   ++losses_;
-  components_outdated_ = true;  // what holds a part may see it from elsewhere
+  // What holds a part may see it from elsewhere, unless it is one prior.
+  const auto held_by_prior = [&](Key key) {
+    const Index holder = components_.holder(key);
+    return holder >= 0 && solver_.terms().slots(holder).size() == 1;
+  };
+  for (const Key key : keys) components_outdated_ = components_outdated_ || !held_by_prior(key);
 }
 
 template <class Group, class... Extra>
@@ -81,7 +86,7 @@ void IncrementalSmoother<Group, Extra...>::hold(Index term) {
   const auto place = pools_.place(term);
   numbers_.resize(solver_.terms().size(term));
   pools_.pool(place.type).linearize(place.slot, origins_, detail::Kernels::left_out, numbers_.data());
-  components_.hold(keys_, solver_.terms().rows(term), numbers_.data(), origins_);
+  components_.hold(keys_, solver_.terms().rows(term), numbers_.data(), origins_, term);
 }
 
 template <class Group, class... Extra>
