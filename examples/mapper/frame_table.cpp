@@ -5,6 +5,7 @@
 #include <string>
 
 #include "chainslam/io/detail/pose_fields.hpp"
+#include "chainslam/io/detail/text.hpp"
 
 namespace chainslam::mapper {
 
@@ -51,19 +52,18 @@ std::string row(const FrameRecord& frame) {
   const FrameHealth& health = frame.health;
   const Eigen::Vector3d& t = frame.T_odom_body.translation();
   const auto& q = frame.T_odom_body.rotation().quaternion();
-  char text[512];
-  // The residual as map files keep it, so that exports of a map give the same table.
-  std::snprintf(text, sizeof text, "%d,%lld,%s,%d,%d,%s,%d,%d,%d,%d,%.6g,%.9g,%.9g,%.9g,%.12g,%.12g,%.12g,%.12g",
-                frame.session.value, static_cast<long long>(frame.time.nanoseconds()), name_of(health.status),
-                health.map_restarted, health.after_gap, name_of(health.imu_use), health.doubtful(), health.points,
-                health.matches, health.iterations, static_cast<float>(health.residual_rms), t.x(), t.y(), t.z(), q.x(),
-                q.y(), q.z(), q.w());
+  char text[256];
+  std::snprintf(text, sizeof text, "%d,%lld,%s,%d,%d,%s,%d,%d,%d,%d", frame.session.value,
+                static_cast<long long>(frame.time.nanoseconds()), name_of(health.status), health.map_restarted,
+                health.after_gap, name_of(health.imu_use), health.doubtful(), health.points, health.matches,
+                health.iterations);
   std::string line = text;
-  for (const float entry : frame.covariance.upper()) {
-    std::snprintf(text, sizeof text, ",%.6g", static_cast<double>(entry));
-    line += text;
-  }
-  return line + "\n";
+  const auto append = [&](double value, int digits) { detail::append_number(line += ',', value, digits); };
+  append(static_cast<float>(health.residual_rms), 6);  // as map files keep it: exports of one give the same table
+  for (int k = 0; k < 3; ++k) append(t[k], 9);
+  for (const double part : {q.x(), q.y(), q.z(), q.w()}) append(part, 12);
+  for (const float entry : frame.covariance.upper()) append(static_cast<double>(entry), 6);
+  return line += '\n';
 }
 
 }  // namespace

@@ -90,6 +90,13 @@ void append_number(std::string& text, Number value) {
   text.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr);
 }
 
+/// Appends a number with so many significant digits, as "%.6g" does with six, whatever the locale.
+inline void append_number(std::string& text, double value, int digits) {
+  std::array<char, 64> written{};
+  const auto end = written.data() + written.size();
+  text.append(written.data(), std::to_chars(written.data(), end, value, std::chars_format::general, digits).ptr);
+}
+
 /// Appends seconds with nine decimals, exactly.
 inline void append_seconds(std::string& text, Timestamp time) {
   const std::int64_t value = time.nanoseconds();
