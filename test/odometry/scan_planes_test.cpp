@@ -138,8 +138,9 @@ TEST_SUITE("odometry/scan_planes") {
       CHECK(taken == count);
       fits.fit(plane_rule, [](std::size_t, const MatchedPlane&) { CHECK(false); });
     });
-    CHECK(planes > 300);
-    CHECK(none > 300);
+    // However wide the lanes, and however many runs.
+    CHECK(planes > (planes + none) / 5);
+    CHECK(none > (planes + none) / 5);
   }
 
   TEST_CASE("sums in lanes are those of one match after the other") {
