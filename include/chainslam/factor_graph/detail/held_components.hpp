@@ -139,7 +139,7 @@ class HeldComponents {
   void hold(std::span<const Key> keys, Index rows, const double* numbers, const Values<Group>& values, Index holder) {
     hold(keys.front(), partial_hold(keys, rows, numbers, values), holder);
   }
-  /// Says that something holds the part of a variable in place; what did so before goes on to.
+  /// Says that something holds the part of a variable in place. The first that does is its holder.
   void hold(Key key, Index holder = several) {
     key = find(key);
     if (holder_[key] == nothing) holder_[key] = holder;
