@@ -379,7 +379,8 @@ IncrementalSmoother<Group, Extra...>::IncrementalSmoother(const SmootherOptions&
       marginalize_old_(by_lag),
       solver_({.relative_excess = options.linear_tolerance,
                .least_error = options.least_error,
-               .late_variables = options.late_variables}) {}
+               .late_variables = options.late_variables,
+               .forgotten_share = options.forgotten_share}) {}
 
 // Out of the class, so that they are compiled once where the library holds a smoother.
 template <class Group, class... Extra>

@@ -33,6 +33,8 @@ struct SmootherOptions {
   Index largest_relinearization = 300;
   /// Newest variables that are eliminated last.
   Index late_variables = 10;
+  /// `IncrementalCholesky::Options::forgotten_share`: more takes less memory and more time.
+  double forgotten_share = 1.0;
   /// Newest variables that are kept: `update` marginalizes older ones. 0: all are kept.
   Index lag = 0;
 };

@@ -241,7 +241,7 @@ template <class Archive>
 void IncrementalSmoother<Group, Extra...>::visit_options(SmootherOptions& options, Archive&& archive) {
   archive(options.linear_tolerance, options.nonlinear_tolerance, options.patience, options.first_look,
           options.longest_step, options.least_error, options.largest_relinearization, options.late_variables,
-          options.lag);
+          options.forgotten_share, options.lag);
 }
 
 template <class Group, class... Extra>

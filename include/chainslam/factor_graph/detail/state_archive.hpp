@@ -28,7 +28,7 @@ namespace chainslam::detail {
 //   40  options, variables, factors type by type, the linear system
 
 inline constexpr std::uint64_t state_mark = 0x0A0D'4D53'4953'4389U;
-inline constexpr std::uint32_t state_version = 1;
+inline constexpr std::uint32_t state_version = 2;
 inline constexpr std::size_t state_check_at = 32;
 inline constexpr std::size_t state_body_at = 40;
 

@@ -85,7 +85,10 @@ template <Executor Exec>
 FactorizationResult IncrementalCholesky<BlockSize>::compute_all(std::span<const Index> nodes, const Exec& executor) {
   double work = 0.0;
   for (const Index node : nodes) {
-    work += Front::work(tree_[node].columns, tree_[node].rows);
+    const double of_node = Front::work(tree_[node].columns, tree_[node].rows);
+    work += of_node;
+    // What is only computed again for its update does not make more be forgotten: that would feed on itself.
+    if (tree_[node].stale != Stale::none) totals_.multiplications += of_node;
     work_.refactorized += tree_[node].columns;
     totals_.lowered -= tree_[node].lowered;
   }

@@ -19,7 +19,6 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize(const Exec& execut
     terms_.set_counted(term, true);
   }
   written_.clear();
-  const double multiplications_before = work_.multiplications;
   promote_heavy();
   reorder_near();
   collect_affected();
@@ -30,7 +29,6 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize(const Exec& execut
     result = compute_all(fresh_.range(0, fresh_.size()), executor);
   }
   for (const Index variable : affected_) local_[variable] = -1;
-  totals_.multiplications += work_.multiplications - multiplications_before;
   ++totals_.factorizations;
   tree_.compact();
   return result;
