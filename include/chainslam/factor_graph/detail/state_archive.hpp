@@ -161,7 +161,8 @@ template <class... Factors>
   ByteSource in(bytes);
   if (in.take<std::uint64_t>() != state_mark) refuse(0, "something that is not a saved smoother");
   if (const auto version = in.take<std::uint32_t>(); version != state_version)
-    refuse(8, "format version " + std::to_string(version) + ", where this program reads 1");
+    refuse(8,
+           "format version " + std::to_string(version) + ", where this program reads " + std::to_string(state_version));
   if (const auto dof = in.take<std::uint32_t>(); dof != expected.dof)
     refuse(12, "variables of " + std::to_string(dof) + " degrees of freedom");
   if (in.take<std::uint64_t>() != expected.factors) refuse(16, "factors of other types");
