@@ -75,8 +75,8 @@ class IncrementalCholesky {
     double reorder_work = 20000.0;
     /// if they take more than this share of all multiplications: a way through a large tree keeps its order.
     double reorder_share = 0.3;
-    /// In subtrees whose factorization takes less than this share of a mean update's multiplications, what a front
-    /// leaves to its parent is not kept, but computed again when the parent is.
+    /// In subtrees whose factorization takes less than this share of what a mean update must multiply, what a front
+    /// leaves to its parent is not kept, but computed again when the parent is. More takes less memory, more time.
     double forgotten_share = 1.0;
     /// A factorization of fewer multiplications than this (a few tenths of a millisecond) is not worth waking threads.
     double least_shared_work = 2e6;
