@@ -126,22 +126,24 @@ std::vector<std::string> write_las(const FileTarget& target, const SlamMap& map,
                                      std::to_string(CHAINSLAM_VERSION_PATCH)};
   LasExtent extent(layout);
   IntensityScale intensity;
-  const PlacedPoints points(map, sessions, options.voxel_size);
-  points.for_each([&](const Keyframe& keyframe, const PointCloud<float>& cloud, std::size_t i, const auto& p) {
-    if (!extent.add(frame(p.template cast<double>())))
-      throw_output_error(target.path.string(), "keyframe " + std::to_string(keyframe.id.value),
-                         "a point more than 2147 km from the middle of the map",
-                         "export the map as PLY, which holds any coordinates");
-    intensity.add(cloud, i);
-  });
+  for_each_placed_point(map, sessions, options.voxel_size,
+                        [&](const Keyframe& keyframe, const PointCloud<float>& cloud, std::size_t i, const auto& p) {
+                          if (!extent.add(frame(p.template cast<double>())))
+                            throw_output_error(target.path.string(), "keyframe " + std::to_string(keyframe.id.value),
+                                               "a point more than 2147 km from the middle of the map",
+                                               "export the map as PLY, which holds any coordinates");
+                          intensity.add(cloud, i);
+                        });
   LasWriter<> writer(target, extent);
-  points.for_each([&](const Keyframe& keyframe, const PointCloud<float>& cloud, std::size_t i, const auto& p) {
-    const Duration since = cloud.has_times() ? seconds(double{cloud.time_offsets[i]}) : Duration();
-    writer.add({.position = frame(p.template cast<double>()),
-                .gps_time = las_time(keyframe.time + since, utc),
-                .intensity = intensity(cloud, i),
-                .source = static_cast<std::uint16_t>(keyframe.session.value)});
-  });
+  for_each_placed_point(map, sessions, options.voxel_size,
+                        [&](const Keyframe& keyframe, const PointCloud<float>& cloud, std::size_t i, const auto& p) {
+                          const Duration since =
+                              cloud.has_times() ? seconds(double{cloud.time_offsets[i]}) : Duration();
+                          writer.add({.position = frame(p.template cast<double>()),
+                                      .gps_time = las_time(keyframe.time + since, utc),
+                                      .intensity = intensity(cloud, i),
+                                      .source = static_cast<std::uint16_t>(keyframe.session.value)});
+                        });
   writer.commit();
   return {frame.account(),
           utc ? "GPS time     adjusted standard (GPS seconds minus 1e9), times taken as UTC"

@@ -148,16 +148,20 @@ void take_errors(RunOutcome& outcome) {
   outcome.inter_session_errors = std::move(between);
 }
 
-/// All scans of the sessions that lie in one frame: the first point of each voxel, written one by one, since those of
-/// fifty thousand keyframes take more memory than mapping does.
+/// All scans of the sessions that lie in one frame: the first point of each voxel. They are counted first, and then
+/// written one by one: those of fifty thousand keyframes take more memory than mapping does.
 void write_map(const FileTarget& target, const SlamMap& map, SessionId frame, double voxel_size) {
   std::vector<SessionId> sessions;
   for (const Session& session : map.sessions)
     if (session.frame == frame) sessions.push_back(session.id);
-  const PlacedPoints points(map, std::move(sessions), voxel_size);
-  write_ply(target, points.size(), [&](const auto& take) {
-    points.for_each([&](const Keyframe&, const PointCloud<float>&, std::size_t, const Eigen::Vector3f& p) { take(p); });
-  });
+  const auto for_each = [&](const auto& take) {
+    for_each_placed_point(
+        map, sessions, voxel_size,
+        [&](const Keyframe&, const PointCloud<float>&, std::size_t, const Eigen::Vector3f& p) { take(p); });
+  };
+  std::size_t count = 0;
+  for_each([&](const Eigen::Vector3f&) { ++count; });
+  write_ply(target, count, for_each);
 }
 
 void write_graph(const FileTarget& target, const SlamMap& map) {
