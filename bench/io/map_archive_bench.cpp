@@ -24,12 +24,12 @@ PointCloud<float> kept_scan(double voxel_size) {
 std::vector<std::byte> encoded(const PointCloud<float>& cloud) {
   std::vector<std::byte> raw;
   detail::append_scan(raw, KeyframeId{0}, cloud);
-  return ZstdCodec{}.compress(raw);
+  return detail::ZstdCodec{}.compress(raw);
 }
 
 PointCloud<float> decoded(const std::vector<std::byte>& packed, std::size_t raw_bytes) {
   std::vector<std::byte> raw(raw_bytes);
-  if (!ZstdCodec{}.decompress(packed, raw)) throw std::runtime_error("a scan that does not unpack");
+  if (!detail::ZstdCodec{}.decompress(packed, raw)) throw std::runtime_error("a scan that does not unpack");
   detail::ByteReader in(raw);
   const detail::ScanHead head = detail::read_scan_head(in);
   return detail::read_scan_body(head, in);
@@ -49,20 +49,21 @@ void encode(benchmark::State& state) {
   const PointCloud<float> cloud = kept_scan(1e-2 * static_cast<double>(state.range(0)));
   const auto floats = std::as_bytes(std::span(cloud.positions));
   bench::versus(
-      state, "zstd_floats", [&] { return encoded(cloud).size(); }, [&] { return ZstdCodec{}.compress(floats).size(); });
-  set_counters(state, cloud, encoded(cloud), ZstdCodec{}.compress(floats));
+      state, "zstd_floats", [&] { return encoded(cloud).size(); },
+      [&] { return detail::ZstdCodec{}.compress(floats).size(); });
+  set_counters(state, cloud, encoded(cloud), detail::ZstdCodec{}.compress(floats));
 }
 
 void decode(benchmark::State& state) {
   const PointCloud<float> cloud = kept_scan(1e-2 * static_cast<double>(state.range(0)));
   const std::vector<std::byte> packed = encoded(cloud),
-                               floats = ZstdCodec{}.compress(std::as_bytes(std::span(cloud.positions)));
+                               floats = detail::ZstdCodec{}.compress(std::as_bytes(std::span(cloud.positions)));
   const std::size_t raw_bytes = detail::scan_head_bytes + 6 * cloud.size();
   if (decoded(packed, raw_bytes).positions != cloud.positions) throw std::runtime_error("other points came back");
   std::vector<Eigen::Vector3f> out(cloud.size());
   bench::versus(
       state, "zstd_floats", [&] { return decoded(packed, raw_bytes).size(); },
-      [&] { return ZstdCodec{}.decompress(floats, std::as_writable_bytes(std::span(out))); });
+      [&] { return detail::ZstdCodec{}.decompress(floats, std::as_writable_bytes(std::span(out))); });
   set_counters(state, cloud, packed, floats);
 }
 

@@ -16,6 +16,7 @@ namespace {
 
 using chainslam::detail::ChunkHeader;
 using chainslam::detail::ChunkType;
+using chainslam::detail::ZstdCodec;
 using Bytes = std::vector<std::byte>;
 
 /// One chunk, its payload as it is stored.

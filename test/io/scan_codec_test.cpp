@@ -1,7 +1,7 @@
 #include <doctest/doctest.h>
 
 #include "chainslam/io/detail/scan_codec.hpp"
-#include "chainslam/io/zstd_codec.hpp"
+#include "chainslam/io/detail/zstd_codec.hpp"
 #include "io/maps.hpp"
 #include "support/property.hpp"
 
@@ -75,9 +75,9 @@ TEST_SUITE("io/scan_codec") {
       CHECK(codec.decompress(codec.compress({}), {}));
     };
     check(RawCodec{});
-    check(ZstdCodec{});
-    CHECK(ZstdCodec{}.compress(data).size() < data.size() / 3);
-    CHECK(!ZstdCodec{}.decompress(data, data));
+    check(chainslam::detail::ZstdCodec{});
+    CHECK(chainslam::detail::ZstdCodec{}.compress(data).size() < data.size() / 3);
+    CHECK(!chainslam::detail::ZstdCodec{}.decompress(data, data));
     static_assert(!Codec<int>);
   }
 }

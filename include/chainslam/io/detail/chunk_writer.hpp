@@ -12,7 +12,7 @@
 #include "chainslam/io/detail/partial_file.hpp"
 #include "chainslam/io/detail/scan_codec.hpp"
 #include "chainslam/io/detail/scan_file.hpp"
-#include "chainslam/io/zstd_codec.hpp"
+#include "chainslam/io/detail/zstd_codec.hpp"
 
 namespace chainslam::detail {
 

@@ -20,7 +20,7 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/io/detail/map_chunk.hpp"
 #include "chainslam/io/detail/open_to_read.hpp"
-#include "chainslam/io/zstd_codec.hpp"
+#include "chainslam/io/detail/zstd_codec.hpp"
 
 namespace chainslam::detail {
 

@@ -20,7 +20,7 @@
 #include "chainslam/io/detail/map_chunk.hpp"
 #include "chainslam/io/detail/map_records.hpp"
 #include "chainslam/io/detail/scan_codec.hpp"
-#include "chainslam/io/zstd_codec.hpp"
+#include "chainslam/io/detail/zstd_codec.hpp"
 #include "chainslam/slam/keyframe_scan.hpp"
 
 namespace chainslam::detail {

@@ -10,7 +10,7 @@
 
 #include "chainslam/io/file_system.hpp"
 
-namespace chainslam {
+namespace chainslam::detail {
 
 /// Zstandard (RFC 8878), one frame that states its size.
 struct ZstdCodec {
@@ -35,4 +35,4 @@ struct ZstdCodec {
 };
 static_assert(Codec<ZstdCodec>);
 
-}  // namespace chainslam
+}  // namespace chainslam::detail
