@@ -299,7 +299,7 @@ TEST_SUITE("slam: several sessions") {
       const auto count_from = [&](Index before) { result.alignments.push_back(back_end.counts().alignments - before); };
       for (Index i = 0; i < per_session; ++i) {
         const Index before = back_end.counts().alignments;
-        back_end.add(keyframe_at(i, drives.odometry[static_cast<std::size_t>(per_session + i)]));
+        back_end.add(test::keyframe_at(i, drives.odometry[static_cast<std::size_t>(per_session + i)]));
         count_from(before);
       }
       const Index before = back_end.counts().alignments;
