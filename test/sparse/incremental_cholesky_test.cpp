@@ -383,8 +383,9 @@ TEST_SUITE("sparse/incremental_cholesky") {
       Solver::Options options = exact(size);
       options.relative_excess = 1e-3;
       options.forgotten_share = 0.0;
-      Rng other_rng = rng;
+      Rng other_rng = rng, third_rng = rng;
       History keeping(rng, options);
+      History switching(third_rng, options);
       options.forgotten_share = 1e9;
       History forgetting(other_rng, options);
       double kept_work = 0.0, work = 0.0;
@@ -392,11 +393,23 @@ TEST_SUITE("sparse/incremental_cholesky") {
         keeping.step();
         forgetting.step();
         CHECK(solution(keeping.solver) == solution(forgetting.solver));
+        switching.solver.keep_updates(k % 3 != 1);
+        switching.step();
+        CHECK(solution(keeping.solver) == solution(switching.solver));
+        if (k % 2 == 1) {
+          switching.solver.begin();
+          switching.solver.reorder_all();
+          REQUIRE(switching.solver.factorize().ok());
+          switching.solver.rollback();
+        }
         kept_work = keeping.solver.work().multiplications;
         work = forgetting.solver.work().multiplications;
       }
       CHECK(work >= kept_work);
       if (size > 20) CHECK(forgetting.solver.tree().used_bytes() < keeping.solver.tree().used_bytes());
+      switching.solver.keep_updates(false);
+      CHECK(switching.solver.tree().used_bytes() <= forgetting.solver.tree().used_bytes());
+      CHECK(switching.solver.tree().bytes() < keeping.solver.tree().bytes());
     });
   }
 

@@ -181,6 +181,10 @@ class IncrementalCholesky {
     for (Index variable = 0; variable < size(); ++variable) reorder(variable);
   }
 
+  /// Whether fronts keep what they leave to their parents, as they do at first. Where they do not, it takes no memory,
+  /// and all is computed again by the next `factorize`: for callers who change all terms each time.
+  void keep_updates(bool keep);
+
   /// Brings the factor up to date: where that is much work, subtrees and the columns of large fronts are shared out by
   /// an executor, bit-identically for any. If it fails, `rollback` is due.
   template <Executor Exec = Serial>
@@ -276,14 +280,7 @@ class IncrementalCholesky {
     }
   }
 
-  void clear_changes() {
-    for (const Index node : stale_) tree_[node].stale = Stale::none;
-    for (const Index node : fresh_) tree_[node].stale = Stale::none;
-    stale_.clear();
-    fresh_.clear();
-    reordered_.clear();
-    written_.clear();
-  }
+  void clear_changes();
 
   /// Where factorization costs much more than ordering, it is worth looking for a better order each time.
   void promote_heavy();
@@ -389,6 +386,7 @@ class IncrementalCholesky {
   Totals totals_before_;
   double tolerated_ = 0.0;  ///< excess of one node
   double damping_ = 0.0;
+  bool keeps_updates_ = true;
   FactorizationWork work_;
 };
 

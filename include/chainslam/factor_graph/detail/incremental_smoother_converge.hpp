@@ -14,6 +14,19 @@ namespace chainslam {
 
 namespace detail {
 
+/// While it lives, fronts keep nothing for their parents: `converge` computes all of them again in each step.
+template <class Solver>
+class UpdatesNotKept {
+ public:
+  explicit UpdatesNotKept(Solver& solver) : solver_(solver) { solver_.keep_updates(false); }
+  UpdatesNotKept(const UpdatesNotKept&) = delete;
+  UpdatesNotKept& operator=(const UpdatesNotKept&) = delete;
+  ~UpdatesNotKept() { solver_.keep_updates(true); }
+
+ private:
+  Solver& solver_;
+};
+
 /// Whether `converge` may start again from the chordal relaxation, which only rigid motions have.
 template <class Group, class Restart>
 inline constexpr bool restarts = false;
@@ -46,6 +59,7 @@ template <class Group, class... Extra>
 template <class Restart, Executor Exec>
 ConvergeReport IncrementalSmoother<Group, Extra...>::converge(const ConvergeOptions<Restart>& options,
                                                               const Exec& executor) {
+  const detail::UpdatesNotKept memory(solver_);
   ConvergeReport report = converge_penalized(options, executor);
   if constexpr (any_constraint) {
     report.violation = violation();

@@ -88,6 +88,11 @@ class FrontTree {
     updates_.give_back(nodes_[node].update, update_size(node));
     nodes_[node].update = nullptr;
   }
+  /// All updates, and their memory.
+  void release_updates() {
+    for (Index node = 0; node < size(); ++node) nodes_[node].update = nullptr;
+    updates_ = {};
+  }
   [[nodiscard]] bool has_update(Index node) const { return nodes_[node].update != nullptr; }
   /// Moves some fronts' numbers together, where much lies idle between them.
   void compact() {

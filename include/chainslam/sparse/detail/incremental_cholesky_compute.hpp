@@ -29,13 +29,19 @@ void IncrementalCholesky<BlockSize>::list_below(detail::Table<Index>& nodes, Des
 }
 
 template <int BlockSize>
+void IncrementalCholesky<BlockSize>::keep_updates(bool keep) {
+  keeps_updates_ = keep;
+  if (!keep) tree_.release_updates();
+}
+
+template <int BlockSize>
 void IncrementalCholesky<BlockSize>::forget_updates(Index node, std::mutex* memory) {
   tree_[node].work = Front::work(tree_[node].columns, tree_[node].rows);
   for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next)
     tree_[node].work += tree_[child].work;
-  if (tree_[node].work * static_cast<double>(totals_.factorizations) >
-      options_.forgotten_share * totals_.multiplications)
-    return;
+  const bool kept = tree_[node].work * static_cast<double>(totals_.factorizations) >
+                    options_.forgotten_share * totals_.multiplications;
+  if (kept && keeps_updates_) return;
   const auto lock = memory == nullptr ? std::unique_lock<std::mutex>() : std::unique_lock(*memory);
   for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
     if (tree_.has_update(child)) tree_.release_update(child);

@@ -64,6 +64,16 @@ void IncrementalCholesky<BlockSize>::solve(bool exact) {
 }
 
 template <int BlockSize>
+void IncrementalCholesky<BlockSize>::clear_changes() {
+  for (const Index node : stale_) tree_[node].stale = Stale::none;
+  for (const Index node : fresh_) tree_[node].stale = Stale::none;
+  stale_.clear();
+  fresh_.clear();
+  reordered_.clear();
+  written_.clear();
+}
+
+template <int BlockSize>
 void IncrementalCholesky<BlockSize>::promote_heavy() {
   double work = 0.0, whole = 0.0, columns = 1.0;
   for (const Index node : stale_) {
