@@ -71,9 +71,10 @@ std::string row(const FrameRecord& frame) {
 void write_frames(const FileTarget& target, const SlamMap& map) {
   AtomicFile file(target);
   file.write(head());
-  for (std::size_t i = 0; i < map.frames.size(); ++i) {
-    detail::require_finite(target, "frame", i, map.frames[i].T_odom_body);
-    file.write(row(map.frames[i]));
+  std::size_t i = 0;
+  for (const FrameRecord& frame : map.frames) {
+    detail::require_finite(target, "frame", i++, frame.T_odom_body);
+    file.write(row(frame));
   }
   file.commit();
 }

@@ -41,7 +41,7 @@ std::string session_words(const SlamMap& map, const Session& session) {
 
 /// What the map says of its frames; nothing of a map made before it kept them.
 void add_health(const SlamMap& map, const Session& session, datasets::Inspection& result) {
-  const support::SessionHealth health = support::health_of(support::frames_of(map, session.id));
+  const support::SessionHealth health = support::health_of(map.frames.of(session.id));
   if (health.frames == 0) return;
   const std::string name = "session " + std::to_string(session.id.value);
   result.facts.emplace_back(name + ": frames", std::to_string(health.frames) + ", " + std::to_string(health.lost) +

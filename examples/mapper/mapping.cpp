@@ -324,10 +324,6 @@ MappingResult map_all(std::span<const std::unique_ptr<datasets::Dataset>> datase
                       const MappingRun& run) {
   MapperBackEnd back_end = make_back_end(run.options.back_end);
   for (SlamMap& map : loaded) back_end.load(std::exchange(map, {}));
-  constexpr std::int64_t most_reserved = 4'000'000;  // what data say of their length may be wrong
-  std::int64_t scans = 0;
-  for (const auto& dataset : datasets) scans += expected_scans(dataset->info(), run.max_scans);
-  back_end.reserve_frames(to_index(std::min(scans, most_reserved)));
   MappingResult result;
   const auto first = to_index(back_end.map().sessions.size());
   {
@@ -373,7 +369,7 @@ MappingResult run_mapping(std::span<const std::unique_ptr<datasets::Dataset>> da
                           const MappingRun& run) {
   MappingResult result = map_all(datasets, std::move(loaded), run);
   for (SessionRun& session : result.sessions)  // once the back end's memory is free
-    session.odometry = support::odometry_of(support::frames_of(*result.map, session.id));
+    session.odometry = support::odometry_of(result.map->frames.of(session.id));
   return result;
 }
 

@@ -29,7 +29,7 @@ SessionRun run_of(const SlamMap& map, const Session& session) {
   SessionRun run;
   run.id = session.id;
   run.name = session.name;
-  const std::span<const FrameRecord> frames = support::frames_of(map, session.id);
+  const std::vector<FrameRecord> frames = map.frames.of(session.id);
   run.scans = to_index(frames.size());
   run.odometry = support::odometry_of(frames);
   for (Index i = session.first_keyframe; frames.empty() && i < session.end_keyframe(); ++i) {

@@ -106,7 +106,7 @@ void add_sessions(const RunOutcome& outcome, support::RunSummary& summary) {
   const SlamMap& map = *outcome.mapping.map;
   for (const Session& session : map.sessions) {
     summary.sessions.push_back(summary_of(session));
-    summary.sessions.back().health = support::health_of(support::frames_of(map, session.id));
+    summary.sessions.back().health = support::health_of(map.frames.of(session.id));
     summary.sessions.back().failures = support::odometry_failures(map, session);
     const auto run = std::ranges::find(outcome.mapping.sessions, session.id, &SessionRun::id);
     if (run == outcome.mapping.sessions.end()) {

@@ -104,7 +104,7 @@ class Recorder {
       recording_.add(record, keyframe);
     }
     map_.frames.push_back(std::move(record));
-    state_.data_seconds = to_seconds(map_.frames.back().time - map_.frames.front().time);
+    state_.data_seconds = to_seconds(map_.frames.back().time - map_.frames[0].time);
     if (!keyframe) return;
     keyframe->id = KeyframeId{to_index(map_.keyframes.size())};
     keyframe->session = session;

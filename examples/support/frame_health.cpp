@@ -111,13 +111,6 @@ SessionHealth health_of(std::span<const FrameRecord> frames) {
   return health;
 }
 
-std::span<const FrameRecord> frames_of(const SlamMap& map, SessionId session) {
-  const auto first = std::ranges::lower_bound(map.frames, session, {}, &FrameRecord::session);
-  const auto end = std::ranges::upper_bound(map.frames, session, {}, &FrameRecord::session);
-  return std::span(map.frames)
-      .subspan(static_cast<std::size_t>(first - map.frames.begin()), static_cast<std::size_t>(end - first));
-}
-
 Trajectory odometry_of(std::span<const FrameRecord> frames) {
   Trajectory odometry;
   odometry.times.reserve(frames.size());

@@ -63,9 +63,7 @@ struct SessionHealth {
 /// @param frames  of one session, in the order of time.
 [[nodiscard]] SessionHealth health_of(std::span<const FrameRecord> frames);
 
-/// The frames of one session of a map.
-[[nodiscard]] std::span<const FrameRecord> frames_of(const SlamMap& map, SessionId session);
-/// Their times and poses.
+/// Times and poses of frames.
 [[nodiscard]] Trajectory odometry_of(std::span<const FrameRecord> frames);
 
 }  // namespace chainslam::support

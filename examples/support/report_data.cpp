@@ -22,7 +22,7 @@ std::size_t at(Index i) { return static_cast<std::size_t>(i); }
 
 /// The path of odometry, corrected at the keyframes, from the last frame before scans were lost to the first after.
 void add_lost_stretches(const SlamMap& map, const Session& session, ReportSession& result) {
-  const auto frames = frames_of(map, session.id);
+  const auto frames = map.frames.of(session.id);
   Trajectory odometry;
   for (const FrameRecord& frame : frames) {
     odometry.times.push_back(frame.time);
@@ -267,7 +267,7 @@ ReportPlot match_plot(const SlamMap& map) {
   ReportPlot plot{.title = "Matched points of a scan", .x_label = "time in session (s)", .y_label = "share (%)"};
   for (const Session& session : map.sessions) {
     ReportSeries series{.name = session.name, .color = session.id.value};
-    const auto frames = frames_of(map, session.id);
+    const auto frames = map.frames.of(session.id);
     for (const FrameRecord& frame : frames) {
       if (frame.health.points == 0 || frame.health.iterations == 0) continue;  // recorded, or the first
       series.x.push_back(to_seconds(frame.time - frames.front().time));

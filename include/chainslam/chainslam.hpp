@@ -115,6 +115,7 @@
 #include "chainslam/slam/closure_descent.hpp"
 #include "chainslam/slam/connected_components.hpp"
 #include "chainslam/slam/frame_parting.hpp"
+#include "chainslam/slam/frame_records.hpp"
 #include "chainslam/slam/georeference.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/gravity_measurement.hpp"

@@ -219,9 +219,12 @@ SlamMap golden_map_1_2() {
 /// The same with what the accelerometer measured before some of the frames, as format 1.3 has it.
 SlamMap golden_map_1_3() {
   SlamMap map = golden_map_1_2();
-  for (std::size_t i = 1; i < map.frames.size(); ++i)
-    if (i != 5 && i != 8)
-      map.frames[i].delta_velocity = Eigen::Vector3f(0.0625F * static_cast<float>(i), -0.03125F, 1.2265625F);
+  int i = 0;
+  change_frames(map, [&](FrameRecord& frame) {
+    if (i != 0 && i != 5 && i != 8)
+      frame.delta_velocity = Eigen::Vector3f(0.0625F * static_cast<float>(i), -0.03125F, 1.2265625F);
+    ++i;
+  });
   return map;
 }
 
@@ -461,7 +464,7 @@ TEST_SUITE("io/map_format") {
     CHECK(loaded.report.complete);
     CHECK_FALSE(loaded.report.newer_fields);
     CHECK_FALSE(same_map(loaded.map, map));
-    for (FrameRecord& frame : map.frames) frame.delta_velocity.reset();
+    change_frames(map, [](FrameRecord& frame) { frame.delta_velocity.reset(); });
     CHECK(same_map(loaded.map, map));
   }
 
@@ -483,10 +486,11 @@ TEST_SUITE("io/map_format") {
     CHECK(says(after_change(ChunkType::frames, put(0, std::int32_t{1})), "record 0, number"));
     const TemporaryFolder folder;
     SlamMap map = random_map(4, 5);
-    map.frames[2].covariance = PackedCovariance(std::array<float, 21>{std::nanf("")});
+    const PackedCovariance unknown(std::array<float, 21>{std::nanf("")});
+    change_frames(map, [&](FrameRecord& frame) { frame.covariance = unknown; });
     CHECK_THROWS_AS(save_map(folder / "a", map), std::invalid_argument);
     map = random_map(4, 5);
-    map.frames[2].delta_velocity = Eigen::Vector3f(0, std::nanf(""), 1);
+    change_frames(map, [](FrameRecord& frame) { frame.delta_velocity = Eigen::Vector3f(0, std::nanf(""), 1); });
     CHECK_THROWS_AS(save_map(folder / "a", map), std::invalid_argument);
   }
 

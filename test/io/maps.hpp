@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "chainslam/cloud/quantize.hpp"
@@ -187,6 +188,15 @@ inline bool same_fix(const std::optional<GnssFix>& a, const std::optional<GnssFi
   if (!a || !b) return !a && !b;
   return a->time == b->time && a->position_ecef == b->position_ecef && a->covariance_ecef == b->covariance_ecef &&
          a->quality == b->quality;
+}
+
+/// Puts changed frames in the place of a map's.
+template <class Change>
+void change_frames(SlamMap& map, Change&& change) {
+  for (FrameRecord frame : std::exchange(map.frames, {})) {
+    change(frame);
+    map.frames.push_back(frame);
+  }
 }
 
 /// All but T_map_body and the fix, which may come later.

@@ -213,8 +213,8 @@ TEST_SUITE("io/messages of readers") {
   }
 
   TEST_CASE("no place in map files, journals and results that fails is without a case") {
-    // In map_format_test, map_recovery_test, map_archive_test, power_cut_test, atomic_file_test, faults_test and
-    // scan_file_test.
+    // In map_format_test, map_recovery_test, map_archive_test, power_cut_test, atomic_file_test, faults_test,
+    // scan_file_test and frame_file_test.
     const std::string all =
         "take a newer version of the program: this one may not know all that the file says|, raw bytes|session |"
         "`chainslam recover` recovers the intact part in a new file|check the path, and that you may read it|not a "
@@ -234,10 +234,13 @@ TEST_SUITE("io/messages of readers") {
         "run "
         "left that did not finish|locking the file|looking at the file that is there|keeping it as |; what had been "
         "committed is kept: `chainslam recover |record |allow more open files (ulimit -n)|opening it to be read|the "
-        "scan of keyframe ";
+        "scan of keyframe |check the disk, and that nothing else writes the file|bytes that have changed since they "
+        "were "
+        "read or written|frames at byte ";
     int calls = 0;
-    for (const char* name : {"detail/map_file_reader", "detail/map_decoder", "map_archive", "input_journal",
-                             "atomic_file", "detail/partial_file", "detail/final_name", "detail/scan_file"}) {
+    for (const char* name :
+         {"detail/map_file_reader", "detail/map_decoder", "map_archive", "input_journal", "atomic_file",
+          "detail/partial_file", "detail/final_name", "detail/scan_file", "detail/frame_file"}) {
       const std::string source =
           read_bytes(std::string(CHAINSLAM_SOURCE_DIR) + "/include/chainslam/io/" + name + ".hpp");
       for (const char* function : {"fail(", "throw_output_error("}) {

@@ -360,7 +360,7 @@ TEST_SUITE("io/scan_file") {
     part.closures.clear();
     part.refusals.clear();
     part.odometry.clear();
-    part.frames.clear();
+    part.frames = {};
     for (int i = 1; i <= count; ++i) {
       part.keyframes.assign(all.keyframes.begin(), all.keyframes.begin() + i);
       part.sessions[0].keyframes = i;

@@ -446,21 +446,6 @@ TEST_SUITE("slam/map_graph") {
     CHECK(sessions.graph.snapshot()->odometry.size() == 6);
   }
 
-  TEST_CASE("frames for which memory was reserved stay where they are") {
-    MapGraph<> graph;
-    FrameRecord frame;
-    const auto append = [&] {
-      frame.time = frame.time + seconds(0.1);
-      graph.append(std::span(&frame, 1));
-      return graph.map().frames.data();
-    };
-    append();
-    graph.reserve_frames(1000);
-    const FrameRecord* const first = append();
-    for (int k = 1; k < 1000; ++k) REQUIRE(append() == first);
-    CHECK(graph.map().frames.size() == 1001);
-  }
-
   TEST_CASE("a closure of unknown certainty is recorded, and is no factor") {
     Rng rng(6);
     RandomSessions sessions(rng, 1, 6);

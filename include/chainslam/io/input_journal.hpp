@@ -187,11 +187,10 @@ struct JournaledInput {
 namespace detail {
 
 inline GnssFix read_fix(const MapFileReader& file, std::size_t number) {
-  constexpr std::size_t prelude_bytes = 16;
   const std::vector<std::byte> payload = file.payload(number).value();
-  if (payload.size() < prelude_bytes + gnss_bytes_before_1_4 || file.chunks()[number].header.count != 1)
+  if (payload.size() < block_prelude_bytes + gnss_bytes_before_1_4 || file.chunks()[number].header.count != 1)
     file.fail(file.place(number), std::to_string(payload.size()) + " bytes", MapFileReader::written_wrongly);
-  ByteReader in(std::span<const std::byte>(payload).subspan(prelude_bytes));
+  ByteReader in(std::span<const std::byte>(payload).subspan(block_prelude_bytes));
   static_cast<void>(in.take<Index>());
   const GnssFix fix = read_gnss(in);
   if (const auto fault = fault_of(fix))
@@ -222,8 +221,7 @@ inline JournaledInput inputs_of(const MapFileReader& file, std::size_t commit, S
         recorded.inputs.emplace_back(std::move(map.keyframes[keyframes++]));
     } else if (header.is(ChunkType::frames)) {
       require(number, frames, header.count, map.frames.size(), "frames");
-      const auto first = map.frames.begin() + static_cast<std::ptrdiff_t>(frames);
-      recorded.inputs.emplace_back(std::vector<FrameRecord>(first, first + header.count));
+      recorded.inputs.emplace_back(map.frames.copy(frames, frames + header.count));
       frames += header.count;
     } else if (header.is(ChunkType::fixes)) {
       recorded.inputs.emplace_back(read_fix(file, number));

@@ -30,8 +30,8 @@ struct MapLoadOptions {
   bool recover = false;
   bool scans = true;             ///< false: keyframes come without clouds, which are then not read at all
   std::uint64_t max_memory = 0;  ///< bytes that the map may take, by what the file says; 0: any
-  /// Scans stay in the file, which stays open, and are read through this when they are asked for; null: all are read
-  /// now, and the map does not need the file any more. Damaged ones are found now in either case.
+  /// Scans and frames stay in the file, which stays open, and are read when they are asked for, scans through this;
+  /// null: all are read now, and the map does not need the file any more. Damaged ones are found now in either case.
   std::shared_ptr<ScanCache> scan_cache{};
 };
 

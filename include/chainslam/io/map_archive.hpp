@@ -181,6 +181,7 @@ inline std::uint64_t memory_of(const MapFileReader& file, std::size_t commit, co
   std::uint64_t bytes = 0;
   for (std::size_t i = 0; i <= commit; ++i) {
     const ChunkHeader& header = file.chunks()[i].header;
+    if (header.is(ChunkType::frames) && options.scan_cache) continue;  // left in the file
     if (header.is(ChunkType::scan))
       bytes += !options.scans ? 0 : options.scan_cache ? 256 : 2 * header.raw_bytes + 256;
     else

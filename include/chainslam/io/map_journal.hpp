@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <initializer_list>
 #include <memory>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "chainslam/io/detail/chunk_writer.hpp"
+#include "chainslam/io/detail/frame_file.hpp"
 #include "chainslam/io/loaded_map.hpp"
 #include "chainslam/slam/slam_map.hpp"
 
@@ -23,8 +25,8 @@ struct MapArchiveOptions {
   bool overwrite = false;               ///< what has the name is then kept as NAME~1
   std::string parameters{};             ///< text of the configuration that made the map
   std::vector<UnknownChunk> unknown{};  ///< as `load_map` found them
-  /// Scans that were committed are read from the file again, through this, and their copies in memory go; null: the
-  /// map's scans stay where they are. It concerns all copies of these scans, whichever map has them.
+  /// Scans and frames that were committed are read from the file again, scans through this, and their copies in memory
+  /// go; null: the map's stay where they are. It concerns all copies of them, whichever map has them.
   std::shared_ptr<ScanCache> scan_cache{};
 };
 
@@ -65,7 +67,7 @@ class MapJournal {
     if (!unsynced_) return;
     in_doubt_ = true;
     writer_.file().sync();
-    keep_scans(map);
+    keep(map);
     in_doubt_ = unsynced_ = false;
   }
 
@@ -106,7 +108,7 @@ class MapJournal {
     writer_.append_commit(counts_);
     writer_.append_index_and_end();
     writer_.file().finish();
-    keep_scans(map);
+    keep(map);
   }
 
   /// Ends the journal without a map and deletes its file.
@@ -121,10 +123,7 @@ class MapJournal {
   using Type = detail::ChunkType;
   static constexpr Index gnss_window = 256;
 
-  template <class T>
-  static Index count(const std::vector<T>& records) {
-    return to_index(records.size(), "map");
-  }
+  static Index count(const auto& records) { return to_index(records.size(), "map"); }
   template <class T>
   static const T& at(const std::vector<T>& records, Index i) {
     return records[static_cast<std::size_t>(i)];
@@ -162,9 +161,18 @@ class MapJournal {
       if (auto fault = detail::fault_of(at(map.closures, i), counts)) refuse("closure", i, *fault);
     for (Index i = counts_.refusals; i < counts.refusals; ++i)
       if (auto fault = detail::fault_of(at(map.refusals, i), counts)) refuse("refusal", i, *fault);
-    for (Index i = frames_; i < count(map.frames); ++i)
-      if (auto fault = detail::fault_of(at(map.frames, i), i > 0 ? &at(map.frames, i - 1) : nullptr, counts.sessions))
+    check_frames(map);
+  }
+
+  void check_frames(const SlamMap& map) const {
+    std::optional<FrameRecord> before;
+    if (frames_ > 0) before = map.frames[static_cast<std::size_t>(frames_ - 1)];
+    for (Index i = frames_; i < count(map.frames); ++i) {
+      const FrameRecord frame = map.frames[static_cast<std::size_t>(i)];
+      if (auto fault = detail::fault_of(frame, before ? &*before : nullptr, count(map.sessions)))
         refuse("frame", i, *fault);
+      before = frame;
+    }
   }
 
   static void check_sessions(const SlamMap& map) {
@@ -228,22 +236,27 @@ class MapJournal {
     writer_.append_records(Type::refusals, detail::closure_bytes, refusals, counts_.refusals,
                            [&](auto& out, Index i) { detail::append_closure(out, at(map.refusals, i)); });
     const Index frames = std::exchange(frames_, count(map.frames));
-    writer_.append_records(Type::frames, detail::frame_bytes, frames, frames_,
-                           [&](auto& out, Index i) { detail::append_frame(out, at(map.frames, i)); });
+    writer_.append_records(
+        Type::frames, detail::frame_bytes, frames, frames_,
+        [&](auto& out, Index i) { detail::append_frame(out, map.frames[static_cast<std::size_t>(i)]); },
+        [&](std::span<const std::byte> payload, std::uint64_t offset) {
+          if (frame_file_) frame_file_->add(payload, offset);
+        });
     for (Index i = fresh; i < counts_.keyframes; ++i)
       if (const Keyframe& keyframe = at(map.keyframes, i); keyframe.cloud) {
-        unkept_.push_back({keyframe.id, writer_.append_scan(keyframe.id, keyframe.cloud)});
+        unkept_scans_.push_back({keyframe.id, writer_.append_scan(keyframe.id, keyframe.cloud)});
         ++counts_.scans;
       }
     return writer_.chunks() != before;
   }
 
   /// What the disk has taken is read from the file from now on.
-  void keep_scans(const SlamMap& map) {
-    const auto written = std::exchange(unkept_, {});
+  void keep(const SlamMap& map) {
+    const auto scans = std::exchange(unkept_scans_, {});
     if (!scan_file_) return;
-    for (const detail::ScanFile::Place& place : written)
+    for (const detail::ScanFile::Place& place : scans)
       scan_file_->take(at(map.keyframes, place.keyframe.value).cloud, place);
+    kept_frames_ = map.frames.keep_in(frame_file_, kept_frames_, static_cast<std::size_t>(frames_));
   }
 
   /// The file's header and its parameters. The file's id comes from these and the map's beginning, so that the same run
@@ -254,9 +267,10 @@ class MapJournal {
     for (Index i = 0; i < std::min(count(map.keyframes), detail::ChunkWriter<Files>::most_records); ++i)
       detail::append_keyframe(beginning, at(map.keyframes, i));
     writer_.start(detail::hash_of(beginning), parameters());
-    if (options_.scan_cache)
-      scan_file_ = std::make_shared<detail::ScanFile>(writer_.file().target(), writer_.file().open_to_read(),
-                                                      options_.scan_cache);
+    if (!options_.scan_cache) return;
+    const auto& file = writer_.file();
+    scan_file_ = std::make_shared<detail::ScanFile>(file.target(), file.open_to_read(), options_.scan_cache);
+    frame_file_ = std::make_shared<detail::FrameFile>(file.target(), file.open_to_read());
   }
 
   [[nodiscard]] std::vector<std::byte> parameters() const {
@@ -330,12 +344,14 @@ class MapJournal {
   std::vector<Session> sessions_;
   std::vector<ClosureVerdict> verdicts_;  ///< of closures, as written last
   std::vector<bool> has_gnss_;
-  std::shared_ptr<detail::ScanFile> scan_file_;  ///< null: scans stay where they are
-  std::vector<detail::ScanFile::Place> unkept_;  ///< written since the last sync
-  Index frames_ = 0;                             ///< written so far
-  Index posed_ = 0;                              ///< keyframes that the last whole set of poses has
-  bool in_doubt_ = false;                        ///< a call ended by an exception while it wrote
-  bool unsynced_ = false;                        ///< a loss of power may lose what was committed
+  std::shared_ptr<detail::ScanFile> scan_file_;        ///< null: scans and frames stay where they are
+  std::shared_ptr<detail::FrameFile> frame_file_;      ///< null together with `scan_file_`
+  std::vector<detail::ScanFile::Place> unkept_scans_;  ///< written since the last sync
+  std::size_t kept_frames_ = 0;                        ///< read from the file
+  Index frames_ = 0;                                   ///< written so far
+  Index posed_ = 0;                                    ///< keyframes that the last whole set of poses has
+  bool in_doubt_ = false;                              ///< a call ended by an exception while it wrote
+  bool unsynced_ = false;                              ///< a loss of power may lose what was committed
 };
 
 }  // namespace chainslam

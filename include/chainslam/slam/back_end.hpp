@@ -86,8 +86,6 @@ class BackEnd {
     if (!in_session_) begin_session({});
     graph_.append(frames);
   }
-  /// Takes memory for so many more frames at once, where it is known how many will come.
-  void reserve_frames(Index more) { graph_.reserve_frames(more); }
   /// Takes a GNSS fix, which keyframes around its time get a position from; they may then join two frames.
   template <Executor E = Serial>
   [[gnu::cold]] void add(const GnssFix& fix, const E& executor = {}) {

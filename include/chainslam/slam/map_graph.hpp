@@ -78,10 +78,6 @@ class MapGraph {
   /// odometry since the last keyframe is in the measurement between the two.
   /// @throws std::invalid_argument if times do not increase or something is not finite; the map is then as it was.
   [[gnu::cold]] void append(std::span<const FrameRecord> frames);
-  /// Takes memory for so many more: a list of frames that grows is there twice for a moment.
-  [[gnu::cold]] void reserve_frames(Index more) {
-    map_.frames.reserve(map_.frames.size() + static_cast<std::size_t>(more));
-  }
 
   /// Gives a keyframe a fix, now or `with_previous`: together with that of the keyframe before.
   void set_gnss(KeyframeId id, const GnssFix& fix, bool with_previous = false);
@@ -206,7 +202,7 @@ KeyframeId MapGraph<Outliers>::append(Keyframe keyframe) {
 
 template <class Outliers>
 NoiseModel<6> MapGraph<Outliers>::odometry_noise(const Keyframe& last, const Keyframe& next) const {
-  const auto frames = frames_between(map_.frames, last, next);
+  const std::vector<FrameRecord> frames = map_.frames.between(last.session, last.time, next.time);
   const SE3d T_last_next = last.T_odom_body.inverse() * next.T_odom_body;
   const auto says_nothing = [](const FrameRecord& frame) { return frame.covariance.matrix().isZero(0); };
   if (!frames.empty() && std::all_of(frames.begin(), frames.end(), says_nothing))
@@ -222,9 +218,6 @@ void MapGraph<Outliers>::append(std::span<const FrameRecord> frames) {
   const bool first = map_.frames.empty() || map_.frames.back().session != session;
   require_sound(frames, first ? nullptr : &map_.frames.back());
   const Change change(*this);
-  // By an eighth at a time, not the double: frames are much of a large map.
-  if (const std::size_t count = map_.frames.size() + frames.size(); count > map_.frames.capacity())
-    map_.frames.reserve(count + count / 8);
   for (FrameRecord frame : frames) {
     frame.session = session;
     map_.frames.push_back(frame);

@@ -51,14 +51,6 @@ class ReplayedFixes {
   Index next_, end_;
 };
 
-/// The frames of one session.
-[[nodiscard]] inline std::span<const FrameRecord> frames_of_session(const SlamMap& map, SessionId session) {
-  const auto [first, end] =
-      std::equal_range(map.frames.begin(), map.frames.end(), FrameRecord{.session = session},
-                       [](const FrameRecord& a, const FrameRecord& b) { return a.session < b.session; });
-  return {first, end};
-}
-
 }  // namespace detail
 
 /// Gives a back end one session of a map, as a new session: its frames, keyframes and fixes, in the order in which they
@@ -69,7 +61,8 @@ template <class Target, Executor E, class AfterKeyframe>
 void replay(const SlamMap& map, const Session& session, Target& back_end, const E& executor,
             AfterKeyframe&& after_keyframe) {
   back_end.begin_session(session.name);
-  std::span<const FrameRecord> frames = detail::frames_of_session(map, session.id);
+  const std::vector<FrameRecord> of_session = map.frames.of(session.id);
+  std::span<const FrameRecord> frames = of_session;
   detail::ReplayedFixes fixes(map, session);
   for (Index i = session.first_keyframe; i < session.end_keyframe(); ++i) {
     Keyframe keyframe = map.keyframes[static_cast<std::size_t>(i)];

@@ -102,15 +102,6 @@ namespace detail {
 
 }  // namespace detail
 
-/// Frames from one keyframe's to the next one's, both among them, of the session that `frames` ends with.
-[[nodiscard]] inline std::span<const FrameRecord> frames_between(std::span<const FrameRecord> frames,
-                                                                 const Keyframe& last, const Keyframe& next) {
-  while (!frames.empty() && frames.back().time > next.time) frames = frames.first(frames.size() - 1);
-  std::size_t first = frames.size();
-  while (first > 0 && frames[first - 1].session == last.session && frames[first - 1].time >= last.time) --first;
-  return frames.subspan(first);
-}
-
 /// @throws std::invalid_argument if the keyframe's pose is not finite, or so far away that its square is not.
 [[gnu::cold]] inline void require_finite(const Keyframe& keyframe) {
   const SE3d& T = keyframe.T_odom_body;

@@ -16,6 +16,7 @@
 #include "chainslam/lie/se3.hpp"
 #include "chainslam/sensor/frame.hpp"
 #include "chainslam/sensor/packet.hpp"
+#include "chainslam/slam/frame_records.hpp"
 #include "chainslam/slam/keyframe_scan.hpp"
 #include "chainslam/trajectory/trajectory.hpp"
 
@@ -124,7 +125,7 @@ struct SlamMap {
   std::vector<LoopClosure> closures;
   std::vector<LoopClosure> refusals;  ///< tried and refused
   /// Every frame of odometry, session by session, in the order of time. Maps made without them have none.
-  std::vector<FrameRecord> frames;
+  FrameRecords frames;
 };
 
 /// What follows is of a new session.

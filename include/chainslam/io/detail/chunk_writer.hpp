@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -55,18 +56,26 @@ class ChunkWriter {
   }
 
   /// Records [first, end) in blocks: the number of the first one, the size of each, then they themselves.
-  template <class Append>
-  void append_records(ChunkType type, std::size_t record_bytes, Index first, Index end, Append&& append_record) {
+  /// @param placed  told each block's payload, and its offset in the file.
+  template <class Append, class Placed>
+  void append_records(ChunkType type, std::size_t record_bytes, Index first, Index end, Append&& append_record,
+                      Placed&& placed) {
     for (Index begin = first; begin < end; begin += most_records) {
       const Index stop = std::min(end, begin + most_records);
       std::vector<std::byte> payload;
-      payload.reserve(prelude_bytes + static_cast<std::size_t>(stop - begin) * record_bytes);
+      payload.reserve(block_prelude_bytes + static_cast<std::size_t>(stop - begin) * record_bytes);
       append_bytes(payload, begin);
       append_bytes(payload, static_cast<std::uint32_t>(record_bytes));
       append_bytes(payload, std::uint64_t{0});
       for (Index i = begin; i < stop; ++i) append_record(payload, i);
+      placed(std::span<const std::byte>(payload), file_.size() + map_header_bytes);
       append(type, static_cast<std::uint32_t>(stop - begin), std::move(payload));
     }
+  }
+
+  template <class Append>
+  void append_records(ChunkType type, std::size_t record_bytes, Index first, Index end, Append&& append_record) {
+    append_records(type, record_bytes, first, end, append_record, [](std::span<const std::byte>, std::uint64_t) {});
   }
 
   /// A scan that a file has by the same number is copied as it is stored there, neither unpacked nor packed again.
@@ -129,8 +138,6 @@ class ChunkWriter {
   static constexpr Index most_records = 65536;  ///< in one chunk
 
  private:
-  static constexpr std::size_t prelude_bytes = 16;
-
   struct Place {
     std::uint64_t offset;
     std::uint16_t type;

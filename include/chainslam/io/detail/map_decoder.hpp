@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/io/detail/frame_file.hpp"
 #include "chainslam/io/detail/map_file_reader.hpp"
 #include "chainslam/io/detail/map_records.hpp"
 #include "chainslam/io/detail/scan_codec.hpp"
@@ -113,6 +114,7 @@ class MapDecoder {
         break;
       case ChunkType::frames:
         each(number, *payload, frame_bytes, &MapDecoder::add_frame, frame_bytes_before_1_3);
+        if (options_.scan_cache) leave_frames(number, *payload);
         break;
       case ChunkType::commit:
         check_commit(number, *payload);
@@ -141,20 +143,19 @@ class MapDecoder {
   /// @param earlier_bytes  what a record had in earlier versions of the format, if it has grown since.
   void each(std::size_t number, std::span<const std::byte> payload, std::size_t known_bytes, AddRecord add,
             std::optional<std::size_t> earlier_bytes = {}) {
-    constexpr std::size_t prelude_bytes = 16;
     const std::uint64_t count = file_.chunks()[number].header.count;
-    if (payload.size() < prelude_bytes) fail(number, "payload", std::to_string(payload.size()) + " bytes");
+    if (payload.size() < block_prelude_bytes) fail(number, "payload", std::to_string(payload.size()) + " bytes");
     ByteReader in(payload);
     const Index first = in.take<Index>();
     const std::size_t size = in.take<std::uint32_t>();
-    if ((size < known_bytes && size != earlier_bytes) || count * size != payload.size() - prelude_bytes)
+    if ((size < known_bytes && size != earlier_bytes) || count * size != payload.size() - block_prelude_bytes)
       fail(number, "record size",
            std::to_string(size) + " bytes, " + std::to_string(count) + " records in " + std::to_string(payload.size()) +
                " bytes");
     if (first < 0 || !std::in_range<Index>(std::int64_t{first} + static_cast<std::int64_t>(count)))
       fail(number, "first record", std::to_string(first));
     loaded_.report.newer_fields |= size > known_bytes;
-    const Block block{first, size, payload.subspan(prelude_bytes)};
+    const Block block{first, size, payload.subspan(block_prelude_bytes)};
     for (std::size_t i = 0; i < count; ++i) (this->*add)(number, i, first + static_cast<Index>(i), block.record(i));
   }
 
@@ -164,8 +165,7 @@ class MapDecoder {
     return stored.pose();
   }
 
-  template <class T>
-  void require_next(std::size_t number, std::size_t i, Index id, const std::vector<T>& records) const {
+  void require_next(std::size_t number, std::size_t i, Index id, const auto& records) const {
     if (id != std::ssize(records))
       fail(number, i, {"number", std::to_string(id) + ", after " + std::to_string(records.size()) + " of its kind"});
   }
@@ -282,13 +282,18 @@ class MapDecoder {
   void add_frame(std::size_t number, std::size_t i, Index id, ByteReader in) {
     auto& frames = loaded_.map.frames;
     if (!frames_lost_) require_next(number, i, id, frames);
-    FrameRecord frame = read_frame_begin(in);
-    frame.T_odom_body = take_pose(number, i, "T_odom_body", in);
-    frame.covariance = read_packed_covariance(in);
-    frame.delta_velocity = read_delta_velocity(in);
-    check(number, i,
-          fault_of(frame, frames.empty() ? nullptr : &frames.back(), static_cast<Index>(loaded_.map.sessions.size())));
+    const FrameRecord frame = read_frame(in, [&] { return take_pose(number, i, "T_odom_body", in); });
+    const FrameRecord* const before = frames.empty() ? nullptr : &frames.back();
+    check(number, i, fault_of(frame, before, static_cast<Index>(loaded_.map.sessions.size())));
     frames.push_back(frame);
+  }
+
+  /// Leaves frames that the map has in the file.
+  void leave_frames(std::size_t number, std::span<const std::byte> payload) {
+    if (!frame_file_) frame_file_ = std::make_shared<FrameFile>(file_.path(), file_.duplicate());
+    frame_file_->add(payload, file_.chunks()[number].offset + map_header_bytes);
+    const FrameRecords& frames = loaded_.map.frames;
+    frames_left_ = frames.keep_in(frame_file_, frames_left_, frames.size());
   }
 
   void add_scan(std::size_t number, std::span<const std::byte> payload) {
@@ -385,6 +390,8 @@ class MapDecoder {
   std::vector<bool> wants_scan_, has_pose_;
   std::shared_ptr<ScanFile> scan_file_;  ///< null while no scan is left in the file
   std::size_t next_scan_ = 0;            ///< keyframe that the next scan left there belongs to, at the earliest
+  std::shared_ptr<FrameFile> frame_file_;
+  std::size_t frames_left_ = 0;  ///< in the file
   std::int64_t scans_ = 0, refusals_ = 0;
   bool scan_lost_ = false, refusals_lost_ = false, frames_lost_ = false;
 };

@@ -99,16 +99,9 @@ class MapFileReader {
 
  private:
   void read(std::uint64_t offset, std::span<std::byte> bytes) const {
-    while (!bytes.empty()) {
-      const ssize_t count = ::pread(file_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-      if (count < 0 && errno == EINTR) continue;
-      if (count <= 0)
-        fail("byte " + std::to_string(offset),
-             count == 0 ? "the end of the file, which was longer before" : std::generic_category().message(errno),
-             "check the disk, and that nothing else writes the file");
-      offset += static_cast<std::uint64_t>(count);
-      bytes = bytes.subspan(static_cast<std::size_t>(count));
-    }
+    if (auto fault = read_at(file_, offset, bytes))
+      fail("byte " + std::to_string(offset), *std::move(fault),
+           "check the disk, and that nothing else writes the file");
   }
 
   void read_map_header() {

@@ -24,6 +24,7 @@ namespace chainslam::detail {
 
 inline constexpr std::size_t pose_bytes = 56, session_bytes = 360, keyframe_bytes = 72, odometry_bytes = 352,
                              closure_bytes = 376, gnss_bytes = 120, frame_bytes = 184;
+inline constexpr std::size_t block_prelude_bytes = 16;      ///< before a block's records
 inline constexpr std::size_t frame_bytes_before_1_3 = 172;  ///< without delta velocity
 inline constexpr std::size_t gnss_bytes_before_1_4 = 112;   ///< without the fix's arrival
 inline constexpr std::uint32_t keyframe_has_scan = 1;
@@ -275,8 +276,24 @@ inline void append_frame(std::vector<std::byte>& out, const FrameRecord& frame) 
     append_bytes(out, frame.delta_velocity ? (*frame.delta_velocity)[axis] : not_measured);
 }
 
-/// The record but for its pose, which has to be checked before it is one: `read_pose` comes between the two parts.
-inline FrameRecord read_frame_begin(ByteReader& in) {
+/// Nothing if it was not measured, or the record is of a version that did not have it.
+inline std::optional<Eigen::Vector3f> read_delta_velocity(ByteReader& in) {
+  if (in.left() == 0) return std::nullopt;
+  Eigen::Vector3f gained;
+  for (int axis = 0; axis < 3; ++axis) gained[axis] = in.take<float>();
+  if (std::isnan(gained[0]) && std::isnan(gained[1]) && std::isnan(gained[2])) return std::nullopt;
+  return gained;
+}
+
+inline PackedCovariance read_packed_covariance(ByteReader& in) {
+  std::array<float, PackedCovariance::entries> upper;
+  for (float& entry : upper) entry = in.take<float>();
+  return PackedCovariance(upper);
+}
+
+/// @param take_pose  reads the pose, which may have to be checked before it is one.
+template <class TakePose>
+FrameRecord read_frame(ByteReader& in, TakePose&& take_pose) {
   FrameRecord frame;
   FrameHealth& health = frame.health;
   frame.time = Timestamp::from_nanoseconds(in.take<std::int64_t>());
@@ -292,22 +309,10 @@ inline FrameRecord read_frame_begin(ByteReader& in) {
   health.matches = in.take<Index>();
   health.iterations = in.take<Index>();
   health.residual_rms = static_cast<double>(in.take<float>());
+  frame.T_odom_body = take_pose();
+  frame.covariance = read_packed_covariance(in);
+  frame.delta_velocity = read_delta_velocity(in);
   return frame;
-}
-
-/// Nothing if it was not measured, or the record is of a version that did not have it.
-inline std::optional<Eigen::Vector3f> read_delta_velocity(ByteReader& in) {
-  if (in.left() == 0) return std::nullopt;
-  Eigen::Vector3f gained;
-  for (int axis = 0; axis < 3; ++axis) gained[axis] = in.take<float>();
-  if (std::isnan(gained[0]) && std::isnan(gained[1]) && std::isnan(gained[2])) return std::nullopt;
-  return gained;
-}
-
-inline PackedCovariance read_packed_covariance(ByteReader& in) {
-  std::array<float, PackedCovariance::entries> upper;
-  for (float& entry : upper) entry = in.take<float>();
-  return PackedCovariance(upper);
 }
 
 }  // namespace chainslam::detail

@@ -19,6 +19,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/io/detail/map_chunk.hpp"
 #include "chainslam/io/detail/map_records.hpp"
+#include "chainslam/io/detail/open_to_read.hpp"
 #include "chainslam/io/detail/scan_codec.hpp"
 #include "chainslam/io/detail/zstd_codec.hpp"
 #include "chainslam/slam/keyframe_scan.hpp"
@@ -90,16 +91,7 @@ class ScanFile final : public ScanSource, public std::enable_shared_from_this<Sc
   /// A scan's payload as it is stored, without padding. @throws IoError if it cannot be read any more, or is damaged.
   [[nodiscard]] std::vector<std::byte> stored(const Place& place) const {
     std::vector<std::byte> bytes(padded(place.chunk.header.stored_bytes));
-    std::span<std::byte> left = bytes;
-    for (std::uint64_t offset = place.chunk.offset + map_header_bytes; !left.empty();) {
-      const ssize_t count = ::pread(file_, left.data(), left.size(), static_cast<off_t>(offset));
-      if (count < 0 && errno == EINTR) continue;
-      if (count <= 0)
-        fail(place,
-             count == 0 ? "the end of the file, which was longer before" : std::generic_category().message(errno));
-      offset += static_cast<std::uint64_t>(count);
-      left = left.subspan(static_cast<std::size_t>(count));
-    }
+    if (auto fault = read_at(file_, place.chunk.offset + map_header_bytes, bytes)) fail(place, *std::move(fault));
     if (hash_of(bytes) != place.chunk.header.payload_hash) fail(place, "bytes that do not match their checksum");
     bytes.resize(place.chunk.header.stored_bytes);
     return bytes;
@@ -133,9 +125,7 @@ class ScanFile final : public ScanSource, public std::enable_shared_from_this<Sc
     throw_input_error(
         path_.string(),
         "scan of keyframe " + std::to_string(place.keyframe.value) + " at byte " + std::to_string(place.chunk.offset),
-        std::move(found),
-        "check the disk, and that nothing else writes the file; `chainslam recover` recovers its intact "
-        "part in a new file");
+        std::move(found), changed_file_remedy);
   }
 
   std::filesystem::path path_;

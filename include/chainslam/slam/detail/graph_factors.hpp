@@ -333,7 +333,7 @@ class GravityFactors {
     const double duration = to_seconds(end.time - *begin);
     if (duration < options_.window) return -1;
     const Timestamp from = std::exchange(*begin, end.time);
-    const auto measured = measure_gravity(frames(map, end.session, from, end.time), options_);
+    const auto measured = measure_gravity(map.frames.between(end.session, from, end.time), options_);
     if (!measured) return -1;
     Index middle = last;
     while (to_seconds(end.time - keyframe(middle).time) < 0.5 * duration) --middle;
@@ -349,18 +349,6 @@ class GravityFactors {
     if (upright_[frame.value] != 0 && known_[i].prior < 0)
       known_[i].prior =
           gnc.add(gravity_prior(i, *known_[i].measured, keyframe.T_map_body), {.threshold = options_.threshold});
-  }
-
-  /// The session's frames of [from, to].
-  [[nodiscard]] static std::span<const FrameRecord> frames(const SlamMap& map, SessionId session, Timestamp from,
-                                                           Timestamp to) {
-    const auto first = std::partition_point(map.frames.begin(), map.frames.end(), [&](const FrameRecord& frame) {
-      return frame.session < session || (frame.session == session && frame.time < from);
-    });
-    const auto end = std::partition_point(first, map.frames.end(), [&](const FrameRecord& frame) {
-      return frame.session == session && frame.time <= to;
-    });
-    return {first, end};
   }
 
   GravityFactorOptions options_;
