@@ -34,6 +34,7 @@ changed() {
     '"submaps"') echo scan ;;
     '"scan"') echo submaps ;;
     '"lidar"') echo imu ;;
+    '"features"') echo verified ;;
     *.* | *e*)
       awk -v key="$1" -v v="$2" 'BEGIN {
         if (key ~ /confidence|edge_length_ratio/) print v / 2

@@ -201,6 +201,10 @@ if [ "$with_mpi" = yes ]; then
   [ "$mode" = default ] && [ "$selected" = all ] || full=(--full)
   run_step "maps of several processes are the program's" "$root/test/mpi/run.sh" "$build/gcc/examples" ${full[@]+"${full[@]}"}
 fi
+if [ "$mode" != quick ] && [ "$selected" = all ]; then
+  run_step "no value of a preset changes unnoticed" "$root/test/presets_survivors.sh" \
+    "$build/gcc/test/test_program" "$build/gcc/examples/chainslam"
+fi
 
 if [ "$mode" != quick ]; then
   # Assertions stay on under the sanitizers. Line numbers in stacks would take a fifth of the compile time: -O1 -g1 where
@@ -288,8 +292,6 @@ if [ "$mode" = full ]; then
   run_step "the example runs from end to end" "$root/test/examples/end_to_end.sh"
   run_step "the report works in a browser" "$root/test/report/run.sh" "$build/release/examples/chainslam"
   run_step "the paper's tables are made of small worlds" "$root/bench/experiments/run.sh" --size small
-  run_step "no value of a preset changes unnoticed" "$root/test/presets_survivors.sh" \
-    "$build/gcc/test/test_program" "$build/gcc/examples/chainslam"
 fi
 
 for failure in ${failures[@]+"${failures[@]}"}; do say "FAILED" "$failure"; done
