@@ -234,9 +234,8 @@ TEST_SUITE("io/messages of readers") {
         "run "
         "left that did not finish|locking the file|looking at the file that is there|keeping it as |; what had been "
         "committed is kept: `chainslam recover |record |allow more open files (ulimit -n)|opening it to be read|the "
-        "scan of keyframe |check the disk, and that nothing else writes the file|bytes that have changed since they "
-        "were "
-        "read or written|frames at byte ";
+        "scan of keyframe |frames at byte |check the disk, and that nothing else writes the file|"
+        "bytes that have changed since they were read or written|";
     int calls = 0;
     for (const char* name :
          {"detail/map_file_reader", "detail/map_decoder", "map_archive", "input_journal", "atomic_file",
