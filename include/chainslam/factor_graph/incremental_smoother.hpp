@@ -20,6 +20,7 @@
 #include "chainslam/factor_graph/detail/factor_pools.hpp"
 #include "chainslam/factor_graph/detail/held_components.hpp"
 #include "chainslam/factor_graph/detail/linearization.hpp"
+#include "chainslam/factor_graph/detail/waiting_list.hpp"
 #include "chainslam/factor_graph/factors.hpp"
 #include "chainslam/factor_graph/noise_model.hpp"
 #include "chainslam/factor_graph/smoother_reports.hpp"
@@ -293,10 +294,9 @@ class IncrementalSmoother {
     for (const auto& slot : solver_.terms().slots(term)) keys.push_back(slot.variable);
   }
 
-  void wait(Key key);
-  [[nodiscard]] bool waits(Key key) const { return waits_at_[key] != -1; }
-  void stop_waiting(Key key);
-  void find_waiting();
+  void wait(Key key) {
+    if (!waiting_.waits(key) && !solver_.is_fixed(key)) waiting_.wait(key);
+  }
   void relinearize_waiting(bool exact);
   /// Whether all that waits is worth its linearization.
   [[nodiscard]] bool impatient() const;
@@ -334,14 +334,11 @@ class IncrementalSmoother {
   Values<Group> estimates_;  ///< these, moved by the linear system's solution
   Pools pools_;
   detail::Table<double> look_;        ///< of each variable: the step at which its factors are looked at
-  detail::Table<Index> waits_at_;     ///< of each variable: its place in `waiting_`, -1 if it does not wait
   detail::Table<char> marginalized_;  ///< of each variable
-  detail::Table<Key> waiting_;        ///< to be relinearized, in order of arrival; -1 for those that were
-  Index left_ = 0;                    ///< how many of those there are
+  detail::WaitingList waiting_;       ///< to be relinearized
   detail::Table<Key> far_;            ///< of the waiting: have moved by more than the longest step
   detail::Table<double> off_;         ///< of each term for which variables wait: squared error of its linear prediction
   double waiting_gap_ = 0.0;          ///< their sum
-  detail::Table<Key> waiting_before_;
   detail::Table<Key> far_before_;
   double waiting_gap_before_ = 0.0;
   detail::Table<char> touched_;  ///< of each term

@@ -33,7 +33,7 @@ Key IncrementalSmoother<Group, Extra...>::add_value(const Group& initial) {
   begin();
   solver_.add_variable();
   look_.push_back(options_.first_look);
-  waits_at_.push_back(-1);
+  waiting_.add_variable();
   marginalized_.push_back(0);
   if (!components_outdated_) components_.add_variable();
   const Key key = origins_.add(initial);
@@ -133,22 +133,6 @@ void IncrementalSmoother<Group, Extra...>::remove_term(Index term) {
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::recount(Index term) {
   for (const auto& slot : solver_.terms().slots(term)) costs_.change(slot.variable);
-}
-
-template <class Group, class... Extra>
-void IncrementalSmoother<Group, Extra...>::wait(Key key) {
-  if (waits(key) || solver_.is_fixed(key)) return;
-  waits_at_[key] = static_cast<Index>(waiting_.size());
-  waiting_.push_back(key);
-}
-
-template <class Group, class... Extra>
-void IncrementalSmoother<Group, Extra...>::stop_waiting(Key key) {
-  Index& at = waits_at_[key];
-  if (at == -1) return;
-  waiting_[at] = -1;
-  ++left_;
-  at = -1;
 }
 
 template <class Group, class... Extra>

@@ -255,9 +255,7 @@ std::vector<std::byte> IncrementalSmoother<Group, Extra...>::save() const {
   for (const Group& origin : origins_) write(origin);
   out.put_list(look_);
   out.put_list(marginalized_);
-  detail::Table<Key> waiting = waiting_;
-  waiting.keep_if([](Key key) { return key != -1; });
-  out.put_list(waiting);
+  waiting_.save(out);
   out.put_list(far_);
   out.put_list(off_);
   out.put(waiting_gap_);
@@ -289,12 +287,10 @@ IncrementalSmoother<Group, Extra...> IncrementalSmoother<Group, Extra...>::load(
   }
   in.take_list(smoother.look_);
   in.take_list(smoother.marginalized_);
-  in.take_list(smoother.waiting_);
+  smoother.waiting_.load(in, smoother.size());
   in.take_list(smoother.far_);
   in.take_list(smoother.off_);
   smoother.waiting_gap_ = in.take<double>();
-  smoother.waits_at_.assign(smoother.look_.size(), -1);
-  smoother.find_waiting();
   smoother.pools_.load(in);
   smoother.solver_.load(in);
   smoother.estimate_all();

@@ -50,7 +50,7 @@ UpdateReport IncrementalSmoother<Group, Extra...>::update_to(bool exact, const E
   report.squared_error = solver_.squared_error() + solver_.excess();
   report.gap = solver_.excess();
   look_at_changed(report);
-  report.waiting = impatient() ? to_index(waiting_.size()) - left_ : to_index(far_.size());
+  report.waiting = impatient() ? waiting_.count() : to_index(far_.size());
   report.work = solver_.work();
   open_ = false;
   ++revision_;
@@ -68,7 +68,7 @@ void IncrementalSmoother<Group, Extra...>::begin() {
   changes_.clear();
   origins_before_.clear();
   multipliers_before_.clear();
-  waiting_before_ = waiting_;
+  waiting_.begin();
   far_before_ = far_;
   waiting_gap_before_ = waiting_gap_;
 }
@@ -77,15 +77,11 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::revert() {
   for (const Index term : touched_terms_) touched_[term] = 0;
   touched_terms_.clear();
-  for (const Key key : waiting_) {
-    if (key != -1) waits_at_[key] = -1;
-  }
+  waiting_.undo();
   for (Offset k = changes_.size(); k-- > 0;) undo_change(changes_[k]);
   changes_.clear();
-  waiting_ = waiting_before_;
   far_ = far_before_;
   waiting_gap_ = waiting_gap_before_;
-  find_waiting();
   solver_.rollback();
   costs_.outdate();
   ++losses_;
@@ -108,7 +104,7 @@ void IncrementalSmoother<Group, Extra...>::undo_change(const Change& change) {
       origins_.drop_last();
       estimates_.drop_last();
       look_.pop_back();
-      waits_at_.pop_back();
+      waiting_.drop_last_variable();
       marginalized_.pop_back();
       break;
     case ChangeKind::factor_added:
@@ -178,21 +174,18 @@ void IncrementalSmoother<Group, Extra...>::relinearize_waiting(bool exact) {
   const double most = options_.largest_relinearization * std::max(1.0, size() / 50000.0);
   Index budget = exact ? size() : static_cast<Index>(std::clamp(most, 0.0, static_cast<double>(size())));
   detail::Table<Key> due;
-  if (exact || impatient()) due = waiting_;
+  if (exact || impatient()) due = waiting_.keys();
   due.append(far_.all());
   const auto relinearize = [&](Key key) {
-    if (budget == 0 || key == -1 || !waits(key)) return;
+    if (budget == 0 || key == -1 || !waiting_.waits(key)) return;
     --budget;
     relinearize_at_estimate(key);
   };
   for (const Key key : due) relinearize(key);
-  far_.keep_if([&](Key key) { return waits(key); });
+  far_.keep_if([&](Key key) { return waiting_.waits(key); });
   solver_.for_each_due([&](Key key) {
-    if (waits(key) && all_due(key)) relinearize(key);
+    if (waiting_.waits(key) && all_due(key)) relinearize(key);
   });
-  if (2 * left_ <= to_index(waiting_.size())) return;
-  waiting_.keep_if([](Key key) { return key != -1; });
-  find_waiting();
 }
 
 template <class Group, class... Extra>
@@ -211,17 +204,6 @@ bool IncrementalSmoother<Group, Extra...>::all_due(Key key) const {
     }
   }
   return true;
-}
-
-template <class Group, class... Extra>
-void IncrementalSmoother<Group, Extra...>::find_waiting() {
-  left_ = 0;
-  for (Index k = 0; k < waiting_.size(); ++k) {
-    if (waiting_[k] == -1)
-      ++left_;
-    else
-      waits_at_[waiting_[k]] = k;
-  }
 }
 
 /// What a linear prediction is worth once its variables wait because of it.
@@ -245,7 +227,7 @@ template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::relinearize_at(Key key, const Group& origin) {
   origins_before_.push_back(origins_[key]);
   changes_.push_back({ChangeKind::origin_moved, key, look_[key]});
-  stop_waiting(key);
+  waiting_.stop(key);
   look_[key] = options_.first_look;
   origins_[key] = origin;
   if constexpr (requires(Group & group) { group.normalize(); }) origins_[key].normalize();
@@ -305,7 +287,7 @@ bool IncrementalSmoother<Group, Extra...>::write(Index term, UpdateReport& repor
 /// Finds the factors that the step has carried too far from where they were linearized.
 template <class Group, class... Extra>
 void IncrementalSmoother<Group, Extra...>::look_at_changed(UpdateReport& report) {
-  if (to_index(waiting_.size()) == left_) waiting_gap_ = 0.0;  // but for rounding
+  if (waiting_.count() == 0) waiting_gap_ = 0.0;  // but for rounding
   const double error = std::max(report.squared_error, options_.least_error);
   const double tolerated = options_.nonlinear_tolerance * error / std::max(1, pools_.count());
   for (const Key key : solver_.changed()) {
