@@ -111,13 +111,16 @@ template <int Columns, int Width>
 [[gnu::always_inline]] inline Offset product_tiles(Accumulate how, Offset rows, const double* a, Offset a_stride,
                                                    const double* b, Offset b_stride, Offset depth, double* c,
                                                    Offset c_stride) {
-  // As many rows as leave the sums in registers: 12 of 16 hold them, the others the factors.
+  // As many rows as leave the sums in registers: 12 of 16 hold them, or with AVX-512 24 of 32, the others the factors.
   constexpr int registers = Columns >= 12 || Width == 1 ? 1 : 12 / Columns;
   Offset row = 0;
-  for (; row + registers * Width <= rows; row += registers * Width)
-    product_tile<Width, registers, Columns>(how, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
-  for (; row + Width <= rows; row += Width)
-    product_tile<Width, 1, Columns>(how, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+  const auto tiles = [&]<int Registers>() __attribute__((always_inline)) {
+    for (; row + Registers * Width <= rows; row += Registers * Width)
+      product_tile<Width, Registers, Columns>(how, a + row, a_stride, b, b_stride, depth, c + row, c_stride);
+  };
+  if constexpr (Width == 8 && Columns <= 6) tiles.template operator()<2 * registers>();
+  tiles.template operator()<registers>();
+  tiles.template operator()<1>();
   return row;
 }
 
