@@ -174,6 +174,9 @@ Solver::Options exact(int seed) {
   options.relative_excess = 0.0;
   options.late_variables = seed % 3 * 4;
   options.near_variables = seed % 5 * 6;
+  options.near_work = seed % 3 == 0 ? 1e9 : 500.0;
+  options.far_work = seed % 2 == 0 ? 1e9 : 1000.0;
+  options.surroundings = 2;
   options.reorder_work = seed % 2 == 0 ? 1e9 : 10.0;
   options.forgotten_share = std::array{0.0, 0.2, 3.0, 1e9}[static_cast<std::size_t>(seed % 4)];
   return options;

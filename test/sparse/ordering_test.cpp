@@ -6,11 +6,13 @@
 #include <cmath>
 #include <cstdio>
 #include <numeric>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "chainslam/sparse/cholmod.hpp"
 #include "chainslam/sparse/detail/elimination_tree.hpp"
+#include "chainslam/sparse/detail/quotient_graph.hpp"
 #include "chainslam/sparse/detail/supernodes.hpp"
 #include "sparse/patterns.hpp"
 #include "support/property.hpp"
@@ -61,6 +63,26 @@ TEST_SUITE("sparse/ordering") {
       const std::vector<Index> order = Order{}(pattern);
       CHECK(is_permutation(order, size));
       CHECK(order == Order{}(pattern));
+    });
+  }
+
+  TEST_CASE("nodes that are to be eliminated later are, group by group, beside cliques that others have left") {
+    for_all(100, [](Rng& rng, int size) {
+      const BlockPattern pattern = random_pattern(rng, size, rng.uniform(0.0, 3.0));
+      std::vector<std::vector<Index>> cliques(static_cast<std::size_t>(rng.uniform_index(4)));
+      for (std::vector<Index>& clique : cliques) {
+        for (Index node = 0; node < size; ++node) {
+          if (rng.uniform_index(3) == 0) clique.push_back(node);
+        }
+      }
+      const std::vector<std::span<const Index>> elements(cliques.begin(), cliques.end());
+      std::vector<Index> late(static_cast<std::size_t>(rng.uniform_index(4)));
+      for (Index& first : late) first = rng.uniform_index(size + 1);
+      std::ranges::sort(late);  // some groups empty
+      const detail::Table<Index> order = detail::QuotientGraph(pattern, elements, late).eliminate();
+      const std::vector<Index> listed(order.begin(), order.end());
+      CHECK(is_permutation(listed, size));
+      CHECK(std::ranges::is_sorted(listed, {}, [&](Index node) { return detail::group_of(late, node); }));
     });
   }
 

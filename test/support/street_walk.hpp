@@ -18,7 +18,8 @@ namespace chainslam::test {
 struct StreetWalkOptions {
   Index sessions = 5;
   Index keyframes = 2000;    ///< of each session
-  int blocks = 8;            ///< the town's side, in blocks of 50 m
+  int blocks = 8;            ///< the town's side
+  int block = 50;            ///< of a street, in metres
   Index most_closures = 16;  ///< of a keyframe: the direct one and those chained to it, one a session
   double outliers = 0.0;     ///< share of closures that lie
   std::uint64_t seed = 1;
@@ -60,11 +61,11 @@ class StreetWalk {
     Step step;
     step.starts = step_ == 0;
     if (step.starts) {
-      x_ = session_ == 0 ? 0 : block * rng_.uniform_index(options_.blocks + 1);
-      y_ = session_ == 0 ? 0 : block * rng_.uniform_index(options_.blocks + 1);
+      x_ = session_ == 0 ? 0 : options_.block * rng_.uniform_index(options_.blocks + 1);
+      y_ = session_ == 0 ? 0 : options_.block * rng_.uniform_index(options_.blocks + 1);
       heading_ = 0;
     }
-    if (x_ % block == 0 && y_ % block == 0) heading_ = turn();
+    if (x_ % options_.block == 0 && y_ % options_.block == 0) heading_ = turn();
     const SE3d pose = here();
     step.motion = step.starts ? noisy(pose, 0.1, 0.01) : noisy(truth_.back().inverse() * pose, 1e-2, 1e-3);
     const auto key = static_cast<Key>(truth_.size());
@@ -103,7 +104,7 @@ class StreetWalk {
   [[nodiscard]] static PoseGraph::Noise closure_noise() { return noise(5e-2, 3e-3); }
 
  private:
-  static constexpr int block = 50, reach = 8;
+  static constexpr int reach = 8;
   using Cell = std::pair<int, int>;
 
   [[nodiscard]] static std::pair<int, int> direction(int heading) {
@@ -118,8 +119,8 @@ class StreetWalk {
     for (;;) {
       const int next = (heading + rng_.uniform_index(3) + 3) % 4;
       const auto [dx, dy] = direction(next);
-      const int to_x = x_ + dx * block, to_y = y_ + dy * block;
-      if (std::min(to_x, to_y) >= 0 && std::max(to_x, to_y) <= block * options_.blocks) return next;
+      const int to_x = x_ + dx * options_.block, to_y = y_ + dy * options_.block;
+      if (std::min(to_x, to_y) >= 0 && std::max(to_x, to_y) <= options_.block * options_.blocks) return next;
       heading = (heading + 1) % 4;
     }
   }

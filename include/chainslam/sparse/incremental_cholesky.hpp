@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cassert>
-#include <memory>
 #include <mutex>
 #include <span>
 #include <utility>
@@ -71,6 +70,12 @@ class IncrementalCholesky {
     /// Variables nearest to the newest in the graph that are eliminated late, where many are ordered: what comes next
     /// will touch these, and then not what lies beyond. More (as the square root) in systems of above 50 000 variables.
     Index near_variables = 100;
+    /// So they are where few are ordered whose fronts take more multiplications than this;
+    double near_work = 1e6;
+    /// and above this, what lies beyond so many times as many comes first: the way from what comes next avoids it. That
+    /// is not done where it makes the fronts at hand take more.
+    double far_work = 1e7;
+    Index surroundings = 30;
     /// Fronts of more multiplications a variable are reordered whenever they are refactorized,
     double reorder_work = 20000.0;
     /// if they take more than this share of all multiplications: a way through a large tree keeps its order.
@@ -284,8 +289,7 @@ class IncrementalCholesky {
 
   /// Where factorization costs much more than ordering, it is worth looking for a better order each time.
   void promote_heavy();
-  /// Where many variables of a large system are reordered, those nearest to the newest are too, late in the order: the
-  /// next closures, likely among these, then reach little else.
+  /// Where much is reordered, what is nearest to the newest is too, and late: the next closures then reach little else.
   void reorder_near();
   /// Removes the nodes that are to be reordered; lists their variables and the subtrees that they leave.
   void collect_affected();
@@ -328,11 +332,6 @@ class IncrementalCholesky {
   template <Executor Exec>
   [[nodiscard]] FactorizationResult compute_all(std::span<const Index> nodes, const Exec& executor);
 
-  /// What several threads share while they compute.
-  struct Workspace {
-    std::mutex memory;  ///< held where memory of the tree is taken or given back
-    std::vector<std::unique_ptr<Assembly>> idle;
-  };
   struct PartResult {
     Index stop;  ///< place of the node that failed, or where to stop in any case
     FactorizationResult result;
@@ -340,11 +339,12 @@ class IncrementalCholesky {
   template <Executor Exec>
   [[nodiscard]] FactorizationResult compute_parts(std::span<const Index> nodes, const Exec& executor);
   /// Places in `nodes` of subtrees that may be computed at the same time; last, of what is above them.
-  [[nodiscard]] std::vector<std::vector<Index>> parts_of(std::span<const Index> nodes) const;
+  [[nodiscard]] std::vector<std::vector<Index>> parts_of(std::span<const Index> nodes);
   /// Computes the nodes at some places, up to the first that fails or place `stop`.
+  /// @param memory  held where memory is taken or given back.
   template <Executor Exec>
   [[nodiscard]] PartResult compute_part(std::span<const Index> nodes, std::span<const Index> places, Index stop,
-                                        Workspace& workspace, const Exec& executor);
+                                        std::mutex& memory, const Exec& executor);
 
   /// Solves for a node's columns, given all above; keeps their old solution if it is nearly as good.
   void substitute(Index node);
@@ -360,6 +360,8 @@ class IncrementalCholesky {
   detail::BlockTerms<BlockSize> terms_;
   detail::FrontTree<BlockSize> tree_;
   Assembly assembly_;
+  std::vector<Assembly> assemblies_;  ///< of threads, while none of them needs it
+  detail::Table<Index> place_of_;     ///< of nodes that threads compute, in their order; -1 else
   Journal journal_;
   detail::PartialElimination plan_;
   detail::Table<char> fixed_;
@@ -369,7 +371,7 @@ class IncrementalCholesky {
   detail::Table<Index> stale_;
   detail::Table<Index> fresh_;
   detail::Table<Index> affected_;
-  Index late_ = 0;  ///< the first of them that is eliminated late
+  detail::Table<Index> late_;  ///< places among them from which on they are eliminated late, and later still
   detail::NearVariables<BlockSize> near_;
   detail::Table<Index> orphans_;
   detail::Table<Index> ready_;

@@ -19,9 +19,11 @@ namespace chainslam::detail {
 template <int B>
 class FrontAssembly {
  public:
-  /// @param size  number of variables.
-  explicit FrontAssembly(Index size = 0) : place_(size, -1) {}
   void add_variable() { place_.push_back(-1); }
+  /// As many as are missing.
+  void add_variables(Index size) {
+    if (to_index(place_.size()) < size) place_.resize(size, -1);
+  }
   void drop_last_variable() { place_.pop_back(); }
 
   void assemble(const FrontTree<B>& tree, const BlockTerms<B>& terms, const Table<char>& fixed, Index node) {

@@ -116,14 +116,16 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute_all(std::span<const 
 }
 
 template <int BlockSize>
-std::vector<std::vector<Index>> IncrementalCholesky<BlockSize>::parts_of(std::span<const Index> nodes) const {
+std::vector<std::vector<Index>> IncrementalCholesky<BlockSize>::parts_of(std::span<const Index> nodes) {
   const Index size = to_index(nodes.size());
-  detail::Table<Index> place_of(tree_.size(), -1);
-  for (Index k = 0; k < size; ++k) place_of[nodes[static_cast<std::size_t>(k)]] = k;
+  if (to_index(place_of_.size()) < tree_.size()) place_of_.resize(tree_.size(), -1);
+  for (Index k = 0; k < size; ++k) place_of_[nodes[static_cast<std::size_t>(k)]] = k;
   const auto at = [&](Index k) -> const auto& { return tree_[nodes[static_cast<std::size_t>(k)]]; };
-  return detail::list_parts(detail::divide_tree(
-      size, [&](Index k) { return at(k).parent == -1 ? -1 : place_of[at(k).parent]; },
+  const auto parts = detail::list_parts(detail::divide_tree(
+      size, [&](Index k) { return at(k).parent == -1 ? -1 : place_of_[at(k).parent]; },
       [&](Index k) { return Front::work(at(k).columns, at(k).rows); }));
+  for (const Index node : nodes) place_of_[node] = -1;
+  return parts;
 }
 
 /// Of several nodes that fail, the first in the order of `nodes` counts; what is above the parts is good up to there.
@@ -133,15 +135,15 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute_parts(std::span<cons
   const std::vector<std::vector<Index>> parts = parts_of(nodes);
   PartResult first{to_index(nodes.size()), {}};
   std::vector<PartResult> results(parts.size() - 1, first);
-  Workspace workspace;
+  std::mutex memory;
   executor.for_chunks(to_index(results.size()), 1, [&](Index begin, Index) {
     const auto k = static_cast<std::size_t>(begin);
-    results[k] = compute_part(nodes, parts[k], first.stop, workspace, Serial{});
+    results[k] = compute_part(nodes, parts[k], first.stop, memory, Serial{});
   });
   for (const PartResult& result : results) {
     if (result.stop < first.stop) first = result;
   }
-  const PartResult above = compute_part(nodes, parts.back(), first.stop, workspace, executor);
+  const PartResult above = compute_part(nodes, parts.back(), first.stop, memory, executor);
   return above.stop < first.stop ? above.result : first.result;
 }
 
@@ -149,26 +151,25 @@ FactorizationResult IncrementalCholesky<BlockSize>::compute_parts(std::span<cons
 template <int BlockSize>
 template <Executor Exec>
 auto IncrementalCholesky<BlockSize>::compute_part(std::span<const Index> nodes, std::span<const Index> places,
-                                                  Index stop, Workspace& workspace, const Exec& executor)
-    -> PartResult {
-  std::unique_ptr<Assembly> assembly;
+                                                  Index stop, std::mutex& memory, const Exec& executor) -> PartResult {
+  Assembly assembly;
   {
-    const std::scoped_lock lock(workspace.memory);
-    if (!workspace.idle.empty()) {
-      assembly = std::move(workspace.idle.back());
-      workspace.idle.pop_back();
+    const std::scoped_lock lock(memory);
+    if (!assemblies_.empty()) {
+      assembly = std::move(assemblies_.back());
+      assemblies_.pop_back();
     }
   }
-  if (assembly == nullptr) assembly = std::make_unique<Assembly>(size());
+  assembly.add_variables(size());
   for (const Index place : places) {
     if (place >= stop) break;
     const Index node = nodes[static_cast<std::size_t>(place)];
-    const FactorizationResult result = compute(node, *assembly, &workspace.memory, executor);
+    const FactorizationResult result = compute(node, assembly, &memory, executor);
     if (!result.ok()) return {place, result};
-    forget_updates(node, &workspace.memory);
+    forget_updates(node, &memory);
   }
-  const std::scoped_lock lock(workspace.memory);
-  workspace.idle.push_back(std::move(assembly));
+  const std::scoped_lock lock(memory);
+  assemblies_.push_back(std::move(assembly));
   return {stop, {}};
 }
 

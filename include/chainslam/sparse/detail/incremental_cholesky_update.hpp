@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "chainslam/core/table.hpp"
@@ -94,14 +95,20 @@ Index IncrementalCholesky<BlockSize>::near_count() const {
   return static_cast<Index>(options_.near_variables * std::sqrt(std::max(1.0, size() / 50000.0)));
 }
 
-/// In small systems, where it would cost more than it saves, none.
+/// Where it would cost more than it saves, none.
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::reorder_near() {
   near_.clear();
   Index columns = 0;
-  for (const Index node : stale_) columns += tree_[node].stale == Stale::order ? tree_[node].columns : 0;
-  if (columns <= near_count() / 4) return;
-  near_.list(terms_, size(), size() - 1, near_count());
+  double work = 0.0;
+  for (const Index node : stale_) {
+    if (tree_[node].stale != Stale::order) continue;
+    columns += tree_[node].columns;
+    work += Front::work(tree_[node].columns, tree_[node].rows);
+  }
+  if (columns <= near_count() / 4 && work < options_.near_work) return;
+  const bool far = work > options_.far_work;
+  near_.list(terms_, size(), size() - 1, far ? options_.surroundings * near_count() : near_count());
   const Index count = std::min(near_count() / 2, near_count() - options_.near_variables);
   for (const Index variable : near_.nearest(count)) mark(tree_.node_of(variable), Stale::order);
 }
@@ -132,21 +139,30 @@ template <int BlockSize>
 void IncrementalCholesky<BlockSize>::sort_affected() {
   std::sort(affected_.begin(), affected_.end());
   const Index newest = size() - options_.late_variables;
-  if (to_index(affected_.size()) <= near_count() / 4) {
-    late_ = static_cast<Index>(std::lower_bound(affected_.begin(), affected_.end(), newest) - affected_.begin());
+  late_.clear();
+  if (near_.empty() && to_index(affected_.size()) > near_count() / 4)
+    near_.list(terms_, size(), size() - 1, near_count());
+  if (near_.empty()) {
+    late_.push_back(
+        static_cast<Index>(std::lower_bound(affected_.begin(), affected_.end(), newest) - affected_.begin()));
     return;
   }
-  if (near_.empty()) near_.list(terms_, size(), size() - 1, near_count());
-  detail::Table<Index> late;
-  late_ = 0;
+  std::array<detail::Table<Index>, 2> later;  // surroundings, near variables
+  Index others = 0;
   for (const Index variable : affected_) {
-    if (variable < newest && !near_.contains(variable))
-      affected_[late_++] = variable;
+    const Index rank = near_.rank(variable);
+    if (variable >= newest || rank < near_count())
+      later[1].push_back(variable);
+    else if (rank != near_.beyond)
+      later[0].push_back(variable);
     else
-      late.push_back(variable);
+      affected_[others++] = variable;
   }
-  affected_.resize(late_);
-  affected_.append(late.all());
+  affected_.resize(others);
+  for (const detail::Table<Index>& variables : later) {
+    late_.push_back(to_index(affected_.size()));
+    affected_.append(variables.all());
+  }
 }
 
 template <int BlockSize>
@@ -176,7 +192,13 @@ void IncrementalCholesky<BlockSize>::order_affected() {
     for (const Index row : tree_.rows(orphan)) plan_.add_to_element(local_[row]);
     plan_.end_element();
   }
-  plan_.plan(late_, BlockSize);
+  plan_.plan(late_.all(), BlockSize);
+  // Surroundings apart only if that costs nothing now: where it does, it also would later.
+  if (late_.size() > 1 && late_[0] < late_[1]) {
+    const double work = plan_.template work<BlockSize>();
+    plan_.plan(late_.range(1, 2), BlockSize);
+    if (work <= plan_.template work<BlockSize>()) plan_.plan(late_.all(), BlockSize);
+  }
   work_.reordered += to_index(affected_.size());
   create_nodes();
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 #include <span>
 
 #include "chainslam/core/table.hpp"
@@ -13,13 +14,15 @@ namespace chainslam::detail {
 template <int B>
 class NearVariables {
  public:
+  static constexpr Index beyond = std::numeric_limits<Index>::max();
+
   /// Lists up to `count` of `size` variables, `from` first, by breadth-first search.
   void list(const BlockTerms<B>& terms, Index size, Index from, Index count) {
     clear();
-    listed_.resize(size, 0);
+    rank_.resize(size, beyond);
     const auto reach = [&](Index variable) {
-      if (contains(variable) || near_.size() >= count) return;
-      listed_[variable] = 1;
+      if (rank_[variable] != beyond || near_.size() >= count) return;
+      rank_[variable] = to_index(near_.size());
       near_.push_back(variable);
     };
     reach(from);
@@ -31,12 +34,13 @@ class NearVariables {
   }
 
   void clear() {
-    for (const Index variable : near_) listed_[variable] = 0;
+    for (const Index variable : near_) rank_[variable] = beyond;
     near_.clear();
   }
 
   [[nodiscard]] bool empty() const { return near_.empty(); }
-  [[nodiscard]] bool contains(Index variable) const { return listed_[variable] != 0; }
+  /// How many are nearer than a variable; `beyond` where it is not listed.
+  [[nodiscard]] Index rank(Index variable) const { return rank_[variable]; }
   /// Up to `count` of them, the nearest first.
   [[nodiscard]] std::span<const Index> nearest(Index count) const {
     return near_.range(0, std::min(Offset{count}, near_.size()));
@@ -44,7 +48,7 @@ class NearVariables {
 
  private:
   Table<Index> near_;
-  Table<char> listed_;  ///< of each variable: whether it is one of them
+  Table<Index> rank_;  ///< of each variable
 };
 
 }  // namespace chainslam::detail

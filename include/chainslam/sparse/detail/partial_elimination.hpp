@@ -7,6 +7,7 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
+#include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/quotient_graph.hpp"
 
 namespace chainslam::detail {
@@ -38,9 +39,9 @@ class PartialElimination {
   void add_to_element(Index column) { element_columns_.push_back(column); }
   void end_element() { element_ends_.push_back(element_columns_.size()); }
 
-  /// @param late        columns from this one on are eliminated after the others.
+  /// @param late        ascending: columns from each of these on are eliminated after all before it.
   /// @param block_size  scalar columns of a column.
-  void plan(Index late, int block_size) {
+  void plan(std::span<const Index> late, int block_size) {
     late_ = late;
     list_elements();
     const BlockPattern pattern(size_, edges_.all());
@@ -52,6 +53,13 @@ class PartialElimination {
     list_fronts();
   }
 
+  /// Multiplications of its fronts.
+  template <int B>
+  [[nodiscard]] double work() const {
+    double sum = 0.0;
+    for (const Front& front : fronts_) sum += detail::Front<B>::work(front.columns, front.rows);
+    return sum;
+  }
   [[nodiscard]] Index fronts() const { return to_index(fronts_.size()); }
   [[nodiscard]] const Front& front(Index f) const { return fronts_[f]; }
   [[nodiscard]] std::span<const Index> columns(const Front& front) const {
@@ -146,7 +154,8 @@ class PartialElimination {
       const Offset below = count_[k] + row_count(k);
       const Offset columns = count_[k] + count_[child];
       if (columns * block_size > most_joined) continue;
-      if (count_[child] * block_size > most_joined_late && order_[child] < late_ && order_[k] >= late_) continue;
+      if (count_[child] * block_size > most_joined_late && group_of(late_, order_[child]) < group_of(late_, order_[k]))
+        continue;
       const Offset zeros = zeros_[k] + zeros_[child] + count_[child] * (below - row_count(child));
       const Offset height = columns + row_count(k);
       const double share =
@@ -188,10 +197,10 @@ class PartialElimination {
   }
 
   static constexpr Offset most_joined = 144;      ///< scalar columns of a front that joins of others
-  static constexpr Offset most_joined_late = 48;  ///< that a front brings which joins one of late columns
+  static constexpr Offset most_joined_late = 48;  ///< that a front brings which joins one of later columns
 
   Index size_ = 0;
-  Index late_ = 0;
+  std::span<const Index> late_;
   Table<BlockCoordinate> edges_;
   Table<Index> element_columns_;
   Table<Offset> element_ends_;

@@ -13,6 +13,11 @@
 
 namespace chainslam::detail {
 
+/// How many of `late`, ascending, a node does not come before.
+[[nodiscard]] inline Index group_of(std::span<const Index> late, Index node) {
+  return static_cast<Index>(std::upper_bound(late.begin(), late.end(), node) - late.begin());
+}
+
 /// Eliminates a graph's nodes by approximate minimum degree.
 ///
 /// The graph after some eliminations is kept as variables (nodes not yet eliminated; indistinguishable ones joined) and
@@ -21,15 +26,18 @@ namespace chainslam::detail {
 /// than the factor's own pattern. Names in comments as in Amestoy, Davis and Duff 1996, section 3 and 4.
 class QuotientGraph {
  public:
-  explicit QuotientGraph(const BlockPattern& pattern) : QuotientGraph(pattern, {}, pattern.size()) {}
+  explicit QuotientGraph(const BlockPattern& pattern) : QuotientGraph(pattern, {}, {}) {}
 
   /// Part of a larger graph, whose other nodes are eliminated already.
   ///
   /// @param elements  the cliques which those have left among the nodes that remain.
-  /// @param late      nodes from this one on are eliminated after all others (Chen et al. 2008, section 2.3).
-  QuotientGraph(const BlockPattern& pattern, std::span<const std::span<const Index>> elements, Index late)
+  /// @param late      ascending: nodes from each of these on are eliminated after all before it (Chen et al. 2008,
+  ///                  section 2.3).
+  QuotientGraph(const BlockPattern& pattern, std::span<const std::span<const Index>> elements,
+                std::span<const Index> late)
       : size_(pattern.size()),
         late_(late),
+        waits_from_(late.empty() ? size_ : late.front()),
         start_(size_ + to_index(elements.size()), 0),
         element_count_(start_.size(), 0),
         length_(start_.size(), 0),
@@ -49,7 +57,7 @@ class QuotientGraph {
   /// The nodes in the order of their elimination.
   [[nodiscard]] Table<Index> eliminate() {
     while (eliminated_ < size_ - to_index(dense_.size())) {
-      if (eliminated_ + waiting_ == size_ - to_index(dense_.size())) release_late();
+      while (waiting_ > 0 && eliminated_ + waiting_ == size_ - to_index(dense_.size())) release_late();
       const Index pivot = take_least_degree();
       make_element(pivot);
       measure_elements(pivot);
@@ -102,7 +110,7 @@ class QuotientGraph {
     for (Index i = size_ - 1; i >= 0; --i) {
       degree_[i] = std::min(degree_[i], size_ - 1);
       if (weight_[i] == 0) continue;
-      if (i >= late_) ++waiting_;
+      if (i >= waits_from_) ++waiting_;
       put_in_bucket(i);
     }
   }
@@ -120,12 +128,17 @@ class QuotientGraph {
   }
 
   /// Whether a node may not yet be eliminated.
-  [[nodiscard]] bool waits(Index i) const { return waiting_ > 0 && i >= late_; }
+  [[nodiscard]] bool waits(Index i) const { return i >= waits_from_; }
 
+  /// The next of those that wait no longer do.
   void release_late() {
-    waiting_ = 0;
-    for (Index i = size_ - 1; i >= late_; --i) {
-      if (weight_[i] > 0) put_in_bucket(i);
+    const Index begin = waits_from_;
+    late_ = late_.subspan(1);
+    waits_from_ = late_.empty() ? size_ : late_.front();
+    for (Index i = waits_from_ - 1; i >= begin; --i) {
+      if (weight_[i] == 0) continue;
+      waiting_ -= weight_[i];
+      put_in_bucket(i);
     }
   }
 
@@ -258,7 +271,7 @@ class QuotientGraph {
       for (Offset b = a + 1; b < hashes_.size() && hashes_[b].rank == hashes_[a].rank; ++b) {
         const Index j = hashes_[b].index;
         if (weight_[j] == 0 || length_[j] != length_[i] || element_count_[j] != element_count_[i]) continue;
-        if (waits(i) != waits(j)) continue;
+        if (group_of(late_, i) != group_of(late_, j)) continue;
         if (!marked) mark_list(i);
         marked = true;
         if (!list_is_marked(j)) continue;
@@ -326,8 +339,9 @@ class QuotientGraph {
   static constexpr std::int64_t dead = -1;
 
   Index size_;
-  Index late_;         ///< the first node that is to be eliminated late
-  Index waiting_ = 0;  ///< how many of those there are, until their time has come
+  std::span<const Index> late_;  ///< where nodes begin that are to be eliminated later, and later still
+  Index waits_from_;             ///< the first of them
+  Index waiting_ = 0;            ///< columns that they stand for
   Table<Offset> start_;
   Table<Index> element_count_;
   Table<Index> length_;
