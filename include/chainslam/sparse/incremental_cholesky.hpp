@@ -72,9 +72,9 @@ class IncrementalCholesky {
     Index near_variables = 100;
     /// So they are where few are ordered whose fronts take more multiplications than this;
     double near_work = 1e6;
-    /// and above this, what lies beyond so many times as many comes first: the way from what comes next avoids it. That
-    /// is not done where it makes the fronts at hand take more.
+    /// and above this, what lies beyond their `surroundings` comes first, so that the way from what comes next avoids
     double far_work = 1e7;
+    /// it: so many times as many variables. Not where the fronts at hand would take more.
     Index surroundings = 30;
     /// Fronts of more multiplications a variable are reordered whenever they are refactorized,
     double reorder_work = 20000.0;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "chainslam/core/table.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
@@ -192,12 +193,13 @@ void IncrementalCholesky<BlockSize>::order_affected() {
     for (const Index row : tree_.rows(orphan)) plan_.add_to_element(local_[row]);
     plan_.end_element();
   }
-  plan_.plan(late_.all(), BlockSize);
-  // Surroundings apart only if that costs nothing now: where it does, it also would later.
-  if (late_.size() > 1 && late_[0] < late_[1]) {
-    const double work = plan_.template work<BlockSize>();
-    plan_.plan(late_.range(1, 2), BlockSize);
-    if (work <= plan_.template work<BlockSize>()) plan_.plan(late_.all(), BlockSize);
+  const bool surrounded = late_.size() > 1 && late_[0] < late_[1];
+  plan_.plan(late_.range(surrounded ? 1 : 0, late_.size()), BlockSize);
+  if (surrounded) {
+    // Surroundings apart only if that costs nothing now: where it does, it also would later.
+    detail::PartialElimination apart = plan_;
+    apart.plan(late_.all(), BlockSize);
+    if (apart.template work<BlockSize>() <= plan_.template work<BlockSize>()) std::swap(plan_, apart);
   }
   work_.reordered += to_index(affected_.size());
   create_nodes();
