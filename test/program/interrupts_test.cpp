@@ -200,8 +200,8 @@ TEST_SUITE("program/interrupts") {
       run.signal(SIGINT);
       const std::optional<int> code = run.wait_for(hung);
       REQUIRE(code);
-      CHECK(*code == 130);
-      // The signal also ends the wait: what took that moment to become whole may stay, whole.
+      // The signal also ends the wait: what took that moment to become whole may stay, whole, and the program end well.
+      CHECK((*code == 130 || (*code == 0 && fs::exists(result))));
       if (const std::string& verb = one.first.front();
           (verb == "recover" || verb == "undo" || verb == "merge") && fs::exists(result)) {
         CHECK((load_map(result).map.keyframes.size() == load_map(map).map.keyframes.size()) == (verb != "undo"));
