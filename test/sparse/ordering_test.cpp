@@ -66,7 +66,7 @@ TEST_SUITE("sparse/ordering") {
     });
   }
 
-  TEST_CASE("nodes that are to be eliminated later are, group by group, beside cliques that others have left") {
+  TEST_CASE("nodes of later groups are eliminated after those of earlier ones, whatever cliques there are") {
     for_all(100, [](Rng& rng, int size) {
       const BlockPattern pattern = random_pattern(rng, size, rng.uniform(0.0, 3.0));
       std::vector<std::vector<Index>> cliques(static_cast<std::size_t>(rng.uniform_index(4)));

@@ -18,8 +18,8 @@ namespace chainslam::test {
 struct StreetWalkOptions {
   Index sessions = 5;
   Index keyframes = 2000;    ///< of each session
-  int blocks = 8;            ///< the town's side
-  int block = 50;            ///< of a street, in metres
+  int blocks = 8;            ///< along the town's side
+  int block = 50;            ///< length of one, in metres
   Index most_closures = 16;  ///< of a keyframe: the direct one and those chained to it, one a session
   double outliers = 0.0;     ///< share of closures that lie
   std::uint64_t seed = 1;

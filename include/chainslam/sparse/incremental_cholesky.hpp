@@ -72,9 +72,9 @@ class IncrementalCholesky {
     Index near_variables = 100;
     /// So they are where few are ordered whose fronts take more multiplications than this;
     double near_work = 1e6;
-    /// and above this, what lies beyond their `surroundings` comes first, so that the way from what comes next avoids
+    /// and above this, what lies beyond their surroundings comes first of all, unless these fronts then take more.
     double far_work = 1e7;
-    /// it: so many times as many variables. Not where the fronts at hand would take more.
+    /// How many times as many variables the surroundings are.
     Index surroundings = 30;
     /// Fronts of more multiplications a variable are reordered whenever they are refactorized,
     double reorder_work = 20000.0;

@@ -49,7 +49,7 @@ class WaitingList {
     keys_.resize(size_before_);
     for (Offset k = 0; k < stopped_.size(); k += 2) {
       keys_[stopped_[k]] = stopped_[k + 1];
-      place_[stopped_[k + 1]] = to_index(stopped_[k]);
+      place_[stopped_[k + 1]] = stopped_[k];
     }
     left_ = left_before_;
     stopped_.clear();
