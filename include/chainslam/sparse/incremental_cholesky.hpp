@@ -74,7 +74,7 @@ class IncrementalCholesky {
     double near_work = 1e6;
     /// and above this, what lies beyond their surroundings comes first of all, unless these fronts then take more.
     double far_work = 1e7;
-    /// How many times as many variables the surroundings are.
+    /// How many times as many variables these are, listed around the newest whenever it has left their inner half.
     Index surroundings = 30;
     /// Fronts of more multiplications a variable are reordered whenever they are refactorized,
     double reorder_work = 20000.0;
@@ -97,6 +97,7 @@ class IncrementalCholesky {
       if (entry.change == detail::Change::node_removed) tree_.release(entry.id);
     }
     journal_.clear();
+    surroundings_.begin();
     clear_changes();
     totals_before_ = totals_;
   }
@@ -286,7 +287,6 @@ class IncrementalCholesky {
   }
 
   void clear_changes();
-
   /// Where factorization costs much more than ordering, it is worth looking for a better order each time.
   void promote_heavy();
   /// Where much is reordered, what is nearest to the newest is too, and late: the next closures then reach little else.
@@ -297,7 +297,6 @@ class IncrementalCholesky {
   /// Sorts the affected variables: those that are to be eliminated late behind the others.
   void sort_affected();
   [[nodiscard]] Index near_count() const;
-
   void affect(Index variable) {
     if (is_fixed(variable)) tree_.set_node_of(variable, -1);
     if (is_fixed(variable) || local_[variable] != -1) return;
@@ -318,7 +317,6 @@ class IncrementalCholesky {
   /// Orders the affected variables and makes their nodes.
   void order_affected();
   void create_nodes();
-
   /// Adds the damping of a front's own columns, whose diagonal is complete, to it.
   void damp(Index node, const Front& front);
 
@@ -373,6 +371,8 @@ class IncrementalCholesky {
   detail::Table<Index> affected_;
   detail::Table<Index> late_;  ///< places among them from which on they are eliminated late, and later still
   detail::NearVariables<BlockSize> near_;
+  detail::Surroundings<BlockSize> surroundings_;
+  bool far_ = false;  ///< whether what lies beyond these comes first
   detail::Table<Index> orphans_;
   detail::Table<Index> ready_;
   detail::Table<Index> stack_;

@@ -17,10 +17,10 @@
 
 namespace chainslam::detail {
 
-// A saved smoother, format 1. Numbers are little-endian, f is IEEE 754.
+// A saved smoother, format 3. Numbers are little-endian, f is IEEE 754.
 //
 //    0  89 43 53 49 53 4D 0D 0A   mark ("\x89CSISM\r\n")
-//    8  u32 1          version: another cannot be read
+//    8  u32 3          version: another cannot be read
 //   12  u32            degrees of freedom of a variable
 //   16  u64            types of factors: FNV-1a of each one's variables, rows and bytes
 //   24  u64            bytes of all
@@ -28,7 +28,7 @@ namespace chainslam::detail {
 //   40  options, variables, factors type by type, the linear system
 
 inline constexpr std::uint64_t state_mark = 0x0A0D'4D53'4953'4389U;
-inline constexpr std::uint32_t state_version = 2;
+inline constexpr std::uint32_t state_version = 3;
 inline constexpr std::size_t state_check_at = 32;
 inline constexpr std::size_t state_body_at = 40;
 

@@ -18,6 +18,7 @@ void IncrementalCholesky<BlockSize>::rollback() {
   restored_.clear();
   for (Offset k = journal_.entries().size() - 1; k >= 0; --k) undo(journal_.entries()[k]);
   journal_.clear();
+  surroundings_.rollback();
   const auto for_each_due = [&](auto&& visit) {
     for (Offset k = recomputed_.size() - 1; k >= 0; --k) {
       if (tree_.has_numbers(recomputed_[k])) visit(recomputed_[k]);
@@ -135,6 +136,7 @@ void IncrementalCholesky<BlockSize>::save(ByteSink& out) const {
   out.put(totals_.nodes);
   terms_.save(out, removed_terms);
   tree_.save(out, removed_nodes);
+  surroundings_.save(out);
 }
 
 /// Computes the fronts' numbers again from what they came from, in the same order: to the same bits.
@@ -153,6 +155,7 @@ void IncrementalCholesky<BlockSize>::load(ByteSource& in) {
   totals.nodes = in.take<Index>();
   terms_.load(in);
   const std::vector<Index> without_update = tree_.load(in);
+  surroundings_.load(in);
   for (Index variable = 0; variable < size(); ++variable) {
     local_.push_back(-1);
     assembly_.add_variable();

@@ -100,6 +100,7 @@ Index IncrementalCholesky<BlockSize>::near_count() const {
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::reorder_near() {
   near_.clear();
+  far_ = false;
   Index columns = 0;
   double work = 0.0;
   for (const Index node : stale_) {
@@ -108,8 +109,9 @@ void IncrementalCholesky<BlockSize>::reorder_near() {
     work += Front::work(tree_[node].columns, tree_[node].rows);
   }
   if (columns <= near_count() / 4 && work < options_.near_work) return;
-  const bool far = work > options_.far_work;
-  near_.list(terms_, size(), size() - 1, far ? options_.surroundings * near_count() : near_count());
+  near_.list(terms_, size(), size() - 1, near_count());
+  far_ = work > options_.far_work;
+  if (far_) surroundings_.follow(terms_, near_, size(), options_.surroundings * near_count());
   const Index count = std::min(near_count() / 2, near_count() - options_.near_variables);
   for (const Index variable : near_.nearest(count)) mark(tree_.node_of(variable), Stale::order);
 }
@@ -151,10 +153,9 @@ void IncrementalCholesky<BlockSize>::sort_affected() {
   std::array<detail::Table<Index>, 2> later;  // surroundings, near variables
   Index others = 0;
   for (const Index variable : affected_) {
-    const Index rank = near_.rank(variable);
-    if (variable >= newest || rank < near_count())
+    if (variable >= newest || near_.contains(variable))
       later[1].push_back(variable);
-    else if (rank != near_.beyond)
+    else if (far_ && surroundings_.contains(variable))
       later[0].push_back(variable);
     else
       affected_[others++] = variable;

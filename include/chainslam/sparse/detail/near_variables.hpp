@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <limits>
 #include <span>
+#include <utility>
 
+#include "chainslam/core/byte_archive.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/sparse/block_matrix.hpp"
@@ -39,16 +41,77 @@ class NearVariables {
   }
 
   [[nodiscard]] bool empty() const { return near_.empty(); }
+  [[nodiscard]] bool contains(Index variable) const { return rank_[variable] != beyond; }
   /// How many are nearer than a variable; `beyond` where it is not listed.
   [[nodiscard]] Index rank(Index variable) const { return rank_[variable]; }
   /// Up to `count` of them, the nearest first.
   [[nodiscard]] std::span<const Index> nearest(Index count) const {
     return near_.range(0, std::min(Offset{count}, near_.size()));
   }
+  /// All, the nearest first.
+  [[nodiscard]] const Table<Index>& all() const { return near_; }
+  /// Lists these, the nearest first, instead.
+  void set(Table<Index> near, Index size) {
+    clear();
+    rank_.resize(size, beyond);
+    near_ = std::move(near);
+    for (Offset k = 0; k < near_.size(); ++k) rank_[near_[k]] = to_index(k);
+  }
 
  private:
   Table<Index> near_;
   Table<Index> rank_;  ///< of each variable
+};
+
+/// What lies around the newest variables, listed once for a while: what is beyond then stays so, and so does the order
+/// in which it was eliminated.
+template <int B>
+class Surroundings {
+ public:
+  /// From here on, changes can be undone.
+  void begin() { changed_ = false; }
+  void rollback() {
+    if (changed_) listed_.set(std::move(before_), size_before_);
+    if (changed_) size_ = size_before_;
+    changed_ = false;
+  }
+
+  /// Lists up to `count` of `size` variables around the newest, unless that is still within the inner half of those
+  /// that are listed.
+  /// @param near  what is nearest to the newest.
+  void follow(const BlockTerms<B>& terms, const NearVariables<B>& near, Index size, Index count) {
+    for (const Index variable : near.all()) {
+      if (variable >= size_) continue;
+      if (listed_.rank(variable) < count / 2) return;
+      break;
+    }
+    if (!changed_) before_ = listed_.all();
+    if (!changed_) size_before_ = size_;
+    changed_ = true;
+    listed_.list(terms, size, size - 1, count);
+    size_ = size;
+  }
+
+  /// Whether a variable is one of them, or newer.
+  [[nodiscard]] bool contains(Index variable) const { return variable >= size_ || listed_.contains(variable); }
+
+  void save(ByteSink& out) const {
+    out.put(size_);
+    out.put_list(listed_.all());
+  }
+  void load(ByteSource& in) {
+    size_ = in.take<Index>();
+    Table<Index> variables;
+    in.take_list(variables);
+    listed_.set(std::move(variables), size_);
+  }
+
+ private:
+  NearVariables<B> listed_;
+  Index size_ = 0;       ///< variables when they were listed
+  Table<Index> before_;  ///< as at `begin`
+  Index size_before_ = 0;
+  bool changed_ = false;  ///< since `begin`
 };
 
 }  // namespace chainslam::detail
