@@ -49,7 +49,7 @@ class NearVariables {
     return near_.range(0, std::min(Offset{count}, near_.size()));
   }
   /// All, the nearest first.
-  [[nodiscard]] const Table<Index>& all() const { return near_; }
+  [[nodiscard]] std::span<const Index> all() const { return near_.all(); }
   /// Lists these, the nearest first, instead.
   void set(Table<Index> near, Index size) {
     clear();
@@ -71,23 +71,24 @@ class Surroundings {
   /// From here on, changes can be undone.
   void begin() { changed_ = false; }
   void rollback() {
-    if (changed_) listed_.set(std::move(before_), size_before_);
-    if (changed_) size_ = size_before_;
+    if (!changed_) return;
+    listed_.set(std::move(before_), size_before_);
+    size_ = size_before_;
     changed_ = false;
   }
 
-  /// Lists up to `count` of `size` variables around the newest, unless that is still within the inner half of those
-  /// that are listed.
+  /// Lists up to `count` of `size` variables around the newest, unless the nearest to it that was there when they were
+  /// last listed is still within their inner half.
   /// @param near  what is nearest to the newest.
   void follow(const BlockTerms<B>& terms, const NearVariables<B>& near, Index size, Index count) {
-    for (const Index variable : near.all()) {
-      if (variable >= size_) continue;
-      if (listed_.rank(variable) < count / 2) return;
-      break;
+    const std::span<const Index> nearest = near.all();
+    const auto listed = std::find_if(nearest.begin(), nearest.end(), [&](Index variable) { return variable < size_; });
+    if (listed != nearest.end() && listed_.rank(*listed) < count / 2) return;
+    if (!changed_) {
+      before_ = Table<Index>(listed_.all());
+      size_before_ = size_;
+      changed_ = true;
     }
-    if (!changed_) before_ = listed_.all();
-    if (!changed_) size_before_ = size_;
-    changed_ = true;
     listed_.list(terms, size, size - 1, count);
     size_ = size;
   }
