@@ -82,8 +82,8 @@ class Surroundings {
   /// @param near  what is nearest to the newest.
   void follow(const BlockTerms<B>& terms, const NearVariables<B>& near, Index size, Index count) {
     const std::span<const Index> nearest = near.all();
-    const auto listed = std::find_if(nearest.begin(), nearest.end(), [&](Index variable) { return variable < size_; });
-    if (listed != nearest.end() && listed_.rank(*listed) < count / 2) return;
+    const auto known = std::find_if(nearest.begin(), nearest.end(), [&](Index variable) { return variable < size_; });
+    if (known != nearest.end() && listed_.rank(*known) < count / 2) return;
     if (!changed_) {
       before_ = Table<Index>(listed_.all());
       size_before_ = size_;
