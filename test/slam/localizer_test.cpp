@@ -18,10 +18,21 @@ namespace chainslam {
 namespace {
 
 struct WithoutGuess {
-  void remember(std::span<const Keyframe>, Index) {}
+  void remember(std::span<const Keyframe>, Index, auto&&) {}
   std::vector<KeyframeId> recognize(std::span<const Keyframe>, KeyframeId) { return {}; }
 };
 static_assert(!PlaceRecognition<WithoutGuess>);
+
+/// Lists which keyframes of the map may be compared with its first.
+struct ComparedPlaces : WithoutGuess {
+  std::vector<bool>* comparable_with_first = nullptr;
+  template <class Comparable>
+  void remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable) {
+    for (const Keyframe& one : keyframes.first(static_cast<std::size_t>(end)))
+      comparable_with_first->push_back(comparable(keyframes[0].id, one.id));
+  }
+  std::optional<SE3d> guess(KeyframeId, KeyframeId) { return std::nullopt; }
+};
 static_assert(MapRegistration<LoopCloser<>>);
 static_assert(!MapRegistration<ProximityCandidates>);
 
@@ -262,6 +273,21 @@ TEST_SUITE("slam/localizer") {
     }
     CHECK(localizer.counts().starts == 3);
     CHECK(localizer.counts().losses == 0);
+  }
+
+  TEST_CASE("places of the map are compared by their poses within a frame alone") {
+    SlamMap map = StreetDrives().map();
+    const Index first_of_second = to_index(map.keyframes.size()) - 5;
+    map.sessions[0].keyframes = first_of_second;
+    map.sessions.push_back({SessionId{1}, "elsewhere", first_of_second, 5, SessionId{1}, {}, {}});
+    for (std::size_t i = 0; i < 5; ++i) map.keyframes[static_cast<std::size_t>(first_of_second) + i].session = {1};
+    std::vector<bool> compared;
+    ComparedPlaces places;
+    places.comparable_with_first = &compared;
+    const Localizer<LoopCloser<>, ComparedPlaces> localizer(map, {}, LoopCloser<>(), places);
+    REQUIRE(compared.size() == map.keyframes.size());
+    for (Index i = 0; i < to_index(compared.size()); ++i)
+      CHECK(compared[static_cast<std::size_t>(i)] == (i < first_of_second));
   }
 
   TEST_CASE("a drive is found where much is in front of what the map has, repeated by the localizer or not") {

@@ -196,7 +196,7 @@ TEST_SUITE("slam/place_candidates") {
       sessions.add_session();
       for (Index i = 0; i <= 50; ++i) {
         Keyframe keyframe;
-        keyframe.T_odom_body = SE3d(SO3d(), {2.0 * i, 0, 0});
+        keyframe.T_odom_body = keyframe.T_map_body = SE3d(SO3d(), {2.0 * i, 0, 0});
         sessions.add(keyframe);
       }
     }
@@ -262,6 +262,60 @@ TEST_SUITE("slam/place_candidates") {
       static_cast<void>(candidates.find(keyframes, index, KeyframeId{to_index(keyframes.size()) - 1}));
       CHECK(candidates.places().places().size() == remembered);
     }
+  }
+
+  TEST_CASE("a way that several drives of one frame have gone is remembered once, and again from the other side") {
+    TwoSessions sessions;
+    const auto drive = [&](const SE3d& start, Index frame) {
+      sessions.add_session();
+      sessions.map.sessions.back().frame = SessionId{frame};
+      for (Index i = 0; i <= 50; ++i) {
+        Keyframe keyframe;
+        keyframe.T_odom_body = SE3d(SO3d(), {2.0 * i, 0, 0});
+        keyframe.T_map_body = start * keyframe.T_odom_body;
+        sessions.add(keyframe);
+      }
+    };
+    const SE3d same_lane, next_lane(SO3d(), {3, 4, 0}), next_street(SO3d(), {0, 40, 0});
+    const SE3d oncoming(SO3d::exp({0, 0, std::numbers::pi}), {100, 4, 0});
+    drive(same_lane, 0);
+    drive(next_lane, 0);
+    drive(next_street, 0);
+    drive(oncoming, 0);
+    drive(same_lane, 4);  // somewhere else
+    drive(next_lane, 0);
+    drive(same_lane, 6);  // the one that asks
+    const KeyframeId last = sessions.map.keyframes.back().id;
+    const auto of_each = [&](const PlaceCandidates& candidates) {  // session, places
+      std::vector<int> count(7);
+      for (const PlaceCandidates::Place& place : candidates.places()) {
+        const Keyframe& center = sessions.map.keyframes[static_cast<std::size_t>(place.center.value)];
+        ++count[static_cast<std::size_t>(center.session.value)];
+      }
+      return count;
+    };
+    PlaceCandidateOptions options;
+    options.max_drawn = 0;
+    PlaceCandidates of_map(options);
+    static_cast<void>(of_map.find(sessions.map, last));
+    CHECK(of_each(of_map) == std::vector<int>{5, 0, 5, 5, 5, 0, 5});
+
+    sessions.map.sessions.back().frame = SessionId{0};
+    PlaceCandidates merged(options);
+    static_cast<void>(merged.find(sessions.map, last));
+    CHECK(of_each(merged) == std::vector<int>{5, 0, 5, 5, 5, 0, 5});  // a drive that is not over may be elsewhere
+
+    PositionIndex index;
+    index.rebuild(sessions.map.keyframes, [](const Keyframe& one) { return one.session != SessionId{4}; });
+    ProximityOrPlaces near({}, PlaceCandidates{options});
+    static_cast<void>(near.find(sessions.map.keyframes, index, last));
+    CHECK(of_each(near.places()) == std::vector<int>{5, 0, 5, 5, 5, 0, 0});
+    static_cast<void>(near.recognize(sessions.map.keyframes, index, last));
+    CHECK(of_each(near.places()) == std::vector<int>{5, 0, 5, 5, 5, 0, 5});
+
+    PlaceCandidates each(options);
+    each.remember(sessions.map.keyframes, last.value + 1);
+    CHECK(of_each(each) == std::vector<int>(7, 5));
   }
 
   TEST_CASE("the ground's height is that of the lower points around, seen from wherever, in a levelled frame") {

@@ -83,12 +83,12 @@ concept MapRegistration = ClosureAligner<R> &&
 
 /// Recognizes places of a map from scans of a drive that is no part of it.
 ///
-/// `remember(keyframes, end)` takes in the map; `recognize(keyframes, query)` gives keyframes of the map whose
-/// surroundings look like those of the path that ends with `query`, the most similar first; `guess(from, query)` gives
-/// T_from_query of one of them.
+/// `remember(keyframes, end, comparable)` takes in the map, of two keyframes of which `comparable` says whether they
+/// are in one frame; `recognize(keyframes, query)` gives keyframes of the map whose surroundings look like those of the
+/// path that ends with `query`, the most similar first; `guess(from, query)` gives T_from_query of one of them.
 template <class P>
 concept PlaceRecognition = requires(P& places, std::span<const Keyframe> keyframes, KeyframeId id, Index end) {
-  places.remember(keyframes, end);
+  places.remember(keyframes, end, [](KeyframeId /*earlier*/, KeyframeId /*later*/) { return true; });
   { places.recognize(keyframes, id) } -> std::same_as<std::vector<KeyframeId>>;
   { places.guess(id, id) } -> std::same_as<std::optional<SE3d>>;
 };

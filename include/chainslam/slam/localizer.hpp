@@ -42,9 +42,10 @@ class Localizer {
       "Localizer: Closer needs `std::vector<LoopClosure> search(keyframes, index, query, executor)`, "
       "`LoopClosure align(keyframes, from, to, guess, executor)` and `bool fits_in_part(keyframes, closure)`, "
       "as in LoopCloser");
-  static_assert(PlaceRecognition<Places>,
-                "Localizer: Places needs `remember(keyframes, end)`, `std::vector<KeyframeId> recognize(keyframes, "
-                "query)` and `std::optional<SE3d> guess(from, query)`, as in PlaceCandidates");
+  static_assert(
+      PlaceRecognition<Places>,
+      "Localizer: Places needs `remember(keyframes, end, comparable)`, `std::vector<KeyframeId> recognize(keyframes, "
+      "query)` and `std::optional<SE3d> guess(from, query)`, as in PlaceCandidates");
 
  public:
   /// Takes in the map: its places are drawn, some 30 ms for each.
@@ -164,7 +165,8 @@ Localizer<Closer, Places>::Localizer(const SlamMap& map, const LocalizerOptions&
   for (const Session& session : map.sessions)
     if (session.frame == session.id)
       index_of(session.id).rebuild(keyframes_, [&](const Keyframe& one) { return frame_of(one.id) == session.id; });
-  places_.remember(keyframes_, map_keyframes_);
+  places_.remember(keyframes_, map_keyframes_,
+                   [&](KeyframeId earlier, KeyframeId later) { return frame_of(earlier) == frame_of(later); });
 }
 
 template <class Closer, class Places>

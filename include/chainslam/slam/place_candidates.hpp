@@ -16,6 +16,7 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/height_image.hpp"
+#include "chainslam/slam/detail/neighbor_grid.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/place_index.hpp"
 #include "chainslam/slam/slam_map.hpp"
@@ -65,11 +66,13 @@ struct PlaceCandidateOptions {
 /// of the pose between them.
 ///
 /// The scans along a piece of path are drawn from above, in odometry's frame, whose z points against gravity. A piece
-/// is remembered when the path is through with it; those of all sessions are kept in one index.
+/// is remembered when the path is through with it, unless an earlier one along the same way is; those of all sessions
+/// are kept in one index.
 class PlaceCandidates {
  public:
   /// @throws std::invalid_argument if an option makes no sense.
-  explicit PlaceCandidates(const PlaceCandidateOptions& options = {}) : options_(options), index_(options.index) {
+  explicit PlaceCandidates(const PlaceCandidateOptions& options = {})
+      : options_(options), index_(options.index), centers_(options.spacing) {
     if (!(options.submap_length > 0 && options.spacing > 0) || options.max_count < 0)
       throw std::invalid_argument(
           "PlaceCandidates: submap_length and spacing must be positive, max_count not negative");
@@ -78,14 +81,15 @@ class PlaceCandidates {
   /// Keyframes of other frames.
   [[nodiscard]] [[gnu::cold]] std::vector<KeyframeId> find(const SlamMap& map, KeyframeId query) {
     const SessionId here = frame(map, session(map.keyframes, query));
+    const auto frame_of = [&](KeyframeId id) { return frame(map, session(map.keyframes, id)); };
+    const SessionId own = session(map.keyframes, query);
+    remember(map.keyframes, query.value + 1, [&](KeyframeId there, KeyframeId id) {
+      return session(map.keyframes, id) != own && frame_of(there) == frame_of(id);
+    });
+    proposals_.clear();
     const auto is_elsewhere = [&](const Session& one) { return one.keyframes > 0 && one.frame != here; };
-    if (std::none_of(map.sessions.begin(), map.sessions.end(), is_elsewhere)) {
-      proposals_.clear();
-      remember(map.keyframes, query.value + 1);
-      return {};
-    }
-    return find(map.keyframes, query,
-                [&](const Place& place) { return frame(map, session(map.keyframes, place.center)) != here; });
+    if (std::none_of(map.sessions.begin(), map.sessions.end(), is_elsewhere)) return {};
+    return recognize(map.keyframes, query, [&](const Place& place) { return frame_of(place.center) != here; });
   }
 
   /// Keyframes of places that are wanted.
@@ -95,7 +99,14 @@ class PlaceCandidates {
                                                            const Wanted& wanted);
 
   /// Remembers the places of keyframes before `end`, those that the path is through with; `max_drawn` at most.
-  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end);
+  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end) {
+    remember(keyframes, end, [](KeyframeId, KeyframeId) { return false; });
+  }
+  /// The same, but a place only once, however many drives have come that way.
+  /// @param comparable  `bool comparable(KeyframeId earlier, KeyframeId later)`: whether T_map_body says where the one
+  /// is from the other: in one frame of the map, and of drives that are over
+  template <class Comparable>
+  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable);
   /// Leaves out the places of keyframes [begin, end), which are known to be remembered already; nothing as long as some
   /// before `begin` are not.
   [[gnu::cold]] void pass_over(std::span<const Keyframe> keyframes, Index begin, Index end) {
@@ -169,6 +180,11 @@ class PlaceCandidates {
     return SE3d(SO3d(), -center.T_odom_body.translation());
   }
 
+  /// Whether an earlier drive that way is remembered. What the graph has moved far since is not found.
+  template <class Comparable>
+  [[nodiscard]] [[gnu::cold]] bool is_known(std::span<const Keyframe> keyframes, const Place& place,
+                                            const Comparable& comparable) const;
+
   /// The path up to and with `last`, as long as a submap.
   [[nodiscard]] [[gnu::cold]] Index begin_of_submap(std::span<const Keyframe> keyframes, Index last) const;
 
@@ -193,8 +209,9 @@ class PlaceCandidates {
   PlaceCandidateOptions options_;
   PlaceIndex index_;
   detail::Table<Place> places_;
-  Index next_ = 0;    ///< keyframe to come
-  double since_ = 0;  ///< metres along the path since the last place was remembered, or the session's start
+  detail::NeighborGrid centers_;  ///< of each place, where its center was when it was remembered
+  Index next_ = 0;                ///< keyframe to come
+  double since_ = 0;              ///< metres along the path since the last place was remembered, or the session's start
   std::vector<ImageKeypoint> newest_;  ///< of the last place that was remembered
   detail::Table<Proposal> proposals_;
 };
@@ -248,7 +265,24 @@ inline Index PlaceCandidates::begin_of_submap(std::span<const Keyframe> keyframe
   return begin;
 }
 
-inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end) {
+template <class Comparable>
+bool PlaceCandidates::is_known(std::span<const Keyframe> keyframes, const Place& place,
+                               const Comparable& comparable) const {
+  constexpr double most_turned = 1.0;  // rad: a scanner that looks ahead sees other things on the way back
+  const Keyframe& here = at(keyframes, place.center.value);
+  bool known = false;
+  centers_.for_each_near(here.T_map_body.translation(), options_.spacing, [&](Index k, const Eigen::Vector3d&) {
+    const Keyframe& there = at(keyframes, places_[k].center.value);
+    if (known || there.id.value >= place.begin || !comparable(there.id, here.id)) return;
+    const SE3d T_there_here = there.T_map_body.inverse() * here.T_map_body;
+    known =
+        T_there_here.translation().norm() <= options_.spacing && T_there_here.rotation().log().norm() <= most_turned;
+  });
+  return known;
+}
+
+template <class Comparable>
+void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable) {
   if (options_.max_count == 0) return;
   for (Index drawn = 0; next_ < end && (options_.max_drawn <= 0 || drawn < options_.max_drawn); ++next_) {
     since_ = travelled(keyframes);
@@ -256,7 +290,9 @@ inline void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index
     since_ = 0;
     const Index begin = begin_of_submap(keyframes, next_), after = next_ + 1;
     const Place place{.center = KeyframeId{(begin + after) / 2}, .begin = begin, .end = after};
+    if (is_known(keyframes, place, comparable)) continue;
     places_.push_back(place);
+    centers_.add(at(keyframes, place.center.value).T_map_body.translation());
     newest_ = draw(keyframes, place);
     index_.add(newest_);
     ++drawn;

@@ -26,8 +26,8 @@ struct PlausibleDrift {
 /// Keyframes near the query; and where those do not close, keyframes that the graph puts elsewhere though their
 /// surroundings look like the query's: drift may have led beyond any radius.
 ///
-/// Where a keyframe near does close, the place is known already, and is not remembered again: what is kept grows with
-/// the area that the sessions cover, not with their length.
+/// Where a keyframe near does close, or an earlier session has come the same way, the place is known already, and is
+/// not remembered again: what is kept grows with the area that the sessions cover, not with their length.
 class ProximityOrPlaces {
  public:
   /// Starts without places.
@@ -44,7 +44,7 @@ class ProximityOrPlaces {
                                              KeyframeId query) {
     if (sought_.valid()) places_.pass_over(keyframes, first_of_session(keyframes, sought_), sought_.value + 1);
     sought_ = query;
-    places_.remember(keyframes, first_of_session(keyframes, query));
+    remember(keyframes, index, query, first_of_session(keyframes, query));
     return near_.find(keyframes, index, query);
   }
 
@@ -56,7 +56,7 @@ class ProximityOrPlaces {
     const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
     const Keyframe& here = at(query);
     sought_ = {};
-    places_.remember(keyframes, query.value + 1);
+    remember(keyframes, index, query, query.value + 1);
     const auto count = to_index(places_.places().size());
     if (std::exchange(asked_, count) == count) return {};
     const PlaceCandidates::Place& newest = places_.places().back();
@@ -84,6 +84,13 @@ class ProximityOrPlaces {
   [[nodiscard]] const PlaceCandidates& places() const { return places_; }  ///< what is remembered
 
  private:
+  /// Of earlier sessions in the query's frame, a place once.
+  void remember(std::span<const Keyframe> keyframes, const PositionIndex& index, KeyframeId query, Index end) {
+    const KeyframeId own{first_of_session(keyframes, query)};
+    places_.remember(keyframes, end, [&](KeyframeId earlier, KeyframeId later) {
+      return later < own && index.contains(earlier) && index.contains(later);
+    });
+  }
   [[nodiscard]] static Index first_of_session(std::span<const Keyframe> keyframes, KeyframeId query) {
     const SessionId session = keyframes[static_cast<std::size_t>(query.value)].session;
     const auto first = std::partition_point(keyframes.begin(), keyframes.end(),
