@@ -52,9 +52,10 @@ class MeteredBackEnd {
   MeteredBackEnd(MapperBackEnd& back_end, const MappingRun& run) : back_end_(back_end), run_(run) {}
 
   /// What the session before has put off is done first.
-  void begin_session(std::string name) {
+  template <Executor E>
+  void begin_session(std::string name, const E& executor) {
     const auto measurement = run_.times.measure("end of session");
-    back_end_.begin_session(std::move(name));
+    back_end_.begin_session(std::move(name), executor);
   }
 
   template <Executor E>
@@ -314,7 +315,7 @@ std::shared_ptr<const SlamMap> replay_all(MapperBackEnd& back_end, std::span<con
       state.chained_closures = metered.chained_closures();
       run.progress.update(state);
     });
-  auto replayed = back_end.release();
+  auto replayed = back_end.release(threads);
   run.progress.finish();
   return replayed;
 }
@@ -327,14 +328,13 @@ MappingResult map_all(std::span<const std::unique_ptr<datasets::Dataset>> datase
   MappingResult result;
   const auto first = to_index(back_end.map().sessions.size());
   {
-    const ThreadPool front_end_threads(std::max(Index{1}, run.threads - run.threads / 2));
-    const ThreadPool back_end_threads(std::max(Index{1}, run.threads / 2));
+    const ThreadPool threads(run.threads);  // of both ends: now the one has more to do, now the other
     MeteredBackEnd metered(back_end, run);
-    MapperPipeline pipeline(metered, back_end_threads, {}, 128);  // a keyframe comes with the frames up to it
+    MapperPipeline pipeline(metered, threads, {}, 128);  // a keyframe comes with the frames up to it
     for (const auto& dataset : datasets) {
       result.memory_full = memory_is_full(run);
       if (run.stop.stop_requested() || result.memory_full) break;
-      SessionRun session = SessionMapper(*dataset, run, front_end_threads, metered, pipeline).map();
+      SessionRun session = SessionMapper(*dataset, run, threads, metered, pipeline).map();
       session.id = SessionId{first + to_index(result.sessions.size())};
       session.odometry = {};
       result.sessions.push_back(std::move(session));
@@ -349,7 +349,7 @@ MappingResult map_all(std::span<const std::unique_ptr<datasets::Dataset>> datase
                          .direct_closures = metered.direct_closures(),
                          .chained_closures = metered.chained_closures()});
     const auto measurement = run.times.measure("final optimization");
-    result.map = back_end.release();
+    result.map = back_end.release(threads);
     result.figures = metered.figures();
   }
   run.progress.finish();
@@ -389,7 +389,7 @@ std::shared_ptr<const SlamMap> run_again(std::vector<MapInput> inputs, std::vect
   }
   pipeline.finish();
   run.progress.finish();
-  return back_end.release();
+  return back_end.release(threads);
 }
 
 std::shared_ptr<const SlamMap> map_again(const SlamMap& map, const UndoneClosures& undone, const MappingRun& run) {

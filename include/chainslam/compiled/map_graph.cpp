@@ -4,5 +4,7 @@ namespace chainslam {
 
 template class IncrementalGnc<IncrementalSmoother<SE3d>>;
 template class MapGraph<>;
+template ConvergeReport MapGraph<>::converge(const Serial&);
+template ConvergeReport MapGraph<>::converge(const ThreadPool&);
 
 }  // namespace chainslam

@@ -4,9 +4,11 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <span>
 #include <utility>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -167,22 +169,23 @@ class IncrementalGnc {
     for (Index number = settled_; number < candidates_.size(); ++number) measure(number);
     settled_ = candidates_.size();
     decide(report);
-    try_others(report, options_.tried_rows);
+    try_others(report, options_.tried_rows, Serial{});
     try_unexpected(report);
     forget_touched();
     return report;
   }
 
-  /// Measures all candidates again and decides: after the estimate was moved otherwise.
-  [[gnu::cold]] IncrementalGncReport reconsider() {
+  /// Measures all candidates again and decides: after the estimate was moved otherwise. Any executor decides the same.
+  template <Executor Exec = Serial>
+  [[gnu::cold]] IncrementalGncReport reconsider(const Exec& executor = {}) {
     IncrementalGncReport report;
     changed_.clear();
     for (Index number = 0; number < settled_; ++number) measure(number);
     decide(report);
-    try_others(report, std::numeric_limits<Index>::max());
+    try_others(report, std::numeric_limits<Index>::max(), executor);
     while (report.last.ok() && report.steps < options_.max_steps && take_worst_trusted_out() && step(report)) {
       decide(report);
-      try_others(report, std::numeric_limits<Index>::max());
+      try_others(report, std::numeric_limits<Index>::max(), executor);
     }
     try_trusted(report);
     forget_touched();
@@ -214,6 +217,7 @@ class IncrementalGnc {
 
  private:
   using Entry = typename detail::CandidateList<Group>::Entry;
+  using Trial = typename detail::CandidateList<Group>::Trial;
   static constexpr double decisive_mu = 1e6;
 
   [[gnu::cold]] void drop_unsettled();
@@ -256,9 +260,15 @@ class IncrementalGnc {
 
   /// Takes single groups near a change out or in, each once, as long as the forecast says that the truncated squares
   /// fall.
-  [[gnu::cold]] void try_others(IncrementalGncReport& report, Index rows);
-  /// Takes a group out or in, if that lowers the truncated squares. @param rows  is lowered by the forecast's.
-  [[nodiscard]] [[gnu::cold]] bool turn(Index leader, Index& rows);
+  template <Executor Exec>
+  [[gnu::cold]] void try_others(IncrementalGncReport& report, Index rows, const Exec& executor);
+  /// Turns the first touched group for which the forecast says so. @param rows  of forecasts. @returns whether one was.
+  template <Executor Exec>
+  [[nodiscard]] [[gnu::cold]] bool turn_one(Index rows, const Exec& executor);
+  /// Nothing where bounds say that the group stays as it is. @param rows  is lowered by those of the forecast.
+  [[nodiscard]] [[gnu::cold]] std::optional<Trial> trial(Index leader, Index& rows);
+  /// @returns whether the group was turned.
+  [[nodiscard]] [[gnu::cold]] bool turn(const Trial& trial);
   /// Takes out the trusted factor without which the truncated squares fall the most, if they fall at all: where several
   /// share an error, none of them shows it. Only between two variables that candidates hold, since priors that are off
   /// together speak against any step. @returns whether there is one.

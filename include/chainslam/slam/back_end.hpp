@@ -60,7 +60,7 @@ class BackEnd {
   /// Adds a saved map: its sessions count as earlier ones. Keyframes of the first keep their numbers, others get new
   /// ones.
   [[gnu::cold]] void load(const SlamMap& map) {
-    catch_up();
+    catch_up(Serial{});
     const Index known = to_index(graph_.map().closures.size());
     withdraw();
     in_session_ = false;
@@ -70,7 +70,9 @@ class BackEnd {
   }
 
   /// Keyframes added from now on are of a new session. Without a call, the first keyframe begins one without a name.
-  [[gnu::cold]] void begin_session(std::string name);
+  /// Does first what the session before has put off.
+  template <Executor E = Serial>
+  [[gnu::cold]] void begin_session(std::string name, const E& executor = {});
 
   /// Takes the next keyframe of the session, tries to close loops with it and to join its frame with others, and
   /// optimizes if that succeeds, or later if it changes little.
@@ -98,13 +100,15 @@ class BackEnd {
   [[gnu::cold]] void add(std::span<const KeyframeFix> fixes, const E& executor = {});
 
   /// Optimizes to the end and hands out the map.
-  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> finish() {
-    conclude();
+  template <Executor E = Serial>
+  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> finish(const E& executor = {}) {
+    conclude(executor);
     return snapshot();
   }
   /// As `finish`, but gives the map away, at no cost of memory: nothing can be added any more.
-  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> release() {
-    conclude();
+  template <Executor E = Serial>
+  [[nodiscard]] [[gnu::cold]] std::shared_ptr<const SlamMap> release(const E& executor = {}) {
+    conclude(executor);
     return graph_.release();
   }
 
@@ -201,12 +205,13 @@ class BackEnd {
   [[nodiscard]] bool spent() const { return counts_.alignments >= alignments_end_; }
   void allow(Index more) { alignments_end_ = more > 0 ? counts_.alignments + more : std::numeric_limits<Index>::max(); }
   /// Does all that was put off.
-  [[gnu::cold]] void catch_up() {
+  template <Executor E>
+  [[gnu::cold]] void catch_up(const E& executor) {
     if constexpr (requires { merger_.is_unfinished(); })
-      while (in_session_ && merger_.is_unfinished()) try_merge(map().keyframes.back().id, Serial{});
+      while (in_session_ && merger_.is_unfinished()) try_merge(map().keyframes.back().id, executor);
     allow(0);
-    if (in_session_) recheck(Serial{});
-    if (in_session_) search_moved(Serial{});
+    if (in_session_) recheck(executor);
+    if (in_session_) search_moved(executor);
     if (!waiting_.empty()) optimize();
   }
 
@@ -240,23 +245,24 @@ class BackEnd {
     const Keyframe& newest = map().keyframes.back();
     T_map_odom_.store(std::make_shared<const SE3d>(newest.T_map_body * newest.T_odom_body.inverse()));
   }
-  /// Optimizes to the end.
   /// What optimizes all at once takes memory that the closer hardly needs any more.
   void free_submaps() {
     if constexpr (requires { closer_.free_submaps(); }) closer_.free_submaps();
   }
 
-  [[gnu::cold]] void conclude() {
-    catch_up();
+  /// Optimizes to the end.
+  template <Executor E>
+  [[gnu::cold]] void conclude(const E& executor) {
+    catch_up(executor);
     withdraw();
     if (!map().closures.empty()) {
       free_submaps();
-      counts_.end = graph_.converge();
+      counts_.end = graph_.converge(executor);
       const Index optimizations = counts_.optimizations;
-      catch_up();  // with what has moved
+      catch_up(executor);  // with what has moved
       free_submaps();
-      if (counts_.optimizations != optimizations) counts_.end = graph_.converge();
-      if (part()) counts_.end = graph_.converge();
+      if (counts_.optimizations != optimizations) counts_.end = graph_.converge(executor);
+      if (part()) counts_.end = graph_.converge(executor);
       count_optimization(counts_.end.ok());
       index_positions();
     }
@@ -283,8 +289,9 @@ class BackEnd {
 };
 
 template <class Closer, class Chainer, class Merger, class Outliers>
-void BackEnd<Closer, Chainer, Merger, Outliers>::begin_session(std::string name) {
-  catch_up();
+template <Executor E>
+void BackEnd<Closer, Chainer, Merger, Outliers>::begin_session(std::string name, const E& executor) {
+  catch_up(executor);
   withdraw();
   moved_.begin_session();
   gnss_ = GnssInterpolator();  // the clocks of two drives have nothing in common
@@ -379,6 +386,12 @@ extern template KeyframeId BackEnd<>::add(Keyframe, const Serial&);
 extern template void BackEnd<>::add(const GnssFix&, const Serial&);
 extern template KeyframeId BackEnd<>::add(Keyframe, const ThreadPool&);
 extern template void BackEnd<>::add(const GnssFix&, const ThreadPool&);
+extern template void BackEnd<>::begin_session(std::string, const Serial&);
+extern template void BackEnd<>::begin_session(std::string, const ThreadPool&);
+extern template std::shared_ptr<const SlamMap> BackEnd<>::finish(const Serial&);
+extern template std::shared_ptr<const SlamMap> BackEnd<>::finish(const ThreadPool&);
+extern template std::shared_ptr<const SlamMap> BackEnd<>::release(const Serial&);
+extern template std::shared_ptr<const SlamMap> BackEnd<>::release(const ThreadPool&);
 
 }  // namespace chainslam
 #endif

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/incremental_gnc.hpp"
@@ -123,8 +124,8 @@ class GroupGncFactors {
   [[nodiscard]] std::span<const Key> changed() const { return gnc_.changed(); }
 
   /// To the optimum, and until what counts there does not change it any more.
-  template <class Options>
-  [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& map) {
+  template <class Options, Executor E>
+  [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& map, const E& executor) {
     constexpr int passes = 3;  // each says more exactly where the map lies on the Earth
     constexpr int decisions = 4;
     constexpr double rounding = 1e-9;  // of the cost
@@ -136,17 +137,17 @@ class GroupGncFactors {
       if (!update(map).ok()) break;
       bool decided = false;
       for (int decision = 0; decision < decisions; ++decision) {
-        report = smoother_.converge(options);
+        report = smoother_.converge(options, executor);
         if (!report.ok()) return report;
         for (Key key = 0; key < smoother_.size(); ++key)
           map.keyframes[static_cast<std::size_t>(key)].T_map_body = smoother_[key];
-        if (decision + 1 == decisions || gnc_.reconsider().steps == 0) break;
+        if (decision + 1 == decisions || gnc_.reconsider(executor).steps == 0) break;
         decided = true;
       }
       if (!decided && std::abs(report.final_cost - before) <= rounding * before) break;
       before = report.final_cost;
     }
-    if (report.ok() && gnc_.share_errors()) report = smoother_.converge(options);
+    if (report.ok() && gnc_.share_errors()) report = smoother_.converge(options, executor);
     return report;
   }
 

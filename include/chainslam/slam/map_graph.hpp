@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "chainslam/core/compiled.hpp"
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/factor_graph/incremental_smoother.hpp"
@@ -117,7 +118,9 @@ class MapGraph {
   /// Whether the last one left something to the next (`MapGraphOptions::largest_work`).
   [[nodiscard]] bool is_unfinished() const { return unfinished_; }
 
-  [[gnu::cold]] ConvergeReport converge();  ///< the same, to the end
+  /// The same, to the end. An executor shares out the work; any gives bit-identical results.
+  template <Executor E = Serial>
+  [[gnu::cold]] ConvergeReport converge(const E& executor = {});
 
  private:
   /// While it lives, the map changes, and nobody else reads it.
@@ -331,7 +334,8 @@ UpdateReport MapGraph<Outliers>::optimize() {
 }
 
 template <class Outliers>
-ConvergeReport MapGraph<Outliers>::converge() {
+template <Executor E>
+ConvergeReport MapGraph<Outliers>::converge(const E& executor) {
   ConvergeReport report;
   hold_upright();
   report.variables = floating();
@@ -340,7 +344,7 @@ ConvergeReport MapGraph<Outliers>::converge() {
     return report;
   }
   const Change change(*this);
-  report = factors_->converge(options_.optimizer, map_);
+  report = factors_->converge(options_.optimizer, map_, executor);
   if (!report.ok()) {
     rebuild();
     return report;
@@ -360,6 +364,8 @@ namespace chainslam {
 
 extern template class IncrementalGnc<IncrementalSmoother<SE3d>>;
 extern template class MapGraph<>;
+extern template ConvergeReport MapGraph<>::converge(const Serial&);
+extern template ConvergeReport MapGraph<>::converge(const ThreadPool&);
 
 }  // namespace chainslam
 #endif

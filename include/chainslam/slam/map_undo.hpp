@@ -60,7 +60,7 @@ class ReplayedFixes {
 template <class Target, Executor E, class AfterKeyframe>
 void replay(const SlamMap& map, const Session& session, Target& back_end, const E& executor,
             AfterKeyframe&& after_keyframe) {
-  back_end.begin_session(session.name);
+  back_end.begin_session(session.name, executor);
   const std::vector<FrameRecord> of_session = map.frames.of(session.id);
   std::span<const FrameRecord> frames = of_session;
   detail::ReplayedFixes fixes(map, session);

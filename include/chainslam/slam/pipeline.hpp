@@ -80,7 +80,7 @@ class Pipeline {
     try {
       while (auto item = items_.pop(stop)) {
         if (auto* session = std::get_if<SessionStart>(&*item))
-          back_end.begin_session(std::move(session->name));
+          back_end.begin_session(std::move(session->name), executor);
         else if (auto* keyframe = std::get_if<Keyframe>(&*item))
           back_end.add(std::move(*keyframe), executor);
         else if (const auto* frames = std::get_if<std::vector<FrameRecord>>(&*item))

@@ -8,6 +8,7 @@
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/detail/factor_places.hpp"
 #include "chainslam/factor_graph/factors.hpp"
+#include "chainslam/factor_graph/smoother_reports.hpp"
 
 namespace chainslam::detail {
 
@@ -23,6 +24,15 @@ class CandidateList {
     std::uint64_t losses = 0;  ///< of the smoother by then
     Index members = 0;         ///< how many they were
     bool in = false;
+  };
+
+  /// What is asked before a group is turned: taken out, or in.
+  struct Trial {
+    Index leader = none;
+    bool in = false;     ///< as it is
+    double limit = 0.0;  ///< what the squares have to fall by without it, or may rise by with it
+    Table<BetweenFactor<Group>> members{};
+    JointForecast forecast{};
   };
 
   struct Entry {

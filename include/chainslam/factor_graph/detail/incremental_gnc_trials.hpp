@@ -3,9 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <span>
+#include <type_traits>
 #include <utility>
+#include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/factor_graph/incremental_gnc.hpp"
@@ -16,17 +20,37 @@
 namespace chainslam {
 
 template <class Smoother>
-void IncrementalGnc<Smoother>::try_others(IncrementalGncReport& report, Index rows) {
+template <Executor Exec>
+void IncrementalGnc<Smoother>::try_others(IncrementalGncReport& report, Index rows, const Exec& executor) {
   while (report.last.ok() && report.steps < options_.max_steps) {
     if (rows == std::numeric_limits<Index>::max()) bound_leverages();
     // Trusted ones that are out come first: each costs much. Then the newest.
     sort_ranked(touched_.all());
-    Index left = rows;
-    bool turned = false;
-    for (Offset k = 0; k < touched_.size() && left > 0 && !turned; ++k) turned = turn(touched_[k].index, left);
-    if (!turned || !step(report)) return;
+    if (!turn_one(rows, executor) || !step(report)) return;
     decide(report);
   }
+}
+
+template <class Smoother>
+template <Executor Exec>
+bool IncrementalGnc<Smoother>::turn_one(Index rows, const Exec& executor) {
+  constexpr bool alone = std::is_same_v<Exec, Serial>;
+  constexpr std::size_t at_once = alone ? 1 : 32;  // those behind one that is turned are made in vain
+  std::vector<Trial> trials;
+  for (Offset k = 0; k < touched_.size() && rows > 0;) {
+    trials.clear();
+    for (; k < touched_.size() && rows > 0 && trials.size() < at_once; ++k)
+      if (auto one = trial(touched_[k].index, rows)) trials.push_back(std::move(*one));
+    executor.for_chunks(to_index(trials.size()), 1, [&](Index begin, Index /*end*/) {
+      Trial& one = trials[static_cast<std::size_t>(begin)];
+      const std::span<const Candidate> together = one.members.all();
+      one.forecast = one.in ? smoother_.fall_without(together) : smoother_.rise_with(together);
+    });
+    for (const Trial& one : trials) {
+      if (turn(one)) return true;
+    }
+  }
+  return false;
 }
 
 template <class Smoother>
@@ -95,35 +119,38 @@ bool IncrementalGnc<Smoother>::share_errors() {
 }
 
 template <class Smoother>
-bool IncrementalGnc<Smoother>::turn(Index leader, Index& rows) {
-  if (candidates_[leader].turned || !may_be_tried(leader)) return false;
-  const bool in = is_in(leader);
-  if (!in && !candidates_[leader].trusted && is_uncorroborated(factor(leader))) return false;
-  detail::Table<Candidate> members;
+auto IncrementalGnc<Smoother>::trial(Index leader, Index& rows) -> std::optional<Trial> {
+  if (candidates_[leader].turned || !may_be_tried(leader)) return std::nullopt;
+  Trial trial{.leader = leader, .in = is_in(leader)};
+  if (!trial.in && !candidates_[leader].trusted && is_uncorroborated(factor(leader))) return std::nullopt;
   double squares = 0.0, known = 0.0;
-  const auto for_each_alike = [&](auto&& visit) {
-    candidates_.for_each_member(leader, [&](Index number) {
-      if (smoother_.contains(id(number)) && is_in(number) == in) visit(number);
-    });
-  };
-  for_each_alike([&](Index number) {
-    members.push_back(candidates_[number].factor);
+  candidates_.for_each_member(leader, [&](Index number) {
+    if (!smoother_.contains(id(number)) || is_in(number) != trial.in) return;
+    trial.members.push_back(candidates_[number].factor);
     squares += ratio(number) * candidates_[number].threshold;
     known += leverage(number);
   });
-  rows -= to_index(members.size()) * Group::dof;
-  const double limit = price(leader, members.size());
+  const Index members = to_index(trial.members.size());
+  rows -= members * Group::dof;
+  trial.limit = price(leader, members);
   // The largest eigenvalue of all together is at most the sum of those of each.
-  if (in ? squares <= limit * (1 - known) : squares >= limit * (1 + known)) return false;
-  if (stays(leader, in, to_index(members.size()), squares, limit)) return false;
-  const std::span<const Candidate> together = members.all();
-  const JointForecast forecast = in ? smoother_.fall_without(together) : smoother_.rise_with(together);
-  candidates_[leader].forecasts = {forecast.per_residual, smoother_.losses(), to_index(members.size()), in};
+  if (trial.in ? squares <= trial.limit * (1 - known) : squares >= trial.limit * (1 + known)) return std::nullopt;
+  if (stays(leader, trial.in, members, squares, trial.limit)) return std::nullopt;
+  return trial;
+}
+
+template <class Smoother>
+bool IncrementalGnc<Smoother>::turn(const Trial& trial) {
+  const bool in = trial.in;
+  Entry& leader = candidates_[trial.leader];
+  leader.forecasts = {trial.forecast.per_residual, smoother_.losses(), to_index(trial.members.size()), in};
   // Not a number where nothing else holds what they hold: neither.
-  if (!(in ? forecast.change > limit : forecast.change < limit)) return false;
-  for_each_alike([&](Index number) { set_in(number, !in); });
-  candidates_[leader].turned = true;
-  if (in && !candidates_[leader].trusted) unexpected_.push_back(leader);
+  if (!(in ? trial.forecast.change > trial.limit : trial.forecast.change < trial.limit)) return false;
+  candidates_.for_each_member(trial.leader, [&](Index number) {
+    if (smoother_.contains(id(number)) && is_in(number) == in) set_in(number, !in);
+  });
+  leader.turned = true;
+  if (in && !leader.trusted) unexpected_.push_back(trial.leader);
   return true;
 }
 
@@ -206,7 +233,7 @@ bool IncrementalGnc<Smoother>::try_in(std::span<const Index> leaders, double mar
   trusting_ = trusting;
   if (step(trial)) decide(trial);
   trusting_ = true;
-  try_others(trial, options_.tried_rows);
+  try_others(trial, options_.tried_rows, Serial{});
   trying_ = false;
   report.steps += trial.steps;
   report.work += trial.work;

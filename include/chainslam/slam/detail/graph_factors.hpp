@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/robust_kernels.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
@@ -65,9 +66,9 @@ class KernelFactors {
   /// Keys whose estimate the last update changed.
   [[nodiscard]] std::span<const Key> changed() const { return smoother_.changed(); }
   /// Goes on to a local optimum.
-  template <class Options>
-  [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& /*map*/) {
-    return smoother_.converge(options);
+  template <class Options, Executor E>
+  [[nodiscard]] [[gnu::cold]] ConvergeReport converge(const Options& options, SlamMap& /*map*/, const E& executor) {
+    return smoother_.converge(options, executor);
   }
   [[nodiscard]] bool record(SlamMap& /*map*/) const { return false; }  ///< nothing: kernels keep no record of outliers
 
