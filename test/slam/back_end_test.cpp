@@ -84,7 +84,7 @@ struct ScannedRound : Round {
   }
 
   template <Executor E>
-  [[nodiscard]] std::unique_ptr<const SingleSession> run(const E& executor) const {
+  [[nodiscard]] std::unique_ptr<SingleSession> run(const E& executor) const {
     auto back_end = std::make_unique<SingleSession>(BackEndOptions{.graph = {.odometry_noise = noise}},
                                                     LoopCloser<>(test::small_submaps));
     for (std::size_t i = 0; i < truth.size(); ++i) {
@@ -125,6 +125,11 @@ TEST_SUITE("slam/back_end") {
     }
     for (std::size_t i = 0; i < map.keyframes.size(); ++i)
       CHECK(same.keyframes[i].T_map_body == map.keyframes[i].T_map_body);
+    const auto end = back_end->finish(), same_end = threaded->finish(ThreadPool(4));
+    REQUIRE(back_end->counts().end.ok());
+    CHECK(threaded->counts().end.final_cost == back_end->counts().end.final_cost);
+    for (std::size_t i = 0; i < map.keyframes.size(); ++i)
+      CHECK(same_end->keyframes[i].T_map_body == end->keyframes[i].T_map_body);
   }
 
   TEST_CASE("one closure cuts the error to a third; T_map_odom then says where odometry's frame lies") {

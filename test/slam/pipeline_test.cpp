@@ -26,7 +26,7 @@ struct DiaryBackEnd {
   std::latch* opens = nullptr;  ///< before which it takes no keyframe
   std::atomic<int> keyframes{0};
 
-  void begin_session(const std::string& name, const Serial&) { diary.push_back("session " + name); }
+  void begin_session(const std::string& name, const Serial& = {}) { diary.push_back("session " + name); }
   template <Executor E>
   void add(const Keyframe& keyframe, const E&) {
     if (opens != nullptr) opens->wait();
