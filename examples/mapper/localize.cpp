@@ -48,8 +48,8 @@ SlamMap load_localization_map(const LocalizeArguments& arguments) {
 /// Runs the front end on a data set and localizes its frames in a map.
 class DriveLocalizer {
  public:
-  DriveLocalizer(datasets::Dataset& dataset, const MappingRun& run, MapLocalizer& localizer)
-      : dataset_(dataset), run_(run), localizer_(localizer), threads_(run.threads) {
+  DriveLocalizer(datasets::Dataset& dataset, const MappingRun& run, const ThreadPool& threads, MapLocalizer& localizer)
+      : dataset_(dataset), run_(run), threads_(threads), localizer_(localizer) {
     state_.stage = "localizing " + dataset.info().name;
     state_.total = expected_scans(dataset.info(), run.max_scans);
   }
@@ -79,8 +79,8 @@ class DriveLocalizer {
 
   datasets::Dataset& dataset_;
   const MappingRun& run_;
+  const ThreadPool& threads_;
   MapLocalizer& localizer_;
-  ThreadPool threads_;
   support::ProgressState state_;
 };
 
@@ -139,16 +139,17 @@ int run(const LocalizeArguments& arguments) {
                                .progress = progress,
                                .times = times};
   const BackEndParts& parts = options.back_end;
+  const ThreadPool threads(mapping_run.threads);
   std::optional<MapLocalizer> localizer;
   {
     const auto measurement = times.measure("places");
     progress.update({.stage = "places of the map"});
     localizer.emplace(map, options.localizer,
                       LoopCloser(parts.closures, parts.candidates, parts.registration, parts.noise),
-                      PlaceCandidates(options.localizer_places));
+                      PlaceCandidates(options.localizer_places), threads);
   }
   LocalizationRun result;
-  const SessionRun session = DriveLocalizer(*dataset, mapping_run, *localizer).run(result);
+  const SessionRun session = DriveLocalizer(*dataset, mapping_run, threads, *localizer).run(result);
   print_notes("warning:", dataset->info().warnings);
   print_notes("note:", session.notes);
   const bool memory_full = session.memory_full, failed = session.failure.has_value();

@@ -271,6 +271,7 @@ int run(const MapArguments& arguments, SessionWorkers* workers) {
   const bool memory_full = mapping.memory_full;
   const bool data_failed = mapping.failure.has_value() || has_empty_session(mapping, arguments);
   RunOutcome outcome = conclude(std::move(mapping), title(datasets), options);
+  auto report = gather_report(*outcome.mapping.map, options.map_voxel, arguments.threads > 1);
   {
     const auto measurement = times.measure("write");
     write_results(folder, outcome, options);
@@ -280,7 +281,7 @@ int run(const MapArguments& arguments, SessionWorkers* workers) {
   outcome.summary.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   outcome.summary.peak_memory = support::peak_memory();
   folder.file("summary.json", [&](const FileTarget& target) { support::write_summary(target, outcome.summary); });
-  write_run_report(folder, outcome, options.map_voxel);
+  write_run_report(folder, outcome, report.get());
   print_outcome(outcome, folder, kept, options.odometry_source);
 
   return folder.exit_code(exit_code_of(outcome.summary, data_failed, memory_full));

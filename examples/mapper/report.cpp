@@ -87,8 +87,9 @@ int run(const ReportArguments& arguments) {
   const std::string title = title_of(*mapping.map);
   progress.update({.stage = "writing"});
   const RunOutcome outcome = conclude(std::move(mapping), title, options);
+  auto report = gather_report(*outcome.mapping.map, options.map_voxel, true);
   write_map_clouds(folder, *outcome.mapping.map, options.map_voxel);
-  write_run_report(folder, outcome, options.map_voxel);
+  write_run_report(folder, outcome, report.get());
   const fs::path kept = folder.commit();
   progress.finish();
   print_notes("note:", settings.notes);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <future>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "mapping_result.hpp"
 #include "options.hpp"
 #include "output.hpp"
+#include "support/report_data.hpp"
 #include "support/summary.hpp"
 
 namespace chainslam::mapper {
@@ -70,7 +72,11 @@ void write_results(OutputFolder& folder, const RunOutcome& outcome, const Mapper
 /// Writes `map.ply` of the first session's frame, and `map.N.ply` of each other frame, as `write_results` does.
 void write_map_clouds(OutputFolder& folder, const SlamMap& map, double map_voxel);
 
+/// What the report shows of a map, which outlives it: takes a pass over all scans, as `write_map_clouds` does.
+/// @param now  on a thread of its own, while other results are written; else where it is asked for
+[[nodiscard]] std::future<support::ReportData> gather_report(const SlamMap& map, double map_voxel, bool now);
+
 /// Writes `map.png` and `report.html`, as `write_results` does. The report links what is in the folder by then.
-void write_run_report(OutputFolder& folder, const RunOutcome& outcome, double map_voxel);
+void write_run_report(OutputFolder& folder, const RunOutcome& outcome, support::ReportData data);
 
 }  // namespace chainslam::mapper

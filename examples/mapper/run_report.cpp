@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cstdio>
+#include <future>
 #include <optional>
 #include <string>
 #include <vector>
@@ -125,9 +126,13 @@ void add_rows(const support::RunSummary& summary, support::ReportData& data) {
 
 }  // namespace
 
-void write_run_report(OutputFolder& folder, const RunOutcome& outcome, double map_voxel) {
+std::future<support::ReportData> gather_report(const SlamMap& map, double map_voxel, bool now) {
+  return std::async(now ? std::launch::async : std::launch::deferred,
+                    [&map, map_voxel] { return support::report_data(map, map_voxel); });
+}
+
+void write_run_report(OutputFolder& folder, const RunOutcome& outcome, support::ReportData data) {
   const support::RunSummary& summary = outcome.summary;
-  support::ReportData data = support::report_data(*outcome.mapping.map, map_voxel);
   data.title = summary.dataset;
   data.subtitle = subtitle(summary);
   const support::Verdict verdict = support::verdict_of(summary);

@@ -18,7 +18,7 @@ namespace chainslam {
 namespace {
 
 struct WithoutGuess {
-  void remember(std::span<const Keyframe>, Index, auto&&) {}
+  void remember(std::span<const Keyframe>, Index, auto&&, const Serial&) {}
   std::vector<KeyframeId> recognize(std::span<const Keyframe>, KeyframeId) { return {}; }
 };
 static_assert(!PlaceRecognition<WithoutGuess>);
@@ -27,7 +27,7 @@ static_assert(!PlaceRecognition<WithoutGuess>);
 struct ComparedPlaces : WithoutGuess {
   std::vector<bool>* comparable_with_first = nullptr;
   template <class Comparable>
-  void remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable) {
+  void remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable, const Serial&) {
     for (const Keyframe& one : keyframes.first(static_cast<std::size_t>(end)))
       comparable_with_first->push_back(comparable(keyframes[0].id, one.id));
   }
@@ -366,8 +366,9 @@ TEST_SUITE("slam/localizer") {
 
   TEST_CASE("results do not depend on threads, and a frame that has no scan moves by odometry") {
     const StreetDrives drives;
-    Localizer<> serial(drives.map()), parallel(drives.map());
     const ThreadPool threads(2);
+    Localizer<> serial(drives.map());
+    Localizer<> parallel(drives.map(), {}, LoopCloser<>(), PlaceCandidates(localizer_places()), threads);
     std::vector<Frame> frames = drives.drive(0, 30);
     frames[27].cloud = {};
     Localization before;

@@ -83,12 +83,14 @@ concept MapRegistration = ClosureAligner<R> &&
 
 /// Recognizes places of a map from scans of a drive that is no part of it.
 ///
-/// `remember(keyframes, end, comparable)` takes in the map, of two keyframes of which `comparable` says whether they
-/// are in one frame; `recognize(keyframes, query)` gives keyframes of the map whose surroundings look like those of the
-/// path that ends with `query`, the most similar first; `guess(from, query)` gives T_from_query of one of them.
+/// `remember(keyframes, end, comparable, executor)` takes in the map; `comparable(earlier, later)` says whether two of
+/// its keyframes are in one frame. `recognize(keyframes, query)` gives keyframes of the map whose surroundings look
+/// like those of the path that ends with `query`, the most similar first; `guess(from, query)` gives T_from_query of
+/// one of them.
 template <class P>
-concept PlaceRecognition = requires(P& places, std::span<const Keyframe> keyframes, KeyframeId id, Index end) {
-  places.remember(keyframes, end, [](KeyframeId /*earlier*/, KeyframeId /*later*/) { return true; });
+concept PlaceRecognition = requires(P& places, std::span<const Keyframe> keyframes, KeyframeId id, Index end,
+                                    bool (*comparable)(KeyframeId earlier, KeyframeId later)) {
+  places.remember(keyframes, end, comparable, Serial{});
   { places.recognize(keyframes, id) } -> std::same_as<std::vector<KeyframeId>>;
   { places.guess(id, id) } -> std::same_as<std::optional<SE3d>>;
 };

@@ -42,17 +42,19 @@ class Localizer {
       "Localizer: Closer needs `std::vector<LoopClosure> search(keyframes, index, query, executor)`, "
       "`LoopClosure align(keyframes, from, to, guess, executor)` and `bool fits_in_part(keyframes, closure)`, "
       "as in LoopCloser");
-  static_assert(
-      PlaceRecognition<Places>,
-      "Localizer: Places needs `remember(keyframes, end, comparable)`, `std::vector<KeyframeId> recognize(keyframes, "
-      "query)` and `std::optional<SE3d> guess(from, query)`, as in PlaceCandidates");
+  static_assert(PlaceRecognition<Places>,
+                "Localizer: Places needs `remember(keyframes, end, comparable, executor)`, `std::vector<KeyframeId> "
+                "recognize(keyframes, "
+                "query)` and `std::optional<SE3d> guess(from, query)`, as in PlaceCandidates");
 
  public:
   /// Takes in the map: its places are drawn, some 30 ms for each.
   /// @param map  with its scans, which are shared; it may go or change afterwards.
+  /// @param executor  shares out the drawing; any gives the same.
   /// @throws std::invalid_argument if it has no scans, a pose is not finite, or an option makes no sense.
+  template <Executor E = Serial>
   [[gnu::cold]] explicit Localizer(const SlamMap& map, const LocalizerOptions& options = {}, Closer closer = Closer{},
-                                   Places places = Places(localizer_places()));
+                                   Places places = Places(localizer_places()), const E& executor = {});
 
   /// Localizes the next frame of odometry, with or without a scan.
   /// @throws std::invalid_argument if it is not later than the one before, or its pose or covariance is not finite.
@@ -140,7 +142,9 @@ class Localizer {
 };
 
 template <class Closer, class Places>
-Localizer<Closer, Places>::Localizer(const SlamMap& map, const LocalizerOptions& options, Closer closer, Places places)
+template <Executor E>
+Localizer<Closer, Places>::Localizer(const SlamMap& map, const LocalizerOptions& options, Closer closer, Places places,
+                                     const E& executor)
     : options_(options),
       closer_(std::move(closer)),
       places_(std::move(places)),
@@ -165,8 +169,8 @@ Localizer<Closer, Places>::Localizer(const SlamMap& map, const LocalizerOptions&
   for (const Session& session : map.sessions)
     if (session.frame == session.id)
       index_of(session.id).rebuild(keyframes_, [&](const Keyframe& one) { return frame_of(one.id) == session.id; });
-  places_.remember(keyframes_, map_keyframes_,
-                   [&](KeyframeId earlier, KeyframeId later) { return frame_of(earlier) == frame_of(later); });
+  const auto share_frame = [&](KeyframeId earlier, KeyframeId later) { return frame_of(earlier) == frame_of(later); };
+  places_.remember(keyframes_, map_keyframes_, share_frame, executor);
 }
 
 template <class Closer, class Places>

@@ -13,41 +13,17 @@
 #include <vector>
 
 #include "chainslam/cloud/point_cloud.hpp"
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/table.hpp"
 #include "chainslam/core/types.hpp"
 #include "chainslam/features/height_image.hpp"
+#include "chainslam/slam/detail/ground_height.hpp"
 #include "chainslam/slam/detail/neighbor_grid.hpp"
 #include "chainslam/slam/gnss_candidates.hpp"
 #include "chainslam/slam/place_index.hpp"
 #include "chainslam/slam/slam_map.hpp"
 
 namespace chainslam {
-
-namespace detail {
-
-/// Height of the ground around a keyframe over its body, metres, by the scans of a piece of path; none if hardly any of
-/// it was seen. A scan alone may show none: a scanner that looks ahead sees the ground under it from elsewhere.
-[[nodiscard]] [[gnu::cold]] inline std::optional<double> ground_height(std::span<const Keyframe> keyframes, Index at) {
-  constexpr double reach = 5.0;  // metres
-  constexpr Offset fewest = 20;  // points
-  constexpr double share = 0.1;  // of the points around lie lower than the ground is taken to
-  const Eigen::Vector3d center = keyframes[static_cast<std::size_t>(at)].T_odom_body.translation();
-  Table<Ranked> heights;
-  for (const Keyframe& keyframe : keyframes) {
-    const auto cloud = keyframe.cloud.load();
-    if (!cloud) continue;
-    const SE3d T_center_body(keyframe.T_odom_body.rotation(), keyframe.T_odom_body.translation() - center);
-    for (const Eigen::Vector3f& point : cloud->positions) {
-      const Eigen::Vector3d p = T_center_body * point.cast<double>().eval();
-      if (is_finite(p) && p.head<2>().norm() < reach) heights.push_back({p.z(), 0});
-    }
-  }
-  if (heights.size() < fewest) return std::nullopt;
-  sort_ranked(heights.all());
-  return heights[static_cast<Offset>(share * static_cast<double>(heights.size()))].rank;
-}
-
-}  // namespace detail
 
 /// What makes a place, and how many are proposed.
 struct PlaceCandidateOptions {
@@ -105,8 +81,10 @@ class PlaceCandidates {
   /// The same, but a place only once, however many drives have come that way.
   /// @param comparable  `bool comparable(KeyframeId earlier, KeyframeId later)`: whether T_map_body says where the one
   /// is from the other: in one frame of the map, and of drives that are over
-  template <class Comparable>
-  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable);
+  /// @param executor  shares out the drawing; any gives the same.
+  template <class Comparable, Executor E = Serial>
+  [[gnu::cold]] void remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable,
+                              const E& executor = {});
   /// Leaves out the places of keyframes [begin, end), which are known to be remembered already; nothing as long as some
   /// before `begin` are not.
   [[gnu::cold]] void pass_over(std::span<const Keyframe> keyframes, Index begin, Index end) {
@@ -281,10 +259,12 @@ bool PlaceCandidates::is_known(std::span<const Keyframe> keyframes, const Place&
   return known;
 }
 
-template <class Comparable>
-void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable) {
+template <class Comparable, Executor E>
+void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end, const Comparable& comparable,
+                               const E& executor) {
   if (options_.max_count == 0) return;
-  for (Index drawn = 0; next_ < end && (options_.max_drawn <= 0 || drawn < options_.max_drawn); ++next_) {
+  const Offset before = places_.size();
+  for (; next_ < end && (options_.max_drawn <= 0 || places_.size() - before < options_.max_drawn); ++next_) {
     since_ = travelled(keyframes);
     if (since_ < options_.spacing) continue;
     since_ = 0;
@@ -293,10 +273,12 @@ void PlaceCandidates::remember(std::span<const Keyframe> keyframes, Index end, c
     if (is_known(keyframes, place, comparable)) continue;
     places_.push_back(place);
     centers_.add(at(keyframes, place.center.value).T_map_body.translation());
-    newest_ = draw(keyframes, place);
-    index_.add(newest_);
-    ++drawn;
   }
+  std::vector<std::vector<ImageKeypoint>> seen(static_cast<std::size_t>(places_.size() - before));
+  executor.for_chunks(to_index(seen.size()), 1, [&](Index k, Index /*end*/) {
+    seen[static_cast<std::size_t>(k)] = draw(keyframes, places_[before + k]);
+  });
+  for (std::vector<ImageKeypoint>& one : seen) index_.add(newest_ = std::move(one));
 }
 
 inline std::vector<ImageKeypoint> PlaceCandidates::draw(std::span<const Keyframe> keyframes, const Place& place) const {
