@@ -9,22 +9,21 @@
 namespace chainslam {
 namespace {
 
-using Smoother = IncrementalSmoother<SE3d>;
-
-SqrtInformation<6> noise(double metres, double radians) {
-  Vector6d sigmas;
-  sigmas << Eigen::Vector3d::Constant(metres), Eigen::Vector3d::Constant(radians);
-  return NoiseModel<6>::from_sigmas(sigmas).sqrt_information();
-}
-
 /// Drives of 20 m, each with a strong wrong closure that came first: ten weaker right ones do not show that it is
 /// wrong, but the graph without it does. All is decided again by an executor.
 struct MisledDrives {
+  using Smoother = IncrementalSmoother<SE3d>;
   static constexpr Index drives = 5;
   Smoother smoother{SmootherOptions{.patience = 0.0}, NoLag{}};
   IncrementalGnc<Smoother> gnc{smoother, {.tried_rows = 0}};  // not by the updates
   std::vector<bool> in;
   Index steps = 0;
+
+  [[nodiscard]] static SqrtInformation<6> noise(double metres, double radians) {
+    Vector6d sigmas;
+    sigmas << Eigen::Vector3d::Constant(metres), Eigen::Vector3d::Constant(radians);
+    return NoiseModel<6>::from_sigmas(sigmas).sqrt_information();
+  }
 
   template <Executor E>
   explicit MisledDrives(const E& executor) {
