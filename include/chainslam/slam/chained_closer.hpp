@@ -56,7 +56,8 @@ class ClosureGraph : public AdjacencyGraph<Index> {
 }
 
 /// Aligns one keyframe's scan to another's submap, and knows which pairs may be closed: what chaining and merging take
-/// from the loop closer. `refine`, with the arguments of `align`, is used for guesses through a chain if there is one.
+/// from the loop closer. `refine`, with the arguments of `align`, is used for guesses through a chain if there is one;
+/// a chain's alignments are made together if both take several guesses, as in `LoopCloser`.
 template <class C>
 concept ClosureAligner = requires(C& closer, std::span<const Keyframe> keyframes, const Keyframe& keyframe,
                                   const SE3d& guess) {
@@ -169,24 +170,34 @@ class ChainedCloser {
                          workspace_);
   }
 
-  struct Candidate {
-    KeyframeId id;
-    SE3d guess;  ///< T_k_i
-  };
-
   template <class Closer>
-  [[nodiscard]] [[gnu::cold]] detail::Table<Candidate> candidates(std::span<const Keyframe> keyframes,
-                                                                  const ClosureGraph& graph, const LoopClosure& direct,
-                                                                  Index loaded, const Closer& closer,
-                                                                  const PositionIndex* index);
+  [[nodiscard]] [[gnu::cold]] detail::Table<AlignmentGuess> candidates(std::span<const Keyframe> keyframes,
+                                                                       const ClosureGraph& graph,
+                                                                       const LoopClosure& direct, Index loaded,
+                                                                       const Closer& closer,
+                                                                       const PositionIndex* index);
 
   /// What comes through the chain is off by decimetres at most, or wrong: no need to look farther around.
   template <class Closer, class E>
-  [[nodiscard]] LoopClosure aligned(std::span<const Keyframe> keyframes, const Candidate& candidate, KeyframeId to,
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> aligned(std::span<const Keyframe> keyframes,
+                                                               std::span<const AlignmentGuess> candidates,
+                                                               KeyframeId to, Closer& closer, const E& executor) const {
+    if constexpr (requires { closer.refine(keyframes, candidates, to, executor); }) {
+      return options_.guess_through_chain ? closer.refine(keyframes, candidates, to, executor)
+                                          : closer.align(keyframes, candidates, to, executor);
+    } else {
+      std::vector<LoopClosure> closures;
+      for (const AlignmentGuess& one : candidates) closures.push_back(aligned(keyframes, one, to, closer, executor));
+      return closures;
+    }
+  }
+  template <class Closer, class E>
+  [[nodiscard]] LoopClosure aligned(std::span<const Keyframe> keyframes, const AlignmentGuess& candidate, KeyframeId to,
                                     Closer& closer, const E& executor) const {
-    if constexpr (requires { closer.refine(keyframes, candidate.id, to, candidate.guess, executor); })
-      if (options_.guess_through_chain) return closer.refine(keyframes, candidate.id, to, candidate.guess, executor);
-    return closer.align(keyframes, candidate.id, to, candidate.guess, executor);
+    if constexpr (requires { closer.refine(keyframes, candidate.from, to, candidate.T_from_to, executor); })
+      if (options_.guess_through_chain)
+        return closer.refine(keyframes, candidate.from, to, candidate.T_from_to, executor);
+    return closer.align(keyframes, candidate.from, to, candidate.T_from_to, executor);
   }
 
   /// Whether the submap of one is largely that of the other.
@@ -201,26 +212,26 @@ class ChainedCloser {
   }
 
   /// Puts the nearest first; equally near ones stay as they are.
-  [[gnu::cold]] void sort(std::span<const Keyframe> keyframes, detail::Table<Candidate>& candidates) const {
+  [[gnu::cold]] void sort(std::span<const Keyframe> keyframes, detail::Table<AlignmentGuess>& candidates) const {
     detail::Table<Ranked> order;  // by distance
-    for (const Candidate& one : candidates) {
-      const double nearer = is_like_any(keyframes, one.id, partners_) ? options_.hysteresis : 0.0;
-      order.push_back({one.guess.translation().norm() - nearer, static_cast<Index>(order.size())});
+    for (const AlignmentGuess& one : candidates) {
+      const double nearer = is_like_any(keyframes, one.from, partners_) ? options_.hysteresis : 0.0;
+      order.push_back({one.T_from_to.translation().norm() - nearer, static_cast<Index>(order.size())});
     }
     sort_ranked(order.all());
-    detail::Table<Candidate> sorted;
+    detail::Table<AlignmentGuess> sorted;
     for (const Ranked& one : order) sorted.push_back(candidates[one.index]);
     candidates = std::move(sorted);
   }
 
   /// Leaves out those whose submap is largely that of one before.
-  [[nodiscard]] [[gnu::cold]] detail::Table<Candidate> spread_out(std::span<const Keyframe> keyframes, KeyframeId j,
-                                                                  const detail::Table<Candidate>& candidates) const {
+  [[nodiscard]] [[gnu::cold]] detail::Table<AlignmentGuess> spread_out(
+      std::span<const Keyframe> keyframes, KeyframeId j, const detail::Table<AlignmentGuess>& candidates) const {
     detail::Table<KeyframeId> partners(1, j);
-    detail::Table<Candidate> kept;
-    for (const Candidate& candidate : candidates) {
-      if (is_like_any(keyframes, candidate.id, partners)) continue;
-      partners.push_back(candidate.id);
+    detail::Table<AlignmentGuess> kept;
+    for (const AlignmentGuess& candidate : candidates) {
+      if (is_like_any(keyframes, candidate.from, partners)) continue;
+      partners.push_back(candidate.from);
       kept.push_back(candidate);
     }
     return kept;
@@ -279,17 +290,18 @@ template <ClosureAligner Closer, Executor E>
 std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
                                               LoopClosure& direct, Index loaded, Closer& closer, const E& executor,
                                               const PositionIndex* index) {
-  std::vector<LoopClosure> tried;
-  if (!options_.enabled || direct.from.value >= loaded) return tried;
-  for (const Candidate& candidate : candidates(keyframes, graph, direct, loaded, closer, index)) {
-    if (options_.max_alignments > 0 && to_index(tried.size()) >= options_.max_alignments) break;
-    LoopClosure closure = aligned(keyframes, candidate, direct.to, closer, executor);
+  if (!options_.enabled || direct.from.value >= loaded) return {};
+  const detail::Table<AlignmentGuess> all = candidates(keyframes, graph, direct, loaded, closer, index);
+  std::span<const AlignmentGuess> some = all.all();
+  if (options_.max_alignments > 0)
+    some = some.first(std::min(some.size(), static_cast<std::size_t>(options_.max_alignments)));
+  std::vector<LoopClosure> tried = aligned(keyframes, some, direct.to, closer, executor);
+  for (std::size_t k = 0; k < tried.size(); ++k) {
+    LoopClosure& closure = tried[k];
     closure.kind = ClosureKind::chained;
-    if (closure.verdict == ClosureVerdict::accepted && contradicts(closure, candidate.guess)) {
-      closure.verdict = ClosureVerdict::inconsistent;
-      std::fill_n(closure.sqrt_information.data(), 36, 0.0);
-    }
-    tried.push_back(closure);
+    if (closure.verdict != ClosureVerdict::accepted || !contradicts(closure, some[k].T_from_to)) continue;
+    closure.verdict = ClosureVerdict::inconsistent;
+    std::fill_n(closure.sqrt_information.data(), 36, 0.0);
   }
   partners_.assign(1, direct.from);
   for (const LoopClosure& closure : tried) partners_.push_back(closure.from);
@@ -298,14 +310,13 @@ std::vector<LoopClosure> ChainedCloser::close(std::span<const Keyframe> keyframe
 }
 
 template <class Closer>
-detail::Table<ChainedCloser::Candidate> ChainedCloser::candidates(std::span<const Keyframe> keyframes,
-                                                                  const ClosureGraph& graph, const LoopClosure& direct,
-                                                                  Index loaded, const Closer& closer,
-                                                                  const PositionIndex* index) {
+detail::Table<AlignmentGuess> ChainedCloser::candidates(std::span<const Keyframe> keyframes, const ClosureGraph& graph,
+                                                        const LoopClosure& direct, Index loaded, const Closer& closer,
+                                                        const PositionIndex* index) {
   const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
   const Keyframe& i = at(direct.to);
   const SE3d T_map_i = options_.guess_through_chain ? at(direct.from).T_map_body * direct.T_from_to : i.T_map_body;
-  detail::Table<Candidate> all;
+  detail::Table<AlignmentGuess> all;
   const SubmapRange submap = submap_range(keyframes, direct.from, options_.reach);
   const bool looks_around = index != nullptr && options_.max_distance > 0 && options_.through_current_session;
   for (const KeyframeId k : looks_around ? connected_near(graph, direct.from, submap, loaded, *index,

@@ -109,6 +109,12 @@ class PositionIndex {
   Matrix6d (*call_)(const void* callable, KeyframeId from, KeyframeId to) = nullptr;
 };
 
+/// A keyframe to whose submap a scan is to be aligned, and where to start.
+struct AlignmentGuess {
+  KeyframeId from;  ///< the submap's
+  SE3d T_from_to;   ///< of the scan's keyframe, about
+};
+
 /// Where an alignment starts again after it was refused where the graph has the scan.
 ///
 /// Along the direction in which the graph knows the relative position least, up to two standard deviations. After

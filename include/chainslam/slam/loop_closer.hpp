@@ -155,7 +155,8 @@ struct LoopCloserOptions {
 /// Closes loops: aligns the newest keyframe's scan to the submaps of keyframes that may have seen the same place.
 ///
 /// @tparam Candidates   which keyframes to try.
-/// @tparam Registration aligns scan i to submap j and so gives T_j_i = x_j^-1 x_i, the measurement from j to i.
+/// @tparam Registration aligns scan i to submap j and so gives T_j_i = x_j^-1 x_i, the measurement from j to i; with an
+/// executor of several threads, it is called by several at a time.
 /// @tparam Covariance   how far an accepted alignment may be off.
 template <class Candidates = ProximityCandidates, class Registration = CoarseToFine<>,
           class Covariance = HessianCovariance>
@@ -205,13 +206,29 @@ class LoopCloser {
   template <Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
                                                 const SE3d& guess, const E& executor = {}) {
-    return align(keyframes, from, to, guess, false, executor);
+    const AlignmentGuess one{from, guess};
+    return align(keyframes, std::span(&one, 1), to, false, executor).front();
   }
   /// The same, faster, for a guess that is off by decimetres at most: by the registration's `refine`, if it has one.
   template <Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] LoopClosure refine(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
                                                  const SE3d& guess, const E& executor = {}) {
-    return align(keyframes, from, to, guess, true, executor);
+    const AlignmentGuess one{from, guess};
+    return align(keyframes, std::span(&one, 1), to, true, executor).front();
+  }
+  /// The same with the submaps around several keyframes, at the same time where the executor has threads for it.
+  template <Executor E = Serial>
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> align(std::span<const Keyframe> keyframes,
+                                                             std::span<const AlignmentGuess> guesses, KeyframeId to,
+                                                             const E& executor = {}) {
+    return align(keyframes, guesses, to, false, executor);
+  }
+  /// The same for guesses that are off by decimetres at most.
+  template <Executor E = Serial>
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> refine(std::span<const Keyframe> keyframes,
+                                                              std::span<const AlignmentGuess> guesses, KeyframeId to,
+                                                              const E& executor = {}) {
+    return align(keyframes, guesses, to, true, executor);
   }
 
   /// Whether a registered scan lies on its submap but for a share that the other does not have, such as traffic.
@@ -230,8 +247,13 @@ class LoopCloser {
 
  private:
   template <Executor E>
-  [[nodiscard]] [[gnu::cold]] LoopClosure align(std::span<const Keyframe> keyframes, KeyframeId from, KeyframeId to,
-                                                const SE3d& guess, bool is_good, const E& executor);
+  [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> align(std::span<const Keyframe> keyframes,
+                                                             std::span<const AlignmentGuess> guesses, KeyframeId to,
+                                                             bool is_good, const E& executor);
+  /// Aligns to one submap. @param noise  of its surfaces; measured where it is needed and not known.
+  template <Executor E>
+  [[gnu::cold]] void align(LoopClosure& closure, const PointCloud<float>& scan, const PlacedSubmap& at,
+                           std::optional<double>& noise, bool is_good, const E& executor) const;
   template <Executor E>
   [[nodiscard]] AlignResult registered(const PointCloud<float>& scan, const Submap& submap, const SE3d& guess,
                                        bool is_good, const E& executor) const {
@@ -300,88 +322,6 @@ std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::close
 }
 
 template <class Candidates, class Registration, class Covariance>
-template <Executor E>
-std::vector<LoopClosure> LoopCloser<Candidates, Registration, Covariance>::search(std::span<const Keyframe> keyframes,
-                                                                                  const PositionIndex& index,
-                                                                                  KeyframeId query, const E& executor) {
-  std::vector<LoopClosure> tried;
-  const SE3d& here = keyframes[static_cast<std::size_t>(query.value)].T_map_body;
-  const auto accepted = [&] { return !tried.empty() && tried.back().verdict == ClosureVerdict::accepted; };
-  for (const KeyframeId candidate : candidates_.find(keyframes, index, query)) {
-    const SE3d guess = keyframes[static_cast<std::size_t>(candidate.value)].T_map_body.inverse() * here;
-    tried.push_back(align(keyframes, candidate, query, guess, executor));
-    if (accepted()) break;
-  }
-  if (!tried.empty() && !accepted()) search_wider(keyframes, index, tried, executor);
-  if constexpr (requires { candidates_.recognize(keyframes, index, query); }) {
-    if (!accepted())
-      for (const KeyframeId candidate : candidates_.recognize(keyframes, index, query)) {
-        tried.push_back(align(keyframes, candidate, query, candidates_.guess(candidate, query).value(), executor));
-        if (accepted()) break;
-      }
-  }
-  if (accepted()) refused_ = 0;
-  return tried;
-}
-
-template <class Candidates, class Registration, class Covariance>
-template <Executor E>
-void LoopCloser<Candidates, Registration, Covariance>::search_wider(std::span<const Keyframe> keyframes,
-                                                                    const PositionIndex& index,
-                                                                    std::vector<LoopClosure>& tried,
-                                                                    const E& executor) {
-  if constexpr (requires(const Submap& submap) {
-                  registration_.rough(PointCloud<float>{}, submap, SE3d(), executor);
-                }) {
-    const KeyframeId from = tried.front().from, to = tried.front().to;
-    const auto at = [&](KeyframeId id) -> const Keyframe& { return keyframes[static_cast<std::size_t>(id.value)]; };
-    const SE3d& T_map_scan = at(to).T_map_body;
-    const auto offsets = options_.starts(index.covariance(from, to), T_map_scan.rotation(), ++refused_);
-    if (offsets.empty() || !at(to).cloud) return;
-    const PlacedSubmap target = submaps_.get(keyframes, from, executor);
-    const SE3d guess = target.T_keyframe_submap.inverse() * at(from).T_map_body.inverse() * T_map_scan;
-    const double noise = submaps_.surface_noise(*target.submap);
-    const PointCloud<float> some = detail::evenly(scan_of(at(to)), options_.starts.points);
-    double least = std::numeric_limits<double>::infinity();
-    SE3d best = guess;
-    for (const Eigen::Vector3d& offset : offsets) {
-      const AlignResult rough = registration_.rough(some, *target.submap, guess * SE3d(SO3d(), offset), executor);
-      const double misfit = surface_fit(scan_of(at(to)), *target.submap, rough.T_target_source).worst_misfit(noise);
-      if (!(misfit < least)) continue;
-      least = misfit;
-      best = rough.T_target_source;
-    }
-    tried.push_back(align(keyframes, from, to, target.T_keyframe_submap * best, executor));
-  }
-}
-
-template <class Candidates, class Registration, class Covariance>
-template <Executor E>
-LoopClosure LoopCloser<Candidates, Registration, Covariance>::align(std::span<const Keyframe> keyframes,
-                                                                    KeyframeId from, KeyframeId to, const SE3d& guess,
-                                                                    bool is_good, const E& executor) {
-  const Keyframe& i = keyframes[static_cast<std::size_t>(to.value)];
-  LoopClosure closure{.from = from, .to = to, .T_from_to = guess, .verdict = ClosureVerdict::too_few_inliers};
-  if (!i.cloud) return closure;
-  const PlacedSubmap at = submaps_.get(keyframes, from, executor);
-  const SE3d guess_in_submap = at.T_keyframe_submap.inverse() * guess;
-  const AlignResult result = registered(scan_of(i), *at.submap, guess_in_submap, is_good, executor);
-  closure.T_from_to = at.T_keyframe_submap * result.T_target_source;
-  closure.verdict = options_.gate.judge(result, guess_in_submap);
-  double misfit = 0;
-  if (closure.verdict == ClosureVerdict::accepted && options_.gate.max_misfit > 0) {
-    misfit = options_.gate.misfit(scan_of(i), *at.submap, submaps_.surface_noise(*at.submap), result.T_target_source);
-    closure.verdict = judge_fit(scan_of(i), *at.submap, result, misfit, executor);
-  }
-  closure.mean_squared_error = result.mean_squared_error;
-  closure.inlier_ratio = result.inlier_ratio;
-  if (closure.verdict == ClosureVerdict::accepted)
-    closure.sqrt_information =
-        NoiseModel<6>::from_covariance(covariance_(result)).sqrt_information() / inflation(misfit);
-  return closure;
-}
-
-template <class Candidates, class Registration, class Covariance>
 bool LoopCloser<Candidates, Registration, Covariance>::due(std::span<const Keyframe> keyframes) {
   const Keyframe& newest = keyframes.back();
   if (keyframes.size() > 1 && keyframes[keyframes.size() - 2].session == newest.session) {
@@ -398,3 +338,6 @@ bool LoopCloser<Candidates, Registration, Covariance>::due(std::span<const Keyfr
 }
 
 }  // namespace chainslam
+
+// Bodies of its members.
+#include "chainslam/slam/detail/loop_closer_alignments.hpp"

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cstddef>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -182,14 +183,30 @@ class SubmapCache {
   /// @param keyframes  all keyframes of the map; ids are positions.
   template <Executor E = Serial>
   [[nodiscard]] [[gnu::cold]] PlacedSubmap get(std::span<const Keyframe> keyframes, KeyframeId id,
-                                               const E& executor = {});
+                                               const E& executor = {}) {
+    return std::move(get(keyframes, std::span(&id, 1), executor).front());
+  }
+  /// Those around several keyframes, in their order. What has to be made of them is made at the same time.
+  template <Executor E = Serial>
+  [[nodiscard]] [[gnu::cold]] std::vector<PlacedSubmap> get(std::span<const Keyframe> keyframes,
+                                                            std::span<const KeyframeId> ids, const E& executor = {});
 
   /// `surface_noise` of a submap that `get` gave, measured once for as long as it is kept.
   [[nodiscard]] double surface_noise(const Submap& submap) {
-    Kept* known = submaps_.find_if([&](const Kept& kept) { return kept.submap.get() == &submap; });
-    if (known == nullptr) return chainslam::surface_noise(submap);
-    if (!known->surface_noise) known->surface_noise = chainslam::surface_noise(submap);
-    return *known->surface_noise;
+    const std::optional<double> known = known_surface_noise(submap);
+    if (known) return *known;
+    const double noise = chainslam::surface_noise(submap);
+    keep_surface_noise(submap, noise);
+    return noise;
+  }
+  /// The same if it was measured, or kept by the caller.
+  [[nodiscard]] std::optional<double> known_surface_noise(const Submap& submap) {
+    const Kept* kept = find_kept(submap);
+    return kept == nullptr ? std::nullopt : kept->surface_noise;
+  }
+  /// Keeps it for as long as the submap.
+  void keep_surface_noise(const Submap& submap, double noise) {
+    if (Kept* kept = find_kept(submap)) kept->surface_noise = noise;
   }
 
   [[nodiscard]] std::size_t bytes() const { return submaps_.bytes() + fragments_.bytes(); }  ///< kept, about
@@ -207,6 +224,17 @@ class SubmapCache {
     RigidRange at;
     detail::PackedSurface points;  // body frame of `at.center`
   };
+  using Fragments = std::map<Index, std::shared_ptr<const Fragment>>;  ///< by the first keyframe
+  /// To be made.
+  struct Missing {
+    KeyframeId center;
+    SubmapRange range;
+    std::shared_ptr<const Submap> submap{};
+  };
+
+  [[nodiscard]] Kept* find_kept(const Submap& submap) {
+    return submaps_.find_if([&](const Kept& kept) { return kept.submap.get() == &submap; });
+  }
 
   /// Parts of the memory, of which submaps get one, where there are fragments: each takes as much as twenty of those.
   static constexpr std::size_t shares = 4;
@@ -235,68 +263,108 @@ class SubmapCache {
     return points;
   }
 
+  /// What the submaps are made of.
   template <Executor E>
-  [[nodiscard]] [[gnu::cold]] const Fragment& fragment(std::span<const Keyframe> keyframes, SubmapRange range,
-                                                       const E& executor);
+  [[nodiscard]] [[gnu::cold]] Fragments fragments(std::span<const Keyframe> keyframes, std::span<const Missing> submaps,
+                                                  const E& executor);
 
   /// The fragments of `range`, in the body frame of `center`.
-  template <Executor E>
   [[nodiscard]] [[gnu::cold]] PointCloud<float> joined(std::span<const Keyframe> keyframes, KeyframeId center,
-                                                       SubmapRange range, const E& executor);
+                                                       SubmapRange range, const Fragments& fragments) const;
 
   SubmapOptions options_;
-  detail::LruCache<KeyframeId, Kept> submaps_;        // by the middle keyframe
-  detail::LruCache<KeyframeId, Fragment> fragments_;  // by the first
+  detail::LruCache<KeyframeId, Kept> submaps_;                               // by the middle keyframe
+  detail::LruCache<KeyframeId, std::shared_ptr<const Fragment>> fragments_;  // by the first
   std::size_t built_ = 0;
   std::size_t fragments_built_ = 0;
 };
 
 template <Executor E>
-PlacedSubmap SubmapCache::get(std::span<const Keyframe> keyframes, KeyframeId id, const E& executor) {
-  const KeyframeId center = middle_of(fragment_of(keyframes, id.value));
+std::vector<PlacedSubmap> SubmapCache::get(std::span<const Keyframe> keyframes, std::span<const KeyframeId> ids,
+                                           const E& executor) {
   const auto pose = [&](KeyframeId i) -> const SE3d& {
     return keyframes[static_cast<std::size_t>(i.value)].T_map_body;
   };
-  const SE3d T_keyframe_submap = pose(id).inverse() * pose(center);
-  SubmapRange range = submap_range(keyframes, center, options_.radius, options_.max_length);
-  range = {fragment_of(keyframes, range.begin).begin, fragment_of(keyframes, range.end - 1).end};
-  if (const Kept* known = submaps_.find(center)) {
-    if (known->at.holds(keyframes, center, range, allowed_shift())) return {known->submap, T_keyframe_submap};
+  std::vector<PlacedSubmap> placed;
+  std::vector<Missing> missing;
+  std::vector<std::pair<std::size_t, std::size_t>> waiting;  // in `placed`, for which that is missing
+  for (const KeyframeId id : ids) {
+    const KeyframeId center = middle_of(fragment_of(keyframes, id.value));
+    SubmapRange range = submap_range(keyframes, center, options_.radius, options_.max_length);
+    range = {fragment_of(keyframes, range.begin).begin, fragment_of(keyframes, range.end - 1).end};
+    placed.push_back({nullptr, pose(id).inverse() * pose(center)});
+    const Kept* known = submaps_.find(center);
+    if (known != nullptr && known->at.holds(keyframes, center, range, allowed_shift())) {
+      placed.back().submap = known->submap;
+      continue;
+    }
     submaps_.erase(center);
+    const auto same =
+        std::find_if(missing.begin(), missing.end(), [&](const Missing& m) { return m.center == center; });
+    waiting.emplace_back(placed.size() - 1, static_cast<std::size_t>(same - missing.begin()));
+    if (same == missing.end()) missing.push_back({center, range});
   }
-  ++built_;
-  auto submap = std::make_shared<const Submap>(options_.fragment > 1 ? joined(keyframes, center, range, executor)
-                                                                     : oriented(keyframes, center, range, executor));
-  // Positions and normals, and as much again for the tree's own columns and links.
-  const std::size_t bytes = submap->cloud().size() * 4 * sizeof(Eigen::Vector3f);
-  submaps_.insert(center, {RigidRange(keyframes, center, range), submap}, bytes);
-  return {std::move(submap), T_keyframe_submap};
+  const Fragments parts = options_.fragment > 1 ? fragments(keyframes, missing, executor) : Fragments{};
+  executor.for_chunks(to_index(missing.size()), 1, [&](Index k, Index /*end*/) {
+    Missing& one = missing[static_cast<std::size_t>(k)];
+    one.submap =
+        std::make_shared<const Submap>(options_.fragment > 1 ? joined(keyframes, one.center, one.range, parts)
+                                                             : oriented(keyframes, one.center, one.range, executor));
+  });
+  for (const Missing& one : missing) {
+    ++built_;
+    // Positions and normals, and as much again for the tree's own columns and links.
+    const std::size_t bytes = one.submap->cloud().size() * 4 * sizeof(Eigen::Vector3f);
+    submaps_.insert(one.center, {RigidRange(keyframes, one.center, one.range), one.submap}, bytes);
+  }
+  for (const auto& [place, made] : waiting) placed[place].submap = missing[made].submap;
+  return placed;
 }
 
 template <Executor E>
-const SubmapCache::Fragment& SubmapCache::fragment(std::span<const Keyframe> keyframes, SubmapRange range,
-                                                   const E& executor) {
-  const KeyframeId first{range.begin}, center = middle_of(range);
-  if (const Fragment* known = fragments_.find(first)) {
-    if (known->at.holds(keyframes, center, range, allowed_shift())) return *known;
+SubmapCache::Fragments SubmapCache::fragments(std::span<const Keyframe> keyframes, std::span<const Missing> submaps,
+                                              const E& executor) {
+  Fragments all;
+  std::vector<SubmapRange> missing;
+  for (const Missing& submap : submaps) {
+    for (Index begin = submap.range.begin; begin < submap.range.end;) {
+      const SubmapRange range = fragment_of(keyframes, begin);
+      begin = range.end;
+      if (all.contains(range.begin)) continue;
+      const std::shared_ptr<const Fragment>* known = fragments_.find(KeyframeId{range.begin});
+      if (known != nullptr && (*known)->at.holds(keyframes, middle_of(range), range, allowed_shift())) {
+        all[range.begin] = *known;
+      } else {
+        all[range.begin] = nullptr;
+        missing.push_back(range);
+      }
+    }
+  }
+  std::vector<std::shared_ptr<const Fragment>> made(missing.size());
+  executor.for_chunks(to_index(missing.size()), 1, [&](Index k, Index /*end*/) {
+    const SubmapRange range = missing[static_cast<std::size_t>(k)];
+    const KeyframeId center = middle_of(range);
+    made[static_cast<std::size_t>(k)] = std::make_shared<const Fragment>(Fragment{
+        RigidRange(keyframes, center, range), detail::PackedSurface(oriented(keyframes, center, range, executor))});
+  });
+  for (std::size_t k = 0; k < made.size(); ++k) {
+    const KeyframeId first{missing[k].begin};
+    ++fragments_built_;
     fragments_.erase(first);
+    fragments_.insert(first, made[k], made[k]->points.bytes());
+    all[first.value] = made[k];
   }
-  ++fragments_built_;
-  detail::PackedSurface points(oriented(keyframes, center, range, executor));
-  const std::size_t bytes = points.bytes();
-  return fragments_.insert(first, {RigidRange(keyframes, center, range), std::move(points)}, bytes);
+  return all;
 }
 
-template <Executor E>
-PointCloud<float> SubmapCache::joined(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
-                                      const E& executor) {
+inline PointCloud<float> SubmapCache::joined(std::span<const Keyframe> keyframes, KeyframeId center, SubmapRange range,
+                                             const Fragments& fragments) const {
   const SE3d T_center_map = keyframes[static_cast<std::size_t>(center.value)].T_map_body.inverse();
   PointCloud<float> points;
-  for (Index begin = range.begin; begin < range.end;) {
-    const Fragment& part = fragment(keyframes, fragment_of(keyframes, begin), executor);
-    const SE3d T_center_part = T_center_map * keyframes[static_cast<std::size_t>(part.at.center.value)].T_map_body;
-    append_seen_from(T_center_part, part.points.unpacked(), points);
-    begin = part.at.range.end;
+  for (auto part = fragments.find(range.begin); part != fragments.end() && part->first < range.end; ++part) {
+    const Fragment& one = *part->second;
+    const SE3d T_center_part = T_center_map * keyframes[static_cast<std::size_t>(one.at.center.value)].T_map_body;
+    append_seen_from(T_center_part, one.points.unpacked(), points);
   }
   return voxel_downsample(points, options_.voxel_size);
 }
