@@ -2,6 +2,8 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <span>
 #include <string>
 #include <utility>
@@ -77,6 +79,27 @@ struct CompliantCloser {
     LoopClosure closure = align(keyframes, from, to, guess, executor);
     asked.back() = 'r';
     return closure;
+  }
+};
+
+/// The same for several at a time.
+struct CompliantClosers : CompliantCloser {
+  using CompliantCloser::align;
+  using CompliantCloser::refine;
+  [[nodiscard]] std::vector<LoopClosure> align(std::span<const Keyframe> keyframes,
+                                               std::span<const AlignmentGuess> guesses, KeyframeId to,
+                                               const Serial& executor) {
+    std::vector<LoopClosure> closures;
+    for (const AlignmentGuess& one : guesses)
+      closures.push_back(align(keyframes, one.from, to, one.T_from_to, executor));
+    return closures;
+  }
+  [[nodiscard]] std::vector<LoopClosure> refine(std::span<const Keyframe> keyframes,
+                                                std::span<const AlignmentGuess> guesses, KeyframeId to,
+                                                const Serial& executor) {
+    std::vector<LoopClosure> closures = align(keyframes, guesses, to, executor);
+    std::fill_n(asked.end() - static_cast<std::ptrdiff_t>(guesses.size()), guesses.size(), 'r');
+    return closures;
   }
 };
 
@@ -212,6 +235,16 @@ TEST_SUITE("slam/closure_descent") {
     CHECK(verdicts(2, 0) == std::pair(ClosureVerdict::reverted, ClosureVerdict::reverted));
     CHECK(verdicts(1, 2) == std::pair(ClosureVerdict::accepted, ClosureVerdict::accepted));
     CHECK(closer.closer().asked == "ararar");
+
+    Unrepeated<CompliantClosers> several({}, undone);
+    const std::vector<AlignmentGuess> guesses{{KeyframeId{0}, SE3d()}, {KeyframeId{1}, SE3d()}};
+    for (const auto& tried : {several.align(map.keyframes, guesses, KeyframeId{2}),
+                              several.refine(map.keyframes, guesses, KeyframeId{2})}) {
+      REQUIRE(tried.size() == 2);
+      CHECK(tried[0].verdict == ClosureVerdict::reverted);
+      CHECK(tried[1].verdict == ClosureVerdict::accepted);
+    }
+    CHECK(several.closer().asked == "aarr");
   }
 }
 
