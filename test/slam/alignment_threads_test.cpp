@@ -1,13 +1,17 @@
 #include <doctest/doctest.h>
 
+#include <span>
 #include <vector>
 
 #include "chainslam/core/thread_pool.hpp"
+#include "chainslam/slam/chained_closer.hpp"
 #include "chainslam/slam/loop_closer.hpp"
 #include "slam/street.hpp"
 #include "support/threads_cases.hpp"
 
 namespace chainslam {
+
+static_assert(BatchAligner<LoopCloser<>>);
 
 TEST_SUITE("slam/loop_closer") {
   THREADS_TEST_CASE("slam/loop_closer",

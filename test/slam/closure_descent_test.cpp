@@ -235,6 +235,7 @@ TEST_SUITE("slam/closure_descent") {
     CHECK(verdicts(2, 0) == std::pair(ClosureVerdict::reverted, ClosureVerdict::reverted));
     CHECK(verdicts(1, 2) == std::pair(ClosureVerdict::accepted, ClosureVerdict::accepted));
     CHECK(closer.closer().asked == "ararar");
+    static_assert(!BatchAligner<Unrepeated<CompliantCloser>> && BatchAligner<Unrepeated<CompliantClosers>>);
 
     Unrepeated<CompliantClosers> several({}, undone);
     const std::vector<AlignmentGuess> guesses{{KeyframeId{0}, SE3d()}, {KeyframeId{1}, SE3d()}};

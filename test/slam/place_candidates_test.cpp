@@ -318,6 +318,28 @@ TEST_SUITE("slam/place_candidates") {
     CHECK(of_each(each) == std::vector<int>(7, 5));
   }
 
+  TEST_CASE("round and round, a drive is remembered once, and no less densely on the bend") {
+    TwoSessions sessions;
+    sessions.add_session();
+    constexpr double radius = 20, length = 2 * std::numbers::pi * radius;  // metres
+    for (Index i = 0; i < 3 * length; ++i) {
+      Keyframe keyframe;
+      const SO3d heading = SO3d::exp({0, 0, i / radius});
+      keyframe.T_odom_body = keyframe.T_map_body = SE3d(heading, heading * Eigen::Vector3d(radius, 0, 0));
+      sessions.add(keyframe);
+    }
+    PlaceCandidateOptions options;  // submaps of 60 m, one every 15 m
+    options.max_drawn = 0;
+    const Index end = to_index(sessions.map.keyframes.size());
+    PlaceCandidates all(options), once(options);
+    all.remember(sessions.map.keyframes, end);
+    once.remember(sessions.map.keyframes, end, [](KeyframeId, KeyframeId) { return true; });
+    CHECK(all.places().size() >= 20);
+    CHECK(once.places().size() >= 8);  // 126 m round
+    CHECK(once.places().size() <= 10);
+    for (std::size_t k = 0; k < 7; ++k) CHECK(once.places()[k].center == all.places()[k].center);
+  }
+
   TEST_CASE("the ground's height is that of the lower points around, seen from wherever, in a levelled frame") {
     std::vector<Keyframe> path(3);
     CHECK(!detail::ground_height(path, 1));

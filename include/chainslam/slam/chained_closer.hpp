@@ -56,13 +56,21 @@ class ClosureGraph : public AdjacencyGraph<Index> {
 }
 
 /// Aligns one keyframe's scan to another's submap, and knows which pairs may be closed: what chaining and merging take
-/// from the loop closer. `refine`, with the arguments of `align`, is used for guesses through a chain if there is one;
-/// a chain's alignments are made together if both take several guesses, as in `LoopCloser`.
+/// from the loop closer. `refine`, with the arguments of `align`, is used for guesses through a chain if there is one.
 template <class C>
 concept ClosureAligner = requires(C& closer, std::span<const Keyframe> keyframes, const Keyframe& keyframe,
                                   const SE3d& guess) {
   { closer.align(keyframes, keyframe.id, keyframe.id, guess, Serial{}) } -> std::same_as<LoopClosure>;
   { closer.eligible(keyframe, keyframe) } -> std::same_as<bool>;
+};
+
+/// Aligns a scan to several submaps at a time, each as `align` and `refine` of one guess do: how a chain's alignments
+/// are made if the loop closer can.
+template <class C>
+concept BatchAligner = ClosureAligner<C> &&
+    requires(C& closer, std::span<const Keyframe> keyframes, std::span<const AlignmentGuess> guesses, KeyframeId to) {
+  { closer.align(keyframes, guesses, to, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
+  { closer.refine(keyframes, guesses, to, Serial{}) } -> std::same_as<std::vector<LoopClosure>>;
 };
 
 /// Tries to close loops with the newest keyframe, the last of `keyframes`.
@@ -182,7 +190,7 @@ class ChainedCloser {
   [[nodiscard]] [[gnu::cold]] std::vector<LoopClosure> aligned(std::span<const Keyframe> keyframes,
                                                                std::span<const AlignmentGuess> candidates,
                                                                KeyframeId to, Closer& closer, const E& executor) const {
-    if constexpr (requires { closer.refine(keyframes, candidates, to, executor); }) {
+    if constexpr (BatchAligner<Closer>) {
       return options_.guess_through_chain ? closer.refine(keyframes, candidates, to, executor)
                                           : closer.align(keyframes, candidates, to, executor);
     } else {

@@ -243,27 +243,19 @@ class Unrepeated {
     undone_.refuse_repeated(closure);
     return closure;
   }
-  /// Several of them, if `Closer` has that.
+  /// Several alignments, if `Closer` makes them at a time.
   template <Executor E = Serial>
-    requires requires(Closer& closer, std::span<const Keyframe> keyframes, std::span<const AlignmentGuess> guesses,
-                      KeyframeId to, const E& executor) {
-      closer.refine(keyframes, guesses, to, executor);
-    }
-  [[nodiscard]] std::vector<LoopClosure> refine(std::span<const Keyframe> keyframes,
-                                                std::span<const AlignmentGuess> guesses, KeyframeId to,
-                                                const E& executor = {}) {
-    return refused(closer_.refine(keyframes, guesses, to, executor));
-  }
-  /// The same, whatever the guesses are worth.
-  template <Executor E = Serial>
-    requires requires(Closer& closer, std::span<const Keyframe> keyframes, std::span<const AlignmentGuess> guesses,
-                      KeyframeId to, const E& executor) {
-      closer.align(keyframes, guesses, to, executor);
-    }
   [[nodiscard]] std::vector<LoopClosure> align(std::span<const Keyframe> keyframes,
                                                std::span<const AlignmentGuess> guesses, KeyframeId to,
-                                               const E& executor = {}) {
+                                               const E& executor = {}) requires BatchAligner<Closer> {
     return refused(closer_.align(keyframes, guesses, to, executor));
+  }
+  /// The same from good guesses.
+  template <Executor E = Serial>
+  [[nodiscard]] std::vector<LoopClosure> refine(std::span<const Keyframe> keyframes,
+                                                std::span<const AlignmentGuess> guesses, KeyframeId to,
+                                                const E& executor = {}) requires BatchAligner<Closer> {
+    return refused(closer_.refine(keyframes, guesses, to, executor));
   }
   /// What `Closer` finds for a keyframe, but for repetitions.
   template <Executor E = Serial>
