@@ -11,6 +11,7 @@
 #include "chainslam/core/error.hpp"
 #include "chainslam/odometry/odometry_source.hpp"
 #include "datasets/imu_findings.hpp"
+#include "datasets/read_ahead.hpp"
 #include "support/summary.hpp"
 
 namespace chainslam::mapper {
@@ -116,12 +117,14 @@ void SessionFrontEnd::take_recorded() {
 
 void SessionFrontEnd::take_packets() {
   const std::unique_ptr<SessionOdometry> odometry = make_session_odometry(run_.options, dataset_.info());
+  const auto read = [&] {
+    const auto measurement = run_.times.measure("read");
+    return dataset_.next();
+  };
+  datasets::ReadAhead packets(read, run_.max_scans);
   double spent = 0;  // seconds since the last scan
   while (wants_more()) {
-    const std::optional<Packet> packet = [&] {
-      const auto measurement = run_.times.measure("read");
-      return dataset_.next();
-    }();
+    const std::optional<Packet> packet = packets.next();
     if (!packet) break;
     if (const auto* fix = std::get_if<GnssFix>(&*packet)) sink_.fix(*fix);
     if (run_.options.imu.use == ImuUse::none && std::holds_alternative<ImuSample>(*packet)) continue;
