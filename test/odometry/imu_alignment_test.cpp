@@ -15,7 +15,9 @@
 #include <utility>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/random.hpp"
+#include "chainslam/core/thread_pool.hpp"
 #include "chainslam/io/trajectory_file.hpp"
 #include "chainslam/odometry/lidar_odometry.hpp"
 #include "odometry/imu_samples.hpp"
@@ -60,8 +62,9 @@ ImuAlignmentOptions rotation_unknown(const Recording& recording) {
 }
 
 /// Feeds poses and measurements of [from, from + duration) seconds after the first pose, in order of their stamps.
-ImuAlignment fed(const Recording& recording, const ImuAlignmentOptions& options, double from = 0,
-                 double duration = 1e9) {
+template <Executor E = Serial>
+ImuAlignment fed(const Recording& recording, const ImuAlignmentOptions& options, double from = 0, double duration = 1e9,
+                 const E& executor = {}) {
   ImuAlignment alignment(options);
   const Timestamp begin = recording.poses.front().time + seconds(from);
   auto sample = recording.imu.begin();
@@ -69,7 +72,7 @@ ImuAlignment fed(const Recording& recording, const ImuAlignmentOptions& options,
   for (const LidarPose& pose : recording.poses) {
     if (pose.time < begin || to_seconds(pose.time - begin) >= duration) continue;
     for (; sample != recording.imu.end() && sample->time <= pose.time; ++sample) alignment.add(*sample);
-    alignment.add(pose);
+    alignment.add(pose, executor);
   }
   return alignment;
 }
@@ -340,6 +343,28 @@ TEST_SUITE("odometry/imu_alignment") {
     // White noise of poses makes their differences anticorrelated: better than the deviations, which are those of real
     // poses, say.
     CHECK(squared_sigmas / count < 1);
+  }
+
+  TEST_CASE("estimates do not depend on the number of threads") {
+    Rng rng(1);
+    const SE3d T_body_lidar(any_rotation(rng), {0.1, 0.05, -0.2});
+    const Recording recording =
+        simulated(handheld(rng, 1), T_body_lidar, 0.1, 80, 10, {}, rng);  // more than the window
+    ImuAlignmentOptions nearly = rotation_unknown(recording);
+    nearly.T_body_lidar = recording.T_body_lidar * SE3d(SO3d::exp({0.02, 0, 0}), Eigen::Vector3d::Zero());
+    nearly.rotation_deviation = 0.05;
+    const ThreadPool threads(3);
+    for (const ImuAlignmentOptions& options : {rotation_unknown(recording), nearly}) {
+      const ImuAlignmentEstimate alone = fed(recording, options).estimate();
+      const ImuAlignmentEstimate shared = fed(recording, options, 0, 1e9, threads).estimate();
+      CHECK(alone.time_known);
+      CHECK(alone.time_offset == shared.time_offset);
+      CHECK(alone.time_offset_deviation == shared.time_offset_deviation);
+      CHECK(alone.R_body_lidar.matrix() == shared.R_body_lidar.matrix());
+      CHECK(alone.rotation_covariance == shared.rotation_covariance);
+      CHECK(alone.accel_bias == shared.accel_bias);
+      CHECK(alone.up_odom == shared.up_odom);
+    }
   }
 
   TEST_CASE("wrong poses, spikes and a gap of the IMU do not move the estimate") {

@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/symmetric_eigen.hpp"
 #include "chainslam/core/timestamp.hpp"
@@ -141,8 +142,10 @@ class ImuAlignment {
   /// Adds a measurement, in order of time. @returns false if it was dropped: not finite, absurd, or not later.
   bool add(const ImuSample& sample) { return track_.add(seconds_of(sample.time), sample.gyro, sample.accel); }
 
-  /// Takes the pose of a scan, in order of time; earlier ones are ignored. @returns whether there is a new estimate.
-  bool add(const LidarPose& pose);
+  /// Takes the pose of a scan, in order of time; earlier ones are ignored. An executor shares out estimates; any gives
+  /// bit-identical ones. @returns whether there is a new estimate.
+  template <Executor E = Serial>
+  bool add(const LidarPose& pose, const E& executor = {});
 
   [[nodiscard]] const ImuAlignmentEstimate& estimate() const { return estimate_; }  ///< the latest estimate
   /// The same with what else is known of R_body_lidar. Both may rest on the same data: then the better one counts.
@@ -161,7 +164,8 @@ class ImuAlignment {
   }
   void forget_old();
   void forget_before(double time);
-  void solve(std::size_t count);
+  template <Executor E>
+  void solve(std::size_t count, const E& executor);
   [[nodiscard]] std::vector<std::size_t> block_ends(std::size_t count) const;
   [[nodiscard]] std::size_t covered_poses() const;
   [[nodiscard]] bool distinct() const { return contrast_ >= options_.min_contrast; }
@@ -188,7 +192,8 @@ class ImuAlignment {
   ImuAlignmentEstimate estimate_;
 };
 
-inline bool ImuAlignment::add(const LidarPose& pose) {
+template <Executor E>
+bool ImuAlignment::add(const LidarPose& pose, const E& executor) {
   const double time = seconds_of(pose.time);
   if (!is_finite(pose.T_odom_lidar.translation()) || (!poses_.empty() && !(time > poses_.back().time))) return false;
   poses_.push_back(detail::alignment_pose(pose, time));
@@ -199,7 +204,7 @@ inline bool ImuAlignment::add(const LidarPose& pose) {
   const std::size_t count = covered_poses();
   if (count == 0 || poses_[count - 1].time - poses_.front().time < options_.min_duration) return false;
   solved_at_ = time;
-  solve(count);
+  solve(count, executor);
   forget_old();
   return true;
 }
@@ -234,7 +239,8 @@ inline std::size_t ImuAlignment::covered_poses() const {
   return count;
 }
 
-inline void ImuAlignment::solve(std::size_t count) {
+template <Executor E>
+void ImuAlignment::solve(std::size_t count, const E& executor) {
   const std::vector<std::size_t> ends = block_ends(count);
   detail::AlignmentProblem problem{.track = track_,
                                    .poses = std::span(poses_.data(), count),
@@ -247,12 +253,12 @@ inline void ImuAlignment::solve(std::size_t count) {
   std::vector<detail::AlignmentSolution> solutions;
   if (!known() || poses_.back().time - searched_at_ >= options_.search_interval) {
     searched_at_ = poses_.back().time;
-    const auto found = detail::search_alignment(track_, problem.poses, ends, options_.max_time_offset);
+    const auto found = detail::search_alignment(track_, problem.poses, ends, options_.max_time_offset, executor);
     if (found) contrast_ = std::max(contrast_, found->contrast);
     if (!distinct()) return;  // noise has a best offset, too
-    if (found) solutions.push_back(detail::refined(problem, found->state, 0));
+    if (found) solutions.push_back(detail::refined(problem, found->state, 0, executor));
   }
-  solutions.push_back(detail::refined(problem, state_, known() ? detail::wide_steps : 0));
+  solutions.push_back(detail::refined(problem, state_, known() ? detail::wide_steps : 0, executor));
   const detail::AlignmentSolution& best = detail::best_of(solutions);
   newest_ = best.blocks;
   state_ = best.state;
@@ -264,7 +270,7 @@ inline void ImuAlignment::solve(std::size_t count) {
   problem.given_information = given_information(options_.rotation_deviation);
   AlignmentState start = state_;
   start.R_body_lidar = options_.T_body_lidar.rotation();
-  const detail::AlignmentSolution fused = detail::refined(problem, start, 0);
+  const detail::AlignmentSolution fused = detail::refined(problem, start, 0, executor);
   report(fused.state, with_floor(detail::sandwich(problem, fused)));
 }
 

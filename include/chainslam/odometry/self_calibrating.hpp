@@ -42,12 +42,12 @@ class SelfCalibrating {
       imu_check_.add(*sample, [&](const ImuSample& checked) {
         if (checked.rate_measured && checked.force_measured) alignment_.add(checked);
       });
-    return followed(odometry_.process(packet, executor));
+    return followed(odometry_.process(packet, executor), executor);
   }
   /// See the odometry's.
   template <Executor E = Serial>
   std::optional<Frame> flush(const E& executor = {}) {
-    return followed(odometry_.flush(executor));
+    return followed(odometry_.flush(executor), executor);
   }
 
   [[nodiscard]] const Odometry& odometry() const { return odometry_; }  ///< the odometry that is calibrated
@@ -72,12 +72,14 @@ class SelfCalibrating {
     return options;
   }
 
-  std::optional<Frame> followed(std::optional<Frame> frame) {
+  template <Executor E>
+  std::optional<Frame> followed(std::optional<Frame> frame, const E& executor) {
     if (!frame || frame->health.status != FrameStatus::good) return frame;
     constexpr double angle = 5e-4, distance = 0.02;  // rad, m: what registration leaves
     // How far times are off is known by the IMU alone.
     const double time_deviation = frame->health.imu_use == ImuUse::all ? odometry_.scan_time_deviation() : 0.0;
-    if (alignment_.add(LidarPose{frame->time, odometry_.T_map_lidar(), angle, distance, time_deviation})) correct();
+    const LidarPose pose{frame->time, odometry_.T_map_lidar(), angle, distance, time_deviation};
+    if (alignment_.add(pose, executor)) correct();
     return frame;
   }
 

@@ -9,7 +9,9 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/lie/so3.hpp"
 #include "chainslam/odometry/detail/alignment_pose.hpp"
 #include "chainslam/odometry/detail/imu_track.hpp"
@@ -71,13 +73,12 @@ struct AlignmentResidual {
 /// Points of the IMU's track at the times of the poses, for one time offset.
 using TrackPoints = std::vector<std::optional<TrackPoint>>;
 
-[[nodiscard]] inline TrackPoints track_points(const ImuTrack& track, std::span<const AlignmentPose> poses,
-                                              double offset) {
-  TrackPoints points;
-  points.reserve(poses.size());
+/// Those of poses [begin, end).
+inline void find_points(const ImuTrack& track, std::span<const AlignmentPose> poses, double offset, Index begin,
+                        Index end, TrackPoints& points) {
   std::size_t hint = 0;
-  for (const AlignmentPose& pose : poses) points.push_back(track.at(pose.time + offset, hint));
-  return points;
+  for (auto j = static_cast<std::size_t>(begin); j < static_cast<std::size_t>(end); ++j)
+    points[j] = track.at(poses[j].time + offset, hint);
 }
 
 /// Whether one run of the track covers all these points.
@@ -91,14 +92,22 @@ class ImuAlignmentEquations {
  public:
   static constexpr double nudge = 0.025;  ///< s
 
+  template <Executor E = Serial>
   ImuAlignmentEquations(const ImuTrack& track, std::span<const AlignmentPose> poses, const AlignmentState& x,
-                        const Eigen::Vector3d& imu_position)
+                        const Eigen::Vector3d& imu_position, const E& executor = {})
       : poses_(poses),
         x_(x),
         imu_position_(imu_position),
-        now_(track_points(track, poses, x.time_offset)),
-        early_(track_points(track, poses, x.time_offset - nudge)),
-        late_(track_points(track, poses, x.time_offset + nudge)) {}
+        now_(poses.size()),
+        early_(poses.size()),
+        late_(poses.size()) {
+    constexpr Index grain = 64;
+    executor.for_chunks(to_index(poses.size()), grain, [&](Index begin, Index end) {
+      find_points(track, poses, x.time_offset, begin, end, now_);
+      find_points(track, poses, x.time_offset - nudge, begin, end, early_);
+      find_points(track, poses, x.time_offset + nudge, begin, end, late_);
+    });
+  }
 
   [[nodiscard]] std::optional<AlignmentResidual> turn(std::size_t j) const {
     const AlignmentPose& pose = poses_[j];

@@ -7,10 +7,13 @@
 #include <limits>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
 #include "chainslam/core/symmetric_eigen.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/lie/umeyama.hpp"
 #include "chainslam/odometry/detail/alignment_block.hpp"
 #include "chainslam/odometry/detail/alignment_equations.hpp"
@@ -28,9 +31,11 @@ struct AlignmentPairs {
     lidar.push_back(vector);
     mismatch.push_back(std::numeric_limits<double>::infinity());
   }
-  void add_body(std::size_t pair, const std::optional<Eigen::Vector3d>& vector) {
-    body.back().push_back(vector);
-    if (vector) mismatch[pair] = std::min(mismatch[pair], std::abs(vector->norm() - lidar[pair].norm()));
+  /// At the next offset.
+  void add_body(std::vector<std::optional<Eigen::Vector3d>> vectors) {
+    for (std::size_t j = 0; j < vectors.size(); ++j)
+      if (vectors[j]) mismatch[j] = std::min(mismatch[j], std::abs(vectors[j]->norm() - lidar[j].norm()));
+    body.push_back(std::move(vectors));
   }
 };
 
@@ -47,6 +52,31 @@ inline void centre(std::vector<std::optional<Eigen::Vector3d>>& vectors, std::sp
     begin = end;
   }
 }
+
+/// What the IMU measured of the poses' turns and forces at one offset.
+struct BodyVectors {
+  std::vector<std::optional<Eigen::Vector3d>> turns, forces;
+
+  BodyVectors() = default;
+  BodyVectors(const ImuTrack& track, std::span<const AlignmentPose> poses, std::span<const std::size_t> ends,
+              double offset) {
+    TrackPoints points(poses.size());
+    find_points(track, poses, offset, 0, to_index(poses.size()), points);
+    for (std::size_t j = 0; j < poses.size(); ++j) {
+      const auto before = j - static_cast<std::size_t>(poses[j].turned);
+      const bool turned = before < j && in_one_run(points, before, j);
+      turns.push_back(turned ? std::optional(body_turn(*points[before], *points[j])) : std::nullopt);
+      forces.push_back(std::nullopt);
+      if (poses[j].right == 0 || static_cast<std::size_t>(poses[j].left) > j || !points[j]) continue;
+      const std::size_t i = j - static_cast<std::size_t>(poses[j].left);
+      const std::size_t k = j + static_cast<std::size_t>(poses[j].right);
+      if (k < poses.size() && in_one_run(points, i, k))
+        forces.back() = body_force(*points[i], *points[j], *points[k], poses[j].time - poses[i].time,
+                                   poses[k].time - poses[j].time);
+    }
+    centre(forces, ends);
+  }
+};
 
 /// Sums for Wahba's problem at one offset.
 struct WahbaSums {
@@ -83,10 +113,11 @@ struct AlignmentSearch {
 ///
 /// @param ends  one past the last pose of each block.
 /// @returns nothing without a turn that IMU and LiDAR both measured.
-[[nodiscard]] inline std::optional<AlignmentSearch> search_alignment(const ImuTrack& track,
-                                                                     std::span<const AlignmentPose> poses,
-                                                                     std::span<const std::size_t> ends,
-                                                                     double max_offset) {
+template <Executor E>
+[[nodiscard]] std::optional<AlignmentSearch> search_alignment(const ImuTrack& track,
+                                                              std::span<const AlignmentPose> poses,
+                                                              std::span<const std::size_t> ends, double max_offset,
+                                                              const E& executor) {
   constexpr double step = 0.02, turn_floor = 0.001, force_floor = 0.1;  // s, rad, m/s^2
   const int half = static_cast<int>(std::lround(max_offset / step));
   AlignmentPairs turns, forces;
@@ -97,25 +128,13 @@ struct AlignmentSearch {
   }
   centre(accel, ends);
   for (const auto& a : accel) forces.add(a.value_or(Eigen::Vector3d::Zero()));
-  for (int d = -half; d <= half; ++d) {
-    const TrackPoints points = track_points(track, poses, d * step);
-    turns.body.emplace_back();
-    std::vector<std::optional<Eigen::Vector3d>> felt;
-    for (std::size_t j = 0; j < poses.size(); ++j) {
-      const auto before = j - static_cast<std::size_t>(poses[j].turned);
-      const bool turned = before < j && in_one_run(points, before, j);
-      turns.add_body(j, turned ? std::optional(body_turn(*points[before], *points[j])) : std::nullopt);
-      felt.push_back(std::nullopt);
-      if (poses[j].right == 0 || static_cast<std::size_t>(poses[j].left) > j || !points[j]) continue;
-      const std::size_t i = j - static_cast<std::size_t>(poses[j].left);
-      const std::size_t k = j + static_cast<std::size_t>(poses[j].right);
-      if (k < poses.size() && in_one_run(points, i, k))
-        felt.back() = body_force(*points[i], *points[j], *points[k], poses[j].time - poses[i].time,
-                                 poses[k].time - poses[j].time);
-    }
-    centre(felt, ends);
-    forces.body.emplace_back();
-    for (std::size_t j = 0; j < poses.size(); ++j) forces.add_body(j, felt[j]);
+  std::vector<BodyVectors> body(static_cast<std::size_t>(2 * half + 1));
+  executor.for_chunks(to_index(body.size()), 1, [&](Index begin, Index /*end*/) {
+    body[static_cast<std::size_t>(begin)] = BodyVectors(track, poses, ends, (begin - half) * step);
+  });
+  for (BodyVectors& at_offset : body) {
+    turns.add_body(std::move(at_offset.turns));
+    forces.add_body(std::move(at_offset.forces));
   }
   std::optional<AlignmentSearch> best;
   std::vector<double> costs;

@@ -11,7 +11,9 @@
 #include <span>
 #include <vector>
 
+#include "chainslam/core/executor.hpp"
 #include "chainslam/core/small_matrix.hpp"
+#include "chainslam/core/types.hpp"
 #include "chainslam/odometry/detail/alignment_block.hpp"
 #include "chainslam/odometry/detail/alignment_equations.hpp"
 
@@ -60,14 +62,15 @@ struct AlignmentSolution {
 /// Gauss-Newton steps whose robust kernel is wide at first: from far away what is informative looks like an outlier.
 constexpr int wide_steps = 3;
 
-inline void linearize(const AlignmentProblem& problem, AlignmentSolution& solution, int step) {
-  const ImuAlignmentEquations equations(problem.track, problem.poses, solution.state, problem.imu_position);
-  solution.residuals.clear();
-  std::size_t first = 0;
-  for (const std::size_t end : problem.ends) {
-    solution.residuals.push_back(block_residuals(equations, problem.poses, first, end));
-    first = end;
-  }
+template <Executor E>
+void linearize(const AlignmentProblem& problem, AlignmentSolution& solution, int step, const E& executor) {
+  const ImuAlignmentEquations equations(problem.track, problem.poses, solution.state, problem.imu_position, executor);
+  solution.residuals.resize(problem.ends.size());
+  executor.for_chunks(to_index(problem.ends.size()), 1, [&](Index block, Index /*end*/) {
+    const auto k = static_cast<std::size_t>(block);
+    solution.residuals[k] =
+        block_residuals(equations, problem.poses, k == 0 ? 0 : problem.ends[k - 1], problem.ends[k]);
+  });
   solution.scales = scales_of(solution.residuals);
   AlignmentScales widened = solution.scales;
   const double width = std::max(1.0, std::exp2(wide_steps - step));
@@ -75,9 +78,11 @@ inline void linearize(const AlignmentProblem& problem, AlignmentSolution& soluti
     widened.turn[axis] *= width;
     widened.force[axis] *= width;
   }
-  solution.blocks.clear();
-  for (const BlockResiduals& residuals : solution.residuals)
-    solution.blocks.push_back(normal_equations(residuals, problem.poses, solution.state, widened));
+  solution.blocks.resize(problem.ends.size());
+  executor.for_chunks(to_index(problem.ends.size()), 1, [&](Index block, Index /*end*/) {
+    const auto k = static_cast<std::size_t>(block);
+    solution.blocks[k] = normal_equations(solution.residuals[k], problem.poses, solution.state, widened);
+  });
 }
 
 /// The Gauss-Newton step from where the solution was linearized.
@@ -98,14 +103,15 @@ inline void linearize(const AlignmentProblem& problem, AlignmentSolution& soluti
 }
 
 /// @param first_step  0 from far away, `wide_steps` from a state that is nearly right.
-[[nodiscard]] inline AlignmentSolution refined(const AlignmentProblem& problem, const AlignmentState& start,
-                                               int first_step) {
+template <Executor E>
+[[nodiscard]] AlignmentSolution refined(const AlignmentProblem& problem, const AlignmentState& start, int first_step,
+                                        const E& executor) {
   constexpr int last_step = 8;
   constexpr double converged = 1e-5;  // s, rad, rad/s, m/s^2
   AlignmentSolution solution;
   solution.state = start;
   for (int step = first_step;; ++step) {
-    linearize(problem, solution, step);
+    linearize(problem, solution, step, executor);
     if (step >= last_step) return solution;
     const AlignmentVector change = newton_step(problem, solution);
     solution.state = retract(solution.state, change);

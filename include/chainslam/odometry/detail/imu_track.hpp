@@ -134,9 +134,9 @@ class ImuTrack {
         return;
       }
     }
-    const auto later = std::upper_bound(nodes_.begin(), nodes_.end(), stamp,
-                                        [](double t, const Node& node) { return t < node.measured.stamp; });
-    const auto position = static_cast<std::size_t>(later - nodes_.begin());
+    const auto reached = std::lower_bound(nodes_.begin(), nodes_.end(), stamp,
+                                          [](const Node& node, double t) { return node.measured.stamp < t; });
+    const auto position = static_cast<std::size_t>(reached - nodes_.begin());
     hint = std::min(position > 0 ? position - 1 : 0, last);
   }
 
