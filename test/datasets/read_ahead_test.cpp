@@ -9,6 +9,7 @@
 
 #include "datasets/read_ahead.hpp"
 #include "support/property.hpp"
+#include "support/threads_cases.hpp"
 
 #include <doctest/doctest.h>
 
@@ -48,7 +49,7 @@ struct Source {
 
 }  // namespace
 
-TEST_CASE("packets that are read ahead come in their order, each once") {
+THREADS_TEST_CASE("datasets/read_ahead", "packets that are read ahead come in their order, each once") {
   for_all(40, [](Rng& rng, int size) {
     const std::vector<Packet> packets = numbered_packets(rng, 8 * size);
     Source source{packets};
@@ -65,7 +66,7 @@ TEST_CASE("packets that are read ahead come in their order, each once") {
   });
 }
 
-TEST_CASE("many packets without a scan between them are read ahead as well") {
+THREADS_TEST_CASE("datasets/read_ahead", "many packets without a scan between them are read ahead as well") {
   const std::vector<Packet> packets(5000, ImuSample{});
   Source source{packets};
   ReadAhead ahead([&] { return source.read(); });
@@ -74,7 +75,7 @@ TEST_CASE("many packets without a scan between them are read ahead as well") {
   CHECK(count == packets.size());
 }
 
-TEST_CASE("what reading throws comes after all packets before it") {
+THREADS_TEST_CASE("datasets/read_ahead", "what reading throws comes after all packets before it") {
   Rng rng(1);
   const std::vector<Packet> packets = numbered_packets(rng, 57);
   Source source{packets, "no more"};
@@ -83,7 +84,8 @@ TEST_CASE("what reading throws comes after all packets before it") {
   CHECK_THROWS_WITH_AS(static_cast<void>(ahead.next()), "no more", std::runtime_error);
 }
 
-TEST_CASE("no more scans are read than were asked for, and few ahead of who takes them") {
+THREADS_TEST_CASE("datasets/read_ahead",
+                  "no more scans are read than were asked for, and few ahead of who takes them") {
   const std::vector<Packet> packets(100, LidarScan{});
   Source all{packets};
   {

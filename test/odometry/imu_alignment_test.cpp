@@ -25,6 +25,7 @@
 #include "support/property.hpp"
 #include "support/quick.hpp"
 #include "support/real_data.hpp"
+#include "support/threads_cases.hpp"
 
 using namespace chainslam;
 
@@ -345,7 +346,7 @@ TEST_SUITE("odometry/imu_alignment") {
     CHECK(squared_sigmas / count < 1);
   }
 
-  TEST_CASE("estimates do not depend on the number of threads") {
+  THREADS_TEST_CASE("odometry/imu_alignment", "estimates do not depend on the number of threads") {
     Rng rng(1);
     const SE3d T_body_lidar(any_rotation(rng), {0.1, 0.05, -0.2});
     const Recording recording =
