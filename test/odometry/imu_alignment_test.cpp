@@ -155,6 +155,18 @@ Recording simulated(const Waves& motion, const SE3d& T_body_lidar, double time_o
   return recording;
 }
 
+/// Turns about one axis, measured ten times a second; the times of the poses jitter by 15 ms.
+Recording car_with_slow_imu(double duration, Rng& rng) {
+  const SE3d T_body_lidar(SO3d::exp({0.1, 0.2, 0.3}), {0.1, 0.2, 0.3});
+  Waves car;
+  for (std::size_t k = 0; k < 3; ++k) {
+    car.waves[5][k] = {0.1, 0.6 + 0.3 * static_cast<double>(k), rng.uniform(0, 6.28)};
+    car.waves[0][k] = {10, 0.2 + 0.1 * static_cast<double>(k), rng.uniform(0, 6.28)};
+  }
+  const Noise noise{.position = 0.02, .time = 0.015, .gyro = 0.001, .imu_interval = 0.1};
+  return simulated(car, T_body_lidar, 0.02, duration, 10, noise, rng);
+}
+
 SO3d any_rotation(Rng& rng) {
   return SO3d::from_quaternion(Eigen::Quaterniond(rng.normal(), rng.normal(), rng.normal(), rng.normal()));
 }
@@ -396,20 +408,32 @@ TEST_SUITE("odometry/imu_alignment") {
 
   TEST_CASE("with times that jitter and an IMU of 10 Hz the offset is found, better if the jitter is known") {
     test::for_all(6, [](Rng& rng, Index) {
-      const SE3d T_body_lidar(SO3d::exp({0.1, 0.2, 0.3}), {0.1, 0.2, 0.3});
-      Waves car;
-      for (std::size_t k = 0; k < 3; ++k) {
-        car.waves[5][k] = {0.1, 0.6 + 0.3 * static_cast<double>(k), rng.uniform(0, 6.28)};
-        car.waves[0][k] = {10, 0.2 + 0.1 * static_cast<double>(k), rng.uniform(0, 6.28)};
-      }
-      const Noise noise{.position = 0.02, .time = 0.015, .gyro = 0.001, .imu_interval = 0.1};
-      Recording recording = simulated(car, T_body_lidar, 0.02, 120, 10, noise, rng);
-      const auto estimate = [&] { return fed(recording, {.T_body_lidar = T_body_lidar}).estimate(); };
+      Recording recording = car_with_slow_imu(120, rng);
+      const auto estimate = [&] { return fed(recording, {.T_body_lidar = recording.T_body_lidar}).estimate(); };
       const double deviation = estimate().time_offset_deviation;
-      for (LidarPose& pose : recording.poses) pose.time_deviation = noise.time;
+      for (LidarPose& pose : recording.poses) pose.time_deviation = 0.015;
       CHECK(std::abs(estimate().time_offset - recording.time_offset) < 0.004);
       CHECK(estimate().time_offset_deviation < 0.7 * deviation);
     });
+  }
+
+  TEST_CASE("what stays unknown is estimated again each second, later with each twentieth of the data") {
+    Rng rng(1);
+    const Recording recording = car_with_slow_imu(90, rng);
+    ImuAlignment alignment({.T_body_lidar = recording.T_body_lidar});
+    auto sample = recording.imu.begin();
+    std::vector<double> times;  // of estimates
+    for (const LidarPose& pose : recording.poses) {
+      for (; sample != recording.imu.end() && sample->time <= pose.time; ++sample) alignment.add(*sample);
+      if (alignment.add(pose)) times.push_back(to_seconds(pose.time - recording.poses.front().time));
+    }
+    CHECK_FALSE(alignment.known());
+    REQUIRE(times.size() > 20);
+    for (std::size_t k = 1; k < times.size(); ++k) {
+      const double expected = times[k] < 5 ? 0 : std::max(1.0, std::min(times[k - 1], 65.0) / 20);  // a window of 60 s
+      CHECK(times[k] - times[k - 1] >= 0.9 * expected);
+      CHECK(times[k] - times[k - 1] < 1.1 * std::max(expected, 1.0) + 0.3);
+    }
   }
 
   TEST_CASE("without motion nothing is known beyond what was given, and the given rotation is kept") {

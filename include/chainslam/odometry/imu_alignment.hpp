@@ -90,7 +90,8 @@ struct ImuAlignmentOptions {
   double min_duration = 1;             ///< s of poses before the first estimate
   double growth = 0.25;                ///< of the data, between estimates, ...
   double interval = 1;                 ///< ... at most so many s, ...
-  double known_interval = 5;           ///< ... once offset and rotation are known
+  double min_growth = 0.05;            ///< ... but not less than this of the data, ...
+  double known_interval = 5;           ///< ... or so many s once offset and rotation are known
   double search_interval = 10;         ///< s between searches of all offsets, once offset and rotation are known
   double time_offset_floor = 0.002;    ///< s of the deviation that more data do not reduce: of the scans' own times
   double rotation_floor = 0.002;       ///< rad, likewise: of the LiDAR's calibration
@@ -162,6 +163,7 @@ class ImuAlignment {
     if (!epoch_) epoch_ = time;
     return to_seconds(time - *epoch_);
   }
+  [[nodiscard]] double pause() const;
   void forget_old();
   void forget_before(double time);
   template <Executor E>
@@ -171,6 +173,12 @@ class ImuAlignment {
   [[nodiscard]] bool distinct() const { return contrast_ >= options_.min_contrast; }
   [[nodiscard]] AlignmentMatrix given_information(double rotation_deviation) const;
   static constexpr double any_rotation = 2;  ///< rad, of a rotation of which nothing is known
+  /// Whether a start leads to another solution than the last one does.
+  [[nodiscard]] bool elsewhere(const AlignmentState& start) const {
+    constexpr double apart = 0.03, turned = 0.15;  // s, rad
+    return std::abs(start.time_offset - state_.time_offset) > apart ||
+           start.R_body_lidar.local(state_.R_body_lidar).norm() > turned;
+  }
   [[nodiscard]] AlignmentState given() const {
     return {.time_offset = options_.time_offset, .R_body_lidar = options_.T_body_lidar.rotation()};
   }
@@ -199,8 +207,7 @@ bool ImuAlignment::add(const LidarPose& pose, const E& executor) {
   poses_.push_back(detail::alignment_pose(pose, time));
   detail::link_to_neighbours(poses_, options_.half_span, options_.max_step, pose.time_deviation);
   if (!solved_at_) solved_at_ = time;
-  const double growth = std::min(options_.interval, options_.growth * (*solved_at_ - poses_.front().time));
-  if (time - *solved_at_ < (known() ? options_.known_interval : growth)) return false;
+  if (time - *solved_at_ < pause()) return false;
   const std::size_t count = covered_poses();
   if (count == 0 || poses_[count - 1].time - poses_.front().time < options_.min_duration) return false;
   solved_at_ = time;
@@ -239,6 +246,13 @@ inline std::size_t ImuAlignment::covered_poses() const {
   return count;
 }
 
+/// Seconds between the last estimate and the next.
+inline double ImuAlignment::pause() const {
+  if (known()) return options_.known_interval;
+  const double data = *solved_at_ - poses_.front().time;
+  return std::max(options_.min_growth * data, std::min(options_.interval, options_.growth * data));
+}
+
 template <Executor E>
 void ImuAlignment::solve(std::size_t count, const E& executor) {
   const std::vector<std::size_t> ends = block_ends(count);
@@ -256,7 +270,7 @@ void ImuAlignment::solve(std::size_t count, const E& executor) {
     const auto found = detail::search_alignment(track_, problem.poses, ends, options_.max_time_offset, executor);
     if (found) contrast_ = std::max(contrast_, found->contrast);
     if (!distinct()) return;  // noise has a best offset, too
-    if (found) solutions.push_back(detail::refined(problem, found->state, 0, executor));
+    if (found && elsewhere(found->state)) solutions.push_back(detail::refined(problem, found->state, 0, executor));
   }
   solutions.push_back(detail::refined(problem, state_, known() ? detail::wide_steps : 0, executor));
   const detail::AlignmentSolution& best = detail::best_of(solutions);
