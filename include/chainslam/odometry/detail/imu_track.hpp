@@ -134,6 +134,7 @@ class ImuTrack {
         return;
       }
     }
+    // Of two that meet at the stamp the earlier one, as the steps above find it: the same wherever a search began.
     const auto reached = std::lower_bound(nodes_.begin(), nodes_.end(), stamp,
                                           [](const Node& node, double t) { return node.measured.stamp < t; });
     const auto position = static_cast<std::size_t>(reached - nodes_.begin());
