@@ -96,9 +96,10 @@ Index IncrementalCholesky<BlockSize>::near_count() const {
   return static_cast<Index>(options_.near_variables * std::sqrt(std::max(1.0, size() / 50000.0)));
 }
 
-/// Where it would cost more than it saves, none.
+/// Where it would cost more than it saves, none: neither where little is due, nor where much more would be.
 template <int BlockSize>
 void IncrementalCholesky<BlockSize>::reorder_near() {
+  constexpr double most_more = 3.0;  // times the work at hand: separators that are not reached stay as they are
   near_.clear();
   far_ = false;
   Index columns = 0;
@@ -110,10 +111,24 @@ void IncrementalCholesky<BlockSize>::reorder_near() {
   }
   if (columns <= near_count() / 4 && work < options_.near_work) return;
   near_.list(terms_, size(), size() - 1, near_count());
-  far_ = work > options_.far_work;
-  if (far_) surroundings_.follow(terms_, near_, size(), options_.surroundings * near_count());
   const Index count = std::min(near_count() / 2, near_count() - options_.near_variables);
-  for (const Index variable : near_.nearest(count)) mark(tree_.node_of(variable), Stale::order);
+  detail::Table<Index> above;
+  double more = 0.0;
+  if (to_index(place_of_.size()) < tree_.size()) place_of_.resize(tree_.size(), -1);
+  for (const Index variable : near_.nearest(count)) {
+    Index node = tree_.node_of(variable);
+    for (; node != -1 && tree_[node].stale != Stale::order && place_of_[node] == -1; node = tree_[node].parent) {
+      place_of_[node] = 0;  // seen
+      above.push_back(node);
+      more += Front::work(tree_[node].columns, tree_[node].rows);
+    }
+  }
+  for (const Index node : above) place_of_[node] = -1;
+  const bool worthwhile = more <= most_more * std::max(work, options_.near_work);
+  far_ = work + (worthwhile ? more : 0.0) > options_.far_work;
+  if (far_) surroundings_.follow(terms_, near_, size(), options_.surroundings * near_count());
+  if (!worthwhile) return;
+  for (const Index node : above) mark(node, Stale::order);
 }
 
 template <int BlockSize>
