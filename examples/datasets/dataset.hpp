@@ -119,7 +119,8 @@ class Dataset {
   /// once.
   [[nodiscard]] virtual std::vector<GnssFix> take_fixes() { return {}; }
 
-  /// What is known of the recording; warnings met while reading are added as they are met.
+  /// What is known of the recording; warnings met while reading are added as they are met: while another thread reads,
+  /// nobody may look at these.
   [[nodiscard]] const DatasetInfo& info() const { return info_; }
 
   /// The true trajectory T_map_body, if the data set has one. @throws IoError if its file cannot be read.

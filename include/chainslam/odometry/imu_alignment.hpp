@@ -131,7 +131,7 @@ struct ImuAlignmentEstimate {
 /// (sandwich, Liang and Zeger 1986: sums over blocks of time), so that it does not rest on the poses' own deviations.
 ///
 /// Poses may come at 2 to 20 Hz, unevenly; IMU measurements before or after the poses that they go with. What the
-/// motion does not show keeps the deviation of the prior. Memory is bounded; an estimate is made every `interval`.
+/// motion does not show keeps the deviation of the prior. Memory is bounded; estimates come as `growth` says.
 class ImuAlignment {
  public:
   /// Starts without knowledge.

@@ -359,7 +359,7 @@ class IncrementalCholesky {
   detail::FrontTree<BlockSize> tree_;
   Assembly assembly_;
   std::vector<Assembly> assemblies_;  ///< of threads, while none of them needs it
-  detail::Table<Index> place_of_;     ///< of nodes that threads compute, in their order; -1 else
+  detail::Table<Index> place_of_;     ///< of nodes that are listed, in their order; -1 else
   Journal journal_;
   detail::PartialElimination plan_;
   detail::Table<char> fixed_;
