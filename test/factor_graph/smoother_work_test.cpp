@@ -41,10 +41,12 @@ TEST_SUITE("factor_graph/smoother_work") {
     CHECK(work.cost_over_optimum < 1.0001);
   }
 
-  // 2.2e9 multiplications where large fronts joined the variables that are eliminated last.
+  // 2.2e9 multiplications where large fronts joined the variables that are eliminated last. 3.2e6 substitutions where
+  // all fronts might be off by the same, 2.8e6 and 3.3e6 with a tenth and three times `block_share`.
   TEST_CASE("a closure in a small town of many streets' length does not refactorize its separators") {
     const WalkWork work = work_of({.sessions = 3, .keyframes = 2000, .blocks = 2, .seed = 1});
-    CHECK(work.multiplications < 1.6e9);
+    CHECK(work.multiplications < 1.8e9);  // 1.4e9 to 2.1e9 with other seeds, what is relinearized when varies
+    CHECK(work.substituted < 2.6e6);
     CHECK(work.cost_over_optimum < 1.00005);
   }
 

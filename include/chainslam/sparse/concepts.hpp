@@ -35,6 +35,23 @@ struct FactorizationResult {
   [[nodiscard]] bool ok() const { return status == FactorizationStatus::success; }
 };
 
+/// Work of an update of `IncrementalCholesky`, counted: the same on every machine.
+struct FactorizationWork {
+  Index reordered = 0;           ///< variables whose place in the order was chosen again
+  Index refactorized = 0;        ///< variables whose columns of the factor were recomputed
+  Index substituted = 0;         ///< variables whose solution was recomputed
+  double multiplications = 0.0;  ///< of the factorization
+
+  /// Adds the work of another factorization.
+  FactorizationWork& operator+=(const FactorizationWork& more) {
+    reordered += more.reordered;
+    refactorized += more.refactorized;
+    substituted += more.substituted;
+    multiplications += more.multiplications;
+    return *this;
+  }
+};
+
 /// Solves symmetric positive definite systems on one pattern for many sets of values.
 ///
 /// Laws:

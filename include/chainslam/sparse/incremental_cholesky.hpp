@@ -14,6 +14,7 @@
 #include "chainslam/sparse/block_matrix.hpp"
 #include "chainslam/sparse/concepts.hpp"
 #include "chainslam/sparse/detail/change_journal.hpp"
+#include "chainslam/sparse/detail/excess_tolerance.hpp"
 #include "chainslam/sparse/detail/front.hpp"
 #include "chainslam/sparse/detail/front_assembly.hpp"
 #include "chainslam/sparse/detail/front_tree.hpp"
@@ -23,23 +24,6 @@
 #include "chainslam/sparse/detail/tree_inverse.hpp"
 
 namespace chainslam {
-
-/// Work of an update of `IncrementalCholesky`, counted: the same on every machine.
-struct FactorizationWork {
-  Index reordered = 0;           ///< variables whose place in the order was chosen again
-  Index refactorized = 0;        ///< variables whose columns of the factor were recomputed
-  Index substituted = 0;         ///< variables whose solution was recomputed
-  double multiplications = 0.0;  ///< of the factorization
-
-  /// Adds the work of another factorization.
-  FactorizationWork& operator+=(const FactorizationWork& more) {
-    reordered += more.reordered;
-    refactorized += more.refactorized;
-    substituted += more.substituted;
-    multiplications += more.multiplications;
-    return *this;
-  }
-};
 
 /// Solves sum(J^T J) x = -sum(J^T r) over terms that come, change and go, each on a few variables of `BlockSize` rows.
 ///
@@ -61,8 +45,12 @@ class IncrementalCholesky {
     /// Share of the squared error by which the solution may exceed its minimum: where the change is smaller, old parts
     /// of the solution are kept. 0: all are exact.
     double relative_excess = 1e-5;
-    /// Share of a variable's mean squared error by which one front's part may, so that large systems are no worse.
-    double largest_excess = 0.3;
+    /// What one front may take of that for each block of its columns, as solving for them costs: this share of the
+    /// rest,
+    double block_share = 1e-3;
+    /// and at most so many times a variable's mean, in large systems, where the fronts that took most are solved again
+    /// when little is left.
+    double largest_excess = 40.0;
     /// The squared error of which these shares are taken at least.
     double least_error = 1e-3;
     /// Newest variables that are eliminated last, since the next terms are likely to touch them.
@@ -346,7 +334,13 @@ class IncrementalCholesky {
 
   /// Solves for a node's columns, given all above; keeps their old solution if it is nearly as good.
   void substitute(Index node);
-  [[nodiscard]] bool any_moved(std::span<const Index> variables) const;
+  /// Whether a node's numbers or its rows' solution have changed.
+  [[nodiscard]] bool is_outdated(Index node) const;
+  /// Substitutes nodes on the stack and below: those that `solves` says, as far as `descends` says of a child.
+  template <class Solves, class Descends>
+  void substitute_below(Solves&& solves, Descends&& descends);
+  /// Solves again for the nodes whose excess is more than tolerated, and what follows from that.
+  void lower_excess(const detail::ExcessTolerance& tolerance);
   /// Whether a front keeps its solution for certain, however its rows' have moved.
   [[nodiscard]] bool keeps(Index node);
   void set_excess(Index node, double excess);
@@ -386,7 +380,7 @@ class IncrementalCholesky {
   detail::Table<double> diagonal_;  ///< of J^T J, of each scalar row; empty: no damping
   Totals totals_;
   Totals totals_before_;
-  double tolerated_ = 0.0;  ///< excess of one node
+  detail::ExcessTolerance tolerance_;
   double damping_ = 0.0;
   bool keeps_updates_ = true;
   FactorizationWork work_;
@@ -397,4 +391,5 @@ class IncrementalCholesky {
 // Bodies of its members.
 #include "chainslam/sparse/detail/incremental_cholesky_compute.hpp"
 #include "chainslam/sparse/detail/incremental_cholesky_rollback.hpp"
+#include "chainslam/sparse/detail/incremental_cholesky_solve.hpp"
 #include "chainslam/sparse/detail/incremental_cholesky_update.hpp"

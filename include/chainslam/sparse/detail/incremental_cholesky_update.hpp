@@ -8,7 +8,7 @@
 #include "chainslam/core/table.hpp"
 #include "chainslam/sparse/incremental_cholesky.hpp"
 
-// How `IncrementalCholesky` brings factor and solution up to date: what has to be computed, and in which order.
+// How `IncrementalCholesky` brings its factor up to date: what has to be computed, and in which order.
 
 namespace chainslam {
 
@@ -34,45 +34,6 @@ FactorizationResult IncrementalCholesky<BlockSize>::factorize(const Exec& execut
   ++totals_.factorizations;
   tree_.compact();
   return result;
-}
-
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::solve(bool exact) {
-  changed_.clear();
-  moves_.clear();
-  const double error = std::max(squared_error(), options_.least_error);
-  // A hundredth for each node, so that many may keep theirs before the share is used up.
-  const double share = std::max(0.0, options_.relative_excess * error - totals_.excess) / 100.0;
-  tolerated_ = exact ? 0.0 : std::min(share, options_.largest_excess * error / std::max(1, size()));
-  for (const Index node : fresh_) {
-    if (tree_[node].parent == -1) stack_.push_back(node);
-  }
-  for (const Index node : stale_) {
-    if (tree_[node].parent == -1 && tree_[node].stale != Stale::order) stack_.push_back(node);
-  }
-  while (stack_.size() > 0) {
-    const Index node = stack_.back();
-    stack_.pop_back();
-    substitute(node);
-    for (Index child = tree_[node].first_child; child != -1; child = tree_[child].next) {
-      if (tree_[child].stale == Stale::none && !any_moved(tree_.rows(child))) continue;
-      __builtin_prefetch(tree_[child].data);
-      __builtin_prefetch(tree_[child].variables);
-      stack_.push_back(child);
-    }
-  }
-  for (const Index variable : changed_) local_[variable] = -1;
-  clear_changes();
-}
-
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::clear_changes() {
-  for (const Index node : stale_) tree_[node].stale = Stale::none;
-  for (const Index node : fresh_) tree_[node].stale = Stale::none;
-  stale_.clear();
-  fresh_.clear();
-  reordered_.clear();
-  written_.clear();
 }
 
 template <int BlockSize>
@@ -246,80 +207,6 @@ void IncrementalCholesky<BlockSize>::create_nodes() {
     if (tree_[node].parent == -1) stack_.push_back(node);
   }
   list_below(fresh_, [&](Index child) { return !tree_.has_update(child); });  // the others are neither new nor missed
-}
-
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::substitute(Index node) {
-  if (keeps(node)) return;
-  const Front front = tree_.front(node);
-  front.prefetch();
-  const std::span<const Index> variables = tree_.variables(node);
-  const auto columns = static_cast<std::size_t>(front.columns());
-  const Offset own = Offset{front.columns()} * BlockSize;
-  work_.substituted += front.columns();
-  gathered_.resize(front.stride() + own);
-  double* const x = gathered_.data();
-  double* const old = x + front.stride();
-  std::copy_n(front.own_right(), own, x);
-  for (std::size_t k = columns; k < variables.size(); ++k)
-    std::copy_n(solution(variables[k]).data(), BlockSize, x + static_cast<Offset>(k) * BlockSize);
-  if (damped()) {
-    front.substitute_backward(x);
-  } else {
-    for (std::size_t k = 0; k < columns; ++k)
-      std::copy_n(solution(variables[k]).data(), BlockSize, old + static_cast<Offset>(k) * BlockSize);
-    front.subtract_rows(x);
-    const double excess = front.excess(x, old);
-    const bool kept = excess <= tolerated_;
-    set_excess(node, kept ? excess : 0.0);
-    if (kept) return;
-    journal_.append_numbers({old, static_cast<std::size_t>(own)});
-    front.solve_columns(x);
-  }
-  for (std::size_t k = 0; k < columns; ++k) {
-    const Index variable = variables[k];
-    const double* const from = x + static_cast<Offset>(k) * BlockSize;
-    double* const to = solution_.data() + Offset{variable} * BlockSize;
-    for (int c = 0; c < BlockSize; ++c) moves_.push_back(std::abs(from[c] - to[c]));
-    std::copy_n(from, BlockSize, to);
-    local_[variable] = to_index(changed_.size());
-    changed_.push_back(variable);
-  }
-}
-
-template <int BlockSize>
-void IncrementalCholesky<BlockSize>::set_excess(Index node, double excess) {
-  double& of_node = tree_[node].excess;
-  journal_.add_numbers(detail::Change::node_solution, node, {&of_node, 1});
-  totals_.excess += excess - of_node;
-  of_node = excess;
-}
-
-template <int BlockSize>
-bool IncrementalCholesky<BlockSize>::any_moved(std::span<const Index> variables) const {
-  for (const Index variable : variables)
-    if (local_[variable] != -1) return true;
-  return false;
-}
-
-/// The excess is the squared length of a vector, which the rows' moves change by no more than their sizes times the
-/// norms of their rows: most large fronts need not be read. What is added to the excess is that bound.
-template <int BlockSize>
-bool IncrementalCholesky<BlockSize>::keeps(Index node) {
-  const auto& at = tree_[node];
-  if (at.stale != Stale::none || damped() || !Front::is_large(at.columns, at.rows) || at.excess >= tolerated_)
-    return false;
-  const double* norms = tree_.front(node).row_norms();
-  double length = std::sqrt(at.excess);
-  for (const Index variable : tree_.rows(node)) {
-    const Index place = local_[variable];
-    for (int c = 0; c < BlockSize && place != -1; ++c) length += norms[c] * moves_[Offset{place} * BlockSize + c];
-    norms += BlockSize;
-  }
-  const double excess = length * length;
-  if (!(excess <= tolerated_)) return false;
-  set_excess(node, excess);
-  return true;
 }
 
 }  // namespace chainslam
