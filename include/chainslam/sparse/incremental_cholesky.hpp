@@ -45,11 +45,11 @@ class IncrementalCholesky {
     /// Share of the squared error by which the solution may exceed its minimum: where the change is smaller, old parts
     /// of the solution are kept. 0: all are exact.
     double relative_excess = 1e-5;
-    /// What one front may take of that for each block of its columns, as solving for them costs: this share of the
-    /// rest,
+    /// What a front may take of that for each block of its columns, which is what solving for them costs: this share of
+    /// what is left,
     double block_share = 1e-3;
-    /// and at most so many times a variable's mean, in large systems, where the fronts that took most are solved again
-    /// when little is left.
+    /// and at most so many times a variable's mean. Where that is less, in large systems, fronts that took much are
+    /// solved again when a tenth is left.
     double largest_excess = 40.0;
     /// The squared error of which these shares are taken at least.
     double least_error = 1e-3;

@@ -6,9 +6,8 @@
 
 namespace chainslam::detail {
 
-/// By how much a solution may exceed the minimum of the squared error. What a front may take is in proportion to the
-/// blocks of its columns, since so is what solving for them costs: the least work is done where the last of each
-/// front's work saves the same share of the squared error.
+/// By how much a solution may exceed the minimum of the squared error. A front may take in proportion to the blocks of
+/// its columns, since solving for them costs that, but no more than half of what is left.
 struct ExcessTolerance {
   double left = 0.0;      ///< of what all may take
   double of_block = 0.0;  ///< what a front may take, for each block of its columns

@@ -26,7 +26,7 @@ void IncrementalCholesky<BlockSize>::solve(bool exact) {
     if (tree_[node].parent == -1 && tree_[node].stale != Stale::order) stack_.push_back(node);
   }
   substitute_below([](Index) { return true; }, [&](Index child) { return is_outdated(child); });
-  // In small systems the next solution becomes exact where too much is taken.
+  // Once all is taken, the next solution is exact: in a large system, fronts that took much are solved again before.
   if (options_.largest_excess < options_.block_share * size() && totals_.excess > 0.9 * whole) {
     lower_excess({whole, mean});
     if (totals_.excess > 0.5 * whole) lower_excess({});
