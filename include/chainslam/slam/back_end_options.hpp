@@ -73,7 +73,7 @@ struct MapGraphOptions {
   /// How near each optimization comes to the optimum: its tolerances move a residual by a twentieth of its usual size.
   /// Maps are as accurate as with a hundredth of them, before the last optimization and after it. Without patience,
   /// since it goes on until nothing waits, and without a lag, since closures may reach any keyframe.
-  SmootherOptions smoother{.linear_tolerance = 3e-3, .nonlinear_tolerance = 3e-3, .patience = 0.0};
+  SmootherOptions smoother{.linear_tolerance = 2e-3, .nonlinear_tolerance = 3e-3, .patience = 0.0};
   /// How near the last one does. Its iterations also bound the updates of the others.
   ConvergeOptions<NoRestart> optimizer{.max_iterations = 50, .relative_tolerance = 1e-6};
   /// Multiplications of factorizations after which an optimization leaves what still waits to be relinearized to the
