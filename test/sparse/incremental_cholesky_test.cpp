@@ -290,8 +290,7 @@ TEST_SUITE("sparse/incremental_cholesky") {
       options.block_share = unbounded.block_share = unbounded.largest_excess = 1e6;
       options.largest_excess = 0.01;
       const Rng steps = rng.fork(1);
-      // The largest excess of a front for each block, over a variable's mean of the squared error at its largest so
-      // far.
+      // The largest excess of a front for each block, over a variable's mean of the largest squared error so far.
       const auto excess_of = [&](const Solver::Options& some) {
         Rng same_steps = steps;
         History history(same_steps, some);
@@ -314,7 +313,7 @@ TEST_SUITE("sparse/incremental_cholesky") {
     CHECK((farther > 30 || seed_from_environment()));
   }
 
-  TEST_CASE("in a large system, fronts are solved again before all that is tolerated is taken: most of them not all") {
+  TEST_CASE("in a large system, fronts are solved again before all that is tolerated is taken, often not all of them") {
     int lowered = 0, partly = 0;
     for_all(60, [&](Rng& rng, int size) {
       Solver::Options options = exact(size);

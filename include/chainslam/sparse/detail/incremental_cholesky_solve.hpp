@@ -26,7 +26,8 @@ void IncrementalCholesky<BlockSize>::solve(bool exact) {
     if (tree_[node].parent == -1 && tree_[node].stale != Stale::order) stack_.push_back(node);
   }
   substitute_below([](Index) { return true; }, [&](Index child) { return is_outdated(child); });
-  // Once all is taken, the next solution is exact: in a large system, fronts that took much are solved again before.
+  // Once all is taken, the next solution is exact. In a large system, fronts that took more than a variable's mean for
+  // each block are solved again before that.
   if (options_.largest_excess < options_.block_share * size() && totals_.excess > 0.9 * whole) {
     lower_excess({whole, mean});
     if (totals_.excess > 0.5 * whole) lower_excess({});
